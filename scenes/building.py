@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: MIT
+"""Scene building: rectangles, boxes and cylinders with true surfaces, labels and textures, put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray
+from scenes.mesh import Appearance, LabelledMesh
+from scenes.scene import Mode, Scene
+from scenes.surfaces import Cylinder, Plane, Surface
+
+_N_FACETS = 256  # around a full cylinder; at r = 0.25 m the sagitta is 0.02 mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finish:
+    """What a surface looks like: a tint times an optional repeating texture of `size_m` metres.
+
+    Parameters
+    ----------
+    tint : (3,) float
+        sRGB in 0..1.
+    image : (h, w, 3) uint8, optional
+        Texture that repeats.
+    size_m : float
+        Width of one repetition on the surface.
+    """
+
+    tint: tuple[float, float, float]
+    image: NDArray[np.uint8] | None = None
+    size_m: float = 1.6
+
+
+@dataclass(slots=True)
+class SceneBuilder:
+    """Collects parts; `finish()` makes the Scene. Each part's chart carries its texture."""
+
+    name: str
+    mode: Mode
+    _corners: list[FloatArray] = field(default_factory=list)
+    _labels: list[NDArray[np.int32]] = field(default_factory=list)
+    _uv: list[FloatArray] = field(default_factory=list)
+    _finish: list[Finish] = field(default_factory=list)
+    _surfaces: list[Surface] = field(default_factory=list)
+    _names: list[str] = field(default_factory=list)
+
+    def add_rectangle(self, name: str, corner: object, u: object, v: object, finish: Finish) -> None:
+        """Add the rectangle from `corner` along edges `u` and `v` (metres); its normal is u x v."""
+        origin, along, up = (np.asarray(x, dtype=np.float64) for x in (corner, u, v))
+        plane = Plane(origin, np.cross(along, up), along)
+        quad = np.stack([origin, origin + along, origin + along + up, origin + up])
+        self._add(name, plane, quad[[[0, 1, 2], [0, 2, 3]]], finish)
+
+    def add_box(self, name: str, low: object, high: object, finish: Finish, *, inward: bool = False) -> None:
+        """Add the six sides of an upright box, seen from outside or, `inward`, from within."""
+        a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        x, y, z = np.diag(b - a)
+        sides = {
+            "west": (a + y, -y, z),
+            "east": (a + x, y, z),
+            "south": (a, x, z),
+            "north": (a + x + y, -x, z),
+            "bottom": (a + y, x, -y),
+            "top": (a + z, x, y),
+        }
+        for side, (corner, u, v) in sides.items():
+            start, along = (corner + u, -u) if inward else (corner, u)
+            self.add_rectangle(f"{name} {side}", start, along, v, finish)
+
+    def add_cylinder(
+        self, name: str, foot: object, axis: object, radius: float, finish: Finish, *, caps: bool = True
+    ) -> None:
+        """Add the cylinder from `foot` along `axis` (metres, its length the height), with caps as planes."""
+        start, along = np.asarray(foot, dtype=np.float64), np.asarray(axis, dtype=np.float64)
+        height = float(np.linalg.norm(along))
+        surface = Cylinder(start, along, radius)
+        arc = np.linspace(-np.pi, np.pi, _N_FACETS + 1) * radius
+        low = np.stack([arc, np.zeros_like(arc)], axis=1)
+        high = np.stack([arc, np.full_like(arc, height)], axis=1)
+        uv = np.concatenate([
+            np.stack([low[:-1], low[1:], high[1:]], axis=1),
+            np.stack([low[:-1], high[1:], high[:-1]], axis=1),
+        ])  # fmt: skip
+        self._add(name, surface, surface.from_uv(uv), finish, uv)
+        if caps:
+            for end, ring, normal in (("foot", low, -along), ("head", high, along)):
+                plane = Plane(start if end == "foot" else start + along, normal)
+                edge = surface.from_uv(ring)
+                order = (edge[1:], edge[:-1]) if end == "foot" else (edge[:-1], edge[1:])
+                centre = np.broadcast_to(plane.point, edge[1:].shape)
+                self._add(f"{name} {end}", plane, np.stack([centre, *order], axis=1), finish)
+
+    def finish(self) -> Scene:
+        """Return the scene of all parts added so far."""
+        corners = np.concatenate(self._corners)
+        labels = np.concatenate(self._labels)
+        images: list[NDArray[np.uint8]] = []
+        face_image = np.full(len(labels), -1, np.int32)
+        corner_uv = np.zeros((len(labels), 3, 2), np.float32)
+        tint = np.ones((len(labels), 3, 3), np.float32)
+        for surface, (look, uv) in enumerate(zip(self._finish, self._uv, strict=True)):
+            here = labels == surface
+            tint[here] = look.tint
+            if look.image is None:
+                continue
+            known = next((i for i, image in enumerate(images) if image is look.image), None)
+            if known is None:
+                known = len(images)
+                images.append(look.image)
+            face_image[here] = known
+            aspect = look.image.shape[1] / look.image.shape[0]
+            corner_uv[here] = uv / look.size_m * np.array([1.0, aspect])
+        vertices, index = np.unique(corners.reshape(-1, 3).round(12), axis=0, return_inverse=True)
+        mesh = LabelledMesh(
+            vertices,
+            index.reshape(-1, 3).astype(np.int32),
+            labels,
+            Appearance(tint, tuple(images), face_image, corner_uv),
+        )
+        return Scene(mesh, tuple(self._surfaces), tuple(self._names), self.name, self.mode)
+
+    def _add(
+        self, name: str, surface: Surface, corners: FloatArray, finish: Finish, uv: FloatArray | None = None
+    ) -> None:
+        self._corners.append(corners)
+        self._labels.append(np.full(len(corners), len(self._surfaces), np.int32))
+        self._uv.append(surface.to_uv(corners) if uv is None else uv)
+        self._finish.append(finish)
+        self._surfaces.append(surface)
+        self._names.append(name)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""Checks at the door: each returns the checked array, or raises saying what was wrong in numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
+ColourArray = NDArray[np.uint8]
+
+
+class InputError(ValueError):
+    """Unusable input: the message names the file or argument, the cause and, where there is one, the cure."""
+
+
+def check_vectors(name: str, array: object) -> FloatArray:
+    """Return `array` as float64 with shape (n, 3); raise InputError for any other shape."""
+    checked = np.asarray(array, dtype=np.float64)
+    if checked.ndim != 2 or checked.shape[1] != 3:
+        raise InputError(f"expected {name} with shape (n, 3), got {checked.shape}")
+    return checked
+
+
+def finite_rows(array: FloatArray) -> BoolArray:
+    """Tell which rows of an (n, k) array hold finite numbers only."""
+    return np.asarray(np.isfinite(array).all(axis=1), dtype=np.bool_)
+
+
+def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
+    """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
+    bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise InputError(
+            f"{int(bad.sum())} of {len(array)} {name} are not finite (first at row {first}); {cure}"
+        )
+    return array
+
+
+def check_points(name: str, array: object) -> FloatArray:
+    """Return `array` as finite float64 points with shape (n, 3)."""
+    return check_finite(name, check_vectors(name, array))
+
+
+def check_direction(name: str, vector: object) -> FloatArray:
+    """Return `vector` as a unit vector of shape (3,)."""
+    checked = np.asarray(vector, dtype=np.float64)
+    if checked.shape != (3,):
+        raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
+    length = float(np.linalg.norm(checked))
+    if not np.isfinite(length) or length == 0.0:
+        raise InputError(f"{name} has length {length}; give a finite vector other than zero")
+    return checked / length
+
+
+def check_faces(array: object, n_vertices: int) -> NDArray[np.int32]:
+    """Return `array` as (m, 3) int32 vertex indices below `n_vertices`."""
+    checked = np.asarray(array)
+    if checked.ndim != 2 or checked.shape[1] != 3:
+        raise InputError(f"expected faces with shape (m, 3), got {checked.shape}")
+    if not np.issubdtype(checked.dtype, np.integer):
+        raise InputError(f"expected faces of integers, got {checked.dtype}")
+    bad = ((checked < 0) | (checked >= n_vertices)).any(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise InputError(
+            f"face {first} is {checked[first].tolist()}, but there are {n_vertices} vertices "
+            f"({int(bad.sum())} such faces)"
+        )
+    return np.ascontiguousarray(checked, dtype=np.int32)
+
+
+def frozen_copy(array: Any, dtype: Any = None) -> Any:
+    """Return a read-only copy of `array`, so that a value that holds it cannot change."""
+    copy = np.array(array, dtype=dtype, copy=True)
+    copy.setflags(write=False)
+    return copy

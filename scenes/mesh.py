@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""Labelled triangle mesh: geometry, a surface id per face, and what it looks like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray, check_faces, check_points, frozen_copy
+from scenes.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Appearance:
+    """Colour of every face: corner colours times, where a face has one, a texture image.
+
+    Parameters
+    ----------
+    corner_colour : (m, 3, 3) float32
+        RGB in 0..1 (sRGB) at the three corners of each face.
+    images : tuple of (h, w, 3) uint8
+        Textures, sRGB; they repeat outside 0..1.
+    face_image : (m,) int32
+        Index into `images`, -1 for faces without a texture.
+    corner_uv : (m, 3, 2) float32
+        Texture coordinates of the corners, (0, 0) the lower left corner of the image.
+    """
+
+    corner_colour: NDArray[np.float32]
+    images: tuple[NDArray[np.uint8], ...] = ()
+    face_image: NDArray[np.int32] | None = None
+    corner_uv: NDArray[np.float32] | None = None
+
+    def colour(self, faces: NDArray[np.int32], barycentric: FloatArray) -> FloatArray:
+        """RGB (n, 3) in 0..1 at points of `faces` (n,) with weights (n, 3) of their corners."""
+        colour: FloatArray = np.einsum(
+            "nc,nck->nk", barycentric, self.corner_colour[faces].astype(np.float64)
+        )
+        if self.face_image is None or self.corner_uv is None:
+            return colour
+        image_of = self.face_image[faces]
+        uv = np.einsum("nc,nck->nk", barycentric, self.corner_uv[faces].astype(np.float64))
+        for index, image in enumerate(self.images):
+            here = image_of == index
+            if here.any():
+                colour[here] *= _sample_repeating(image, uv[here])
+        return colour
+
+
+def _sample_repeating(image: NDArray[np.uint8], uv: FloatArray) -> FloatArray:
+    """Bilinear samples (n, 3) in 0..1 of an image that repeats; v runs upwards."""
+    height, width = image.shape[:2]
+    x = uv[:, 0] * width - 0.5
+    y = (1.0 - uv[:, 1]) * height - 0.5
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    right, below = (x - column)[:, None], (y - row)[:, None]
+    c0, c1, r0, r1 = column % width, (column + 1) % width, row % height, (row + 1) % height
+    top = image[r0, c0] * (1 - right) + image[r0, c1] * right
+    bottom = image[r1, c0] * (1 - right) + image[r1, c1] * right
+    sampled: FloatArray = (top * (1 - below) + bottom * below) / 255.0
+    return sampled
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledMesh:
+    """A triangle mesh whose faces know their surface.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        World coordinates, metres.
+    faces : (m, 3) int
+        Corners, counter-clockwise seen from outside (for a room: from within).
+    face_surface : (m,) int, optional
+        Surface id of each face; 0 for all when not given.
+    appearance : Appearance, optional
+        None means mid grey.
+
+    Raises
+    ------
+    InputError
+        Vertices not finite, faces out of range or of the wrong shape.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    face_surface: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    appearance: Appearance | None = None
+
+    def __post_init__(self) -> None:
+        vertices = check_points("vertices", self.vertices)
+        faces = check_faces(self.faces, len(vertices))
+        labels = np.asarray(self.face_surface, dtype=np.int32)
+        if len(labels) != len(faces):
+            labels = np.zeros(len(faces), np.int32)
+        object.__setattr__(self, "vertices", frozen_copy(vertices))
+        object.__setattr__(self, "faces", frozen_copy(faces))
+        object.__setattr__(self, "face_surface", frozen_copy(labels))
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corner points (m, 3, 3) of the faces."""
+        return self.vertices[self.faces]
+
+    def face_areas(self) -> FloatArray:
+        """Areas (m,) in square metres."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        return areas
+
+    def face_normals(self) -> FloatArray:
+        """Unit normals (m, 3) by the right-hand rule; zero for faces without area."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        normals = np.cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        unit: FloatArray = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        return unit
+
+    def bounds(self) -> FloatArray:
+        """Smallest and largest coordinates, shape (2, 3), metres."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def transformed(self, pose: Pose) -> LabelledMesh:
+        """Return the mesh moved by `pose`."""
+        return LabelledMesh(pose.apply(self.vertices), self.faces, self.face_surface, self.appearance)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Rigid motions: `world_from_sensor` takes sensor coordinates to world coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
+
+_ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """A rigid motion as a 4x4 matrix, here always `world_from_sensor`.
+
+    The sensor frame is x right, y down, z forward; the world is right-handed with z up. Metres.
+
+    Parameters
+    ----------
+    matrix : (4, 4) float
+        Last row 0 0 0 1; the upper left 3x3 orthonormal to 1e-5 with determinant +1. It is
+        projected to the nearest rotation, so that chains of poses do not drift.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, not finite, not rigid (scaled, sheared) or left-handed.
+
+    Examples
+    --------
+    >>> pose = Pose.looking_at((0, 0, 1), (5, 0, 1))
+    >>> pose.apply(np.array([[0.0, 0.0, 5.0]])).round(6).tolist()
+    [[5.0, 0.0, 1.0]]
+    >>> bool(np.allclose((pose @ pose.inverse()).matrix, np.eye(4)))
+    True
+    """
+
+    matrix: FloatArray
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.matrix, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise InputError(f"expected a pose with shape (4, 4), got {matrix.shape}")
+        if not np.isfinite(matrix).all():
+            raise InputError("pose has entries that are not finite")
+        if not np.allclose(matrix[3], [0, 0, 0, 1], atol=_ORTHONORMAL_TOLERANCE):
+            raise InputError(
+                f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
+            )
+        rotation = matrix[:3, :3]
+        error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        if error > _ORTHONORMAL_TOLERANCE:
+            raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}; remove scale and shear first")
+        if np.linalg.det(rotation) < 0:
+            raise InputError("pose is left-handed (determinant -1); it mirrors the scene")
+        if error > 1e-12:
+            u, _, vt = np.linalg.svd(rotation)
+            matrix[:3, :3] = u @ vt
+        matrix[3] = [0, 0, 0, 1]
+        object.__setattr__(self, "matrix", frozen_copy(matrix))
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """Return the pose that moves nothing."""
+        return cls(np.eye(4))
+
+    @classmethod
+    def from_parts(cls, rotation: FloatArray, translation: FloatArray) -> Pose:
+        """Return the pose with this (3, 3) rotation and (3,) translation in metres."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = rotation
+        matrix[:3, 3] = translation
+        return cls(matrix)
+
+    @classmethod
+    def looking_at(cls, eye: object, target: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
+        """Return the sensor pose at `eye` whose z axis meets `target`, image y as far down as can be."""
+        position = np.asarray(eye, dtype=np.float64)
+        forward = check_direction("target - eye", np.asarray(target, dtype=np.float64) - position)
+        upward = check_direction("up", up)
+        right = np.cross(forward, upward)
+        if np.linalg.norm(right) < 1e-6:  # looking straight up or down: any right will do, take a fixed one
+            right = np.cross(forward, np.roll(upward, 1))
+        right /= np.linalg.norm(right)
+        return cls.from_parts(np.column_stack([right, np.cross(forward, right), forward]), position)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The (3, 3) rotation."""
+        return self.matrix[:3, :3]
+
+    @property
+    def translation(self) -> FloatArray:
+        """The (3,) translation: where the sensor stands, in metres."""
+        return self.matrix[:3, 3]
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Chain two poses: (a @ b).apply(x) = a.apply(b.apply(x))."""
+        return Pose(self.matrix @ other.matrix)
+
+    def inverse(self) -> Pose:
+        """Return the pose that undoes this one."""
+        return Pose.from_parts(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Move points of shape (..., 3), metres."""
+        moved: FloatArray = points @ self.rotation.T + self.translation
+        return moved
+
+    def rotate(self, vectors: FloatArray) -> FloatArray:
+        """Turn directions of shape (..., 3)."""
+        turned: FloatArray = vectors @ self.rotation.T
+        return turned

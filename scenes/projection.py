@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""Projections: which ray each pixel of an organised scan looks along, and which pixel sees a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError, frozen_copy
+
+
+@runtime_checkable
+class Projection(Protocol):
+    """The geometry of an organised image; sensor frame x right, y down, z forward."""
+
+    kind: ClassVar[str]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        ...
+
+    @property
+    def pixel_angle(self) -> float:
+        """Typical angle between neighbouring pixels, radians."""
+        ...
+
+    def directions(self) -> FloatArray:
+        """Unit rays (rows, columns, 3) in the sensor frame."""
+        ...
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Row and column (n, 2) that see sensor-frame `points` (n, 3); NaN outside the field of view."""
+        ...
+
+
+def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Set rows of `pixels` that are more than half a pixel outside the image to NaN."""
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= -0.5).all(axis=1) & (pixels < np.array(shape) - 0.5).all(axis=1)
+    pixels[~inside] = np.nan
+    return pixels
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeProjection:
+    """A pinhole camera: column = fx x / z + cx, row = fy y / z + cy; a negative fy is used as given.
+
+    Examples
+    --------
+    >>> camera = PinholeProjection(640, 480, 525.0, 525.0, 319.5, 239.5)
+    >>> camera.pixels(np.array([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0]])).tolist()
+    [[239.5, 319.5], [nan, nan]]
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    kind: ClassVar[str] = "pinhole"
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InputError(f"an image needs at least one pixel, got {self.width} x {self.height}")
+        numbers = np.array([self.fx, self.fy, self.cx, self.cy])
+        if not np.isfinite(numbers).all() or self.fx == 0 or self.fy == 0:
+            raise InputError(
+                f"focal lengths must be finite and not zero, got fx, fy, cx, cy = {numbers.tolist()}"
+            )
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_deg: float) -> PinholeProjection:
+        """Return the centred camera with square pixels that sees `fov_deg` across its longer side."""
+        if not 0 < fov_deg < 180:
+            raise InputError(f"a pinhole's field of view must lie between 0 and 180 deg, got {fov_deg}")
+        focal = max(width, height) / 2 / np.tan(np.radians(fov_deg) / 2)
+        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.height, self.width
+
+    @property
+    def pixel_angle(self) -> float:
+        """Angle between neighbouring pixels at the image centre, radians."""
+        return float(1.0 / min(abs(self.fx), abs(self.fy)))
+
+    def directions(self) -> FloatArray:
+        """Unit rays (rows, columns, 3)."""
+        row, column = np.mgrid[: self.height, : self.width].astype(np.float64)
+        x, y = (column - self.cx) / self.fx, (row - self.cy) / self.fy
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+        unit: FloatArray = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return unit
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Row and column (n, 2) of points; NaN outside the image or behind the camera."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(points[:, 2] > 0, 1.0 / points[:, 2], np.nan)
+            column = self.fx * points[:, 0] * scale + self.cx
+            row = self.fy * points[:, 1] * scale + self.cy
+        return _mark_outside(np.stack([row, column], axis=1), self.shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SphericalProjection:
+    """A panoramic scanner: an azimuth for each column, an elevation for each row, radians.
+
+    Azimuth is atan2(x, z), growing to the right; elevation is asin(-y), growing upwards. Both sequences
+    must be strictly monotonic (columns may run either way) and azimuths may cross +-pi if unwrapped.
+
+    Examples
+    --------
+    >>> scanner = SphericalProjection.regular(360, 91, 360.0, (-45.0, 45.0))
+    >>> scanner.pixels(np.array([[1.0, 0.0, 0.0]])).tolist()
+    [[45.0, 269.5]]
+    """
+
+    azimuths: FloatArray
+    elevations: FloatArray
+
+    kind: ClassVar[str] = "spherical"
+
+    def __post_init__(self) -> None:
+        for name in ("azimuths", "elevations"):
+            angles = np.asarray(getattr(self, name), dtype=np.float64)
+            if angles.ndim != 1 or len(angles) == 0 or not np.isfinite(angles).all():
+                raise InputError(f"expected finite {name} with shape (n,), got shape {angles.shape}")
+            steps = np.diff(angles)
+            if not ((steps > 0).all() or (steps < 0).all()):
+                raise InputError(f"{name} must be strictly monotonic; unwrap them first")
+            object.__setattr__(self, name, frozen_copy(angles))
+        span = abs(float(self.azimuths[-1] - self.azimuths[0]))
+        if span >= 2 * np.pi + 1e-9:
+            raise InputError(f"azimuths span {np.degrees(span):.1f} deg; a scan covers at most 360")
+
+    @classmethod
+    def regular(
+        cls, width: int, height: int, azimuth_span_deg: float, elevation_deg: tuple[float, float]
+    ) -> SphericalProjection:
+        """Return a regular grid about the z axis: pixel centres, rows from the highest elevation down.
+
+        A span of 360 deg is divided into `width` columns without repeating the first.
+        """
+        if width < 1 or height < 1:
+            raise InputError(f"an image needs at least one pixel, got {width} x {height}")
+        step = azimuth_span_deg / width
+        azimuths = (np.arange(width) - (width - 1) / 2) * step
+        elevations = np.linspace(max(elevation_deg), min(elevation_deg), height)
+        return cls(np.radians(azimuths), np.radians(elevations))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.elevations), len(self.azimuths)
+
+    @property
+    def pixel_angle(self) -> float:
+        """The larger of the median angles between rows and between columns, radians."""
+        steps = [np.median(np.abs(np.diff(a))) for a in (self.azimuths, self.elevations) if len(a) > 1]
+        return float(max(steps, default=np.pi))
+
+    def directions(self) -> FloatArray:
+        """Unit rays (rows, columns, 3)."""
+        elevation, azimuth = np.meshgrid(self.elevations, self.azimuths, indexing="ij")
+        across = np.cos(elevation)
+        return np.stack([across * np.sin(azimuth), -np.sin(elevation), across * np.cos(azimuth)], axis=-1)
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Row and column (n, 2) of points, interpolated between the grid's angles; NaN outside."""
+        middle = (self.azimuths[0] + self.azimuths[-1]) / 2
+        azimuth = np.arctan2(points[:, 0], points[:, 2]) - middle
+        azimuth = middle + (azimuth + np.pi) % (2 * np.pi) - np.pi
+        elevation = np.arctan2(-points[:, 1], np.hypot(points[:, 0], points[:, 2]))
+        return np.stack([_index(self.elevations, elevation), _index(self.azimuths, azimuth)], axis=1)
+
+
+def _index(angles: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Fractional position of each wanted angle in a monotonic sequence, NaN beyond half a step outside."""
+    n = len(angles)
+    if n == 1:
+        return np.where(np.abs(wanted - angles[0]) < np.pi, 0.0, np.nan)
+    order = slice(None) if angles[-1] > angles[0] else slice(None, None, -1)
+    grid, position = angles[order], np.arange(n, dtype=np.float64)[order]
+    first, last = (grid[1] - grid[0]) / 2, (grid[-1] - grid[-2]) / 2
+    index = np.interp(wanted, grid, position)
+    outside = (wanted < grid[0] - first) | (wanted > grid[-1] + last)
+    return np.where(outside, np.nan, index)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: MIT
+"""Scene: a labelled mesh with its true surfaces, the world that the simulated scanner looks at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from scenes.checks import InputError
+from scenes.mesh import LabelledMesh
+from scenes.pose import Pose
+from scenes.raycast import RayCaster
+from scenes.surfaces import Surface
+
+Mode = Literal["room", "object"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What there is to scan.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        Geometry in world coordinates, metres, z up; `face_surface` indexes `surfaces`.
+    surfaces : tuple of Surface or None
+        The true surface of each id, None where it is only known as a mesh.
+    surface_names : tuple of str
+        A name for each surface id.
+    name : str
+        What to call the scene in reports.
+    mode : "room" or "object"
+        Whether it is scanned from within or from around.
+    warnings : tuple of str
+        What a reader noticed and mended.
+
+    Raises
+    ------
+    InputError
+        As many names as surfaces are needed, and no face may name another surface.
+    """
+
+    mesh: LabelledMesh
+    surfaces: tuple[Surface | None, ...]
+    surface_names: tuple[str, ...]
+    name: str
+    mode: Mode = "room"
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.surfaces) != len(self.surface_names):
+            raise InputError(f"{len(self.surfaces)} surfaces but {len(self.surface_names)} names")
+        labels = self.mesh.face_surface
+        if len(labels) and not (int(labels.min()) >= 0 and int(labels.max()) < len(self.surfaces)):
+            raise InputError(
+                f"faces name surface {int(labels.max())}, but there are {len(self.surfaces)} surfaces"
+            )
+
+    def ray_caster(self, n_threads: int | None = None) -> RayCaster:
+        """Return the mesh prepared for ray casting."""
+        return RayCaster(self.mesh.vertices, self.mesh.faces, n_threads)
+
+    def transformed(self, pose: Pose) -> Scene:
+        """Return the scene moved by `pose`."""
+        surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
+        return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces)
