@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: MIT
+"""Evidence: what all scans say about each place on a surface, observed free space being a veto."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
+
+from completion.chart import ChartGrid
+from completion.observation import Observation
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Cylinder, Plane, Surface
+
+
+class Label(IntEnum):
+    """What the scans say of a place, weakest first; the strongest word of all scans counts."""
+
+    OUT = 0  # in no scan's field of view
+    NO_RETURN = 1  # looked at without an echo, or too obliquely to tell: evidence of nothing
+    OCCLUDED = 2  # something nearer stood before it
+    VISIBLE = 3  # measured there
+    FREE = 4  # a beam went through: nothing can be there
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EvidenceOptions:
+    """Tolerances along the ray.
+
+    Attributes
+    ----------
+    n_sigma : float
+        Standard deviations within which a range agrees with the surface.
+    flatness_m : float
+        How far a real surface may stray from its ideal form, metres.
+    registration_m : float
+        Error of the poses when there are several scans, metres.
+    max_tolerance_m : float
+        Where the tolerance is larger, the scan says nothing.
+    """
+
+    n_sigma: float = 4.0
+    flatness_m: float = 0.001
+    registration_m: float = 0.0
+    max_tolerance_m: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Labels of a chart grid's cells.
+
+    Attributes
+    ----------
+    labels : (rows, columns) int8
+        A `Label` for each cell.
+    observed : (rows, columns) bool
+        Cells where the surface itself was measured.
+    pixel : (rows, columns) int64
+        Flat pixel that sees each observed cell best, -1 elsewhere.
+    scan : (rows, columns) int32
+        The scan it belongs to, -1 elsewhere.
+    """
+
+    labels: NDArray[np.int8]
+    observed: BoolArray
+    pixel: NDArray[np.int64]
+    scan: NDArray[np.int32]
+
+
+def weigh(
+    grid: ChartGrid,
+    spread: FloatArray,
+    observations: Sequence[Observation],
+    owners: Sequence[NDArray[np.int32]],
+    owner: int,
+    options: EvidenceOptions,
+) -> Evidence:
+    """Label the cells of a grid from all scans.
+
+    Parameters
+    ----------
+    grid : ChartGrid
+        The cells.
+    spread : (rows * columns,) float
+        Predicted standard deviation of the surface along its normal at each cell, metres.
+    observations : sequence of Observation
+        All scans.
+    owners : sequence of (rows, columns) int32
+        For each scan, the surface that each pixel belongs to, 0 for none.
+    owner : int
+        This surface's number in `owners`.
+    options : EvidenceOptions
+        Tolerances.
+    """
+    centres = grid.centres()
+    n_cells = len(centres)
+    labels = np.full(n_cells, Label.OUT, np.int8)
+    pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
+    observed, footprint = np.zeros(n_cells, dtype=np.bool_), np.full(n_cells, np.inf)
+    for index, observation in enumerate(observations):
+        said, seen_by, cosine = label_points(grid.surface, centres, spread, observation, options)
+        belongs = np.zeros(n_cells, dtype=np.bool_)
+        visible = said == Label.VISIBLE
+        belongs[visible] = np.isin(owners[index].ravel()[seen_by[visible]], (0, owner))
+        size = np.where(
+            belongs, np.square(_range_to(observation, centres)) / np.maximum(cosine, 1e-3), np.inf
+        )
+        better = belongs & (size < footprint)
+        footprint[better], pixel[better], scan[better] = size[better], seen_by[better], index
+        observed |= belongs
+        labels = np.maximum(labels, said)
+    vetoed = free_cells(grid, spread, observations, options)
+    labels[vetoed & ~observed] = Label.FREE
+    shape = grid.shape
+    return Evidence(labels.reshape(shape), observed.reshape(shape), pixel.reshape(shape), scan.reshape(shape))
+
+
+def label_points(
+    surface: Surface,
+    points: FloatArray,
+    spread: FloatArray,
+    observation: Observation,
+    options: EvidenceOptions,
+) -> tuple[NDArray[np.int8], NDArray[np.int64], FloatArray]:
+    """Label points of a surface by one scan: the label, the flat pixel that sees each, |cos| of incidence."""
+    scan = observation.scan
+    said = np.full(len(points), Label.OUT, np.int8)
+    pixels = np.full(len(points), -1, np.int64)
+    position = scan.pixels(points)
+    inside = np.isfinite(position).all(axis=1)
+    nearest = np.rint(position[inside]).astype(np.int64)
+    pixels[inside] = np.ravel_multi_index((nearest[:, 0], nearest[:, 1]), scan.shape)
+    ray = points - scan.origin
+    distance = np.linalg.norm(ray, axis=1)
+    cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(points))) / np.maximum(distance, 1e-12)
+    measured = scan.ranges.ravel()[pixels[inside]]
+    sigma = np.nan_to_num(observation.sigma.ravel()[pixels[inside]])
+    oblique = distance[inside] * scan.projection.pixel_angle * _tangent(cosine[inside]) / 2
+    tolerance = ray_tolerance(sigma, spread[inside], cosine[inside], options) + oblique
+    behind = distance[inside] - measured  # positive where something stands before the surface
+    word = np.where(
+        behind > tolerance, Label.OCCLUDED, np.where(behind < -tolerance, Label.FREE, Label.VISIBLE)
+    )
+    silent = ~np.isfinite(measured) | (
+        (tolerance > options.max_tolerance_m) & (behind <= options.max_tolerance_m)
+    )
+    # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
+    word = np.where(silent | (word == Label.FREE), Label.NO_RETURN, word)
+    said[inside] = word
+    return said, pixels, cosine
+
+
+def free_cells(
+    grid: ChartGrid, spread: FloatArray, observations: Sequence[Observation], options: EvidenceOptions
+) -> BoolArray:
+    """Tell for each cell, flat, whether observed beams went through it.
+
+    Every beam is intersected with the surface in closed form. Without noise one beam is a veto; with noise
+    it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a curved surface the
+    neighbours of a vetoed cell are vetoed too, since facets stray from the surface by less than a cell.
+    """
+    count = np.zeros(grid.shape)
+    noisy = False
+    for observation in observations:
+        valid = observation.valid
+        noisy |= bool(np.nanmax(observation.sigma, initial=0.0) > 0)
+        rays, measured, sigma = (
+            observation.rays[valid],
+            observation.scan.ranges[valid],
+            observation.sigma[valid],
+        )
+        origin = observation.scan.origin
+        for face in _both_faces(grid.surface):
+            reach = face.ray_ranges(origin, rays)
+            through = np.flatnonzero(np.isfinite(reach) & (reach < measured))
+            points = origin + reach[through, None] * rays[through]
+            index, cell = grid.cells_of(points)
+            hit = through[index]
+            cosine = np.abs(np.einsum("ij,ij->i", rays[hit], face.normal(points[index])))
+            tolerance = ray_tolerance(sigma[hit], spread[cell], cosine, options)
+            beyond = (measured[hit] - reach[hit] > tolerance) & (tolerance <= options.max_tolerance_m)
+            count += np.bincount(cell[beyond], minlength=count.size).reshape(grid.shape)
+    vetoed = count > 0
+    if noisy:
+        vetoed &= _neighbourhood_sum(count, grid.wraps) >= 2
+    if np.isfinite(grid.surface.period):
+        vetoed = _neighbourhood_sum(vetoed.astype(np.float64), grid.wraps) > 0
+    return np.asarray(vetoed.ravel(), dtype=np.bool_)
+
+
+def ray_tolerance(
+    sigma: FloatArray, spread: FloatArray, cosine: FloatArray, options: EvidenceOptions
+) -> FloatArray:
+    """How far a range may stray from a surface and agree with it, metres along the ray."""
+    across = np.hypot(spread, options.flatness_m) / np.maximum(cosine, 1e-3)
+    registration = options.registration_m / np.maximum(cosine, 1e-3)
+    return np.asarray(options.n_sigma * np.hypot(sigma, across) + registration, dtype=np.float64)
+
+
+def _both_faces(surface: Surface) -> tuple[Surface, ...]:
+    """The surface as rays meet it from either side."""
+    if isinstance(surface, Plane):
+        return surface, surface.flipped()
+    if isinstance(surface, Cylinder):
+        return tuple(
+            Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
+            for concave in (False, True)
+        )
+    return (surface,)
+
+
+def _neighbourhood_sum(count: FloatArray, wraps: bool) -> FloatArray:
+    ones = np.ones(3)
+    across = convolve1d(count, ones, axis=1, mode="wrap" if wraps else "constant")
+    return np.asarray(convolve1d(across, ones, axis=0, mode="constant"), dtype=np.float64)
+
+
+def _tangent(cosine: FloatArray) -> FloatArray:
+    safe = np.maximum(cosine, 1e-3)
+    return np.asarray(np.sqrt(np.maximum(1 - safe**2, 0.0)) / safe, dtype=np.float64)
+
+
+def _range_to(observation: Observation, points: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(points - observation.scan.origin, axis=1), dtype=np.float64)

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""The method on one page: from scans to surfaces that go on behind what stood in front."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.audit import audit
+from completion.evidence import EvidenceOptions
+from completion.extension import Patch, extend
+from completion.limits import Mode, find_enclosing, find_touching, limit
+from completion.merging import MergedSurface, merge
+from completion.model import Completion, hypothesised_mesh
+from completion.observation import Observation, observe
+from completion.segmentation import SegmentationOptions, segment, tolerance_image
+from completion.texturing import ChartTexture, TexturingOptions, texture_patch
+from scenes.checks import FloatArray, InputError
+from scenes.range_image import RangeImage
+
+Progress = Callable[[str, int, int], None]
+_In = TypeVar("_In")
+_Out = TypeVar("_Out")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CompletionOptions:
+    """Options of `complete`.
+
+    Attributes
+    ----------
+    mode : "conservative", "standard" or "bold"
+        How far surfaces are continued: within the hull of what was measured; within their own straight
+        edges and, for walls and floors, on to the plane that encloses the room; without that bound.
+    sigma_m : float, optional
+        Range noise in metres; when None it is read off each scan.
+    registration_m : float
+        Error of the poses when there are several scans, metres.
+    texture : bool
+        Whether hypothesised area is textured.
+    min_share : float
+        Surfaces with a smaller share of the measured pixels are kept as measured, without continuation.
+    segmentation, evidence, texturing : options
+        Of the stages.
+    """
+
+    mode: Mode = "standard"
+    sigma_m: float | None = None
+    registration_m: float = 0.005
+    texture: bool = True
+    min_share: float = 0.0015
+    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
+    evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
+    texturing: TexturingOptions = field(default_factory=TexturingOptions)
+
+
+def complete(
+    scans: Sequence[RangeImage] | RangeImage,
+    options: CompletionOptions = CompletionOptions(),
+    *,
+    rng: np.random.Generator | int | None = None,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Completion:
+    """Complete the surfaces of `scans` behind their occluders (after Dell'Acqua & Fisher 2002).
+
+    The scans are cut into regions on planes and cylinders; regions that one surface explains are joined
+    across what stood before them; each surface is continued where it was hidden, never where a beam went
+    through, until it meets another surface or its own straight edges; and its texture is continued with it.
+
+    Parameters
+    ----------
+    scans : RangeImage or sequence of RangeImage
+        One scan, or several registered ones. An empty scan gives an empty completion.
+    options : CompletionOptions
+        What to do; see there.
+    rng : Generator, int or None
+        Seed of the texture.
+    n_threads : int, optional
+        Threads; results do not depend on it.
+    progress : callable, optional
+        Called with a stage's name, steps done and steps in all.
+
+    Raises
+    ------
+    InputError
+        No scans, or an unknown mode.
+    """
+    scans = [scans] if isinstance(scans, RangeImage) else list(scans)
+    if not scans:
+        raise InputError("nothing to complete: give at least one scan")
+    if options.mode not in ("conservative", "standard", "bold"):
+        raise InputError(f"mode must be conservative, standard or bold, got {options.mode!r}")
+    seed = int(np.random.default_rng(rng).integers(2**63))
+    tell = progress or (lambda _stage, _done, _total: None)
+    world_from_reference = scans[0].world_from_sensor
+    evidence = replace(options.evidence, registration_m=options.registration_m if len(scans) > 1 else 0.0)
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        observations = _each(
+            pool,
+            tell,
+            "noise and normals",
+            lambda scan: observe(scan, world_from_reference.inverse(), options.sigma_m),
+            scans,
+        )
+        regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
+        scales = [
+            tolerance_image(seen, options.segmentation) / options.segmentation.n_sigma
+            for seen in observations
+        ]
+        surfaces = _large(merge(observations, regions, scales, evidence), observations, options.min_share)
+        owners = number_pixels(surfaces, observations)
+
+        cloud = measured_points(observations)
+        enclosing = find_enclosing(surfaces, cloud, _typical(scales))
+        touching = find_touching(owners, surfaces, observations, scales)
+
+        def continued(index: int) -> Patch:
+            limits = limit(index, surfaces, enclosing, touching, observations, cloud, options.mode)
+            return extend(surfaces[index], limits, observations, owners, index + 1, evidence, options.mode)
+
+        patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
+
+        def textured(index: int) -> ChartTexture | None:
+            return texture_patch(patches[index], observations, options.texturing, seed + index)
+
+        textures = _each(pool, tell, "texture", textured, range(len(patches))) if options.texture else []
+    mesh = hypothesised_mesh(patches, textures)
+    tell("audit", 0, 1)
+    result = audit(
+        mesh.vertices,
+        mesh.faces,
+        mesh.sd,
+        [seen.scan for seen in observations],
+        [seen.sigma for seen in observations],
+        n_sigma=evidence.n_sigma,
+        flatness_m=evidence.flatness_m,
+        registration_m=evidence.registration_m,
+        max_tolerance_m=evidence.max_tolerance_m,
+        n_threads=n_threads,
+    )
+    tell("audit", 1, 1)
+    return Completion(
+        observations=tuple(observations),
+        patches=tuple(patches),
+        textures=tuple(textures),
+        hypothesised=mesh,
+        audit=result,
+        owners=tuple(owners),
+        mode=options.mode,
+        world_from_reference=world_from_reference,
+    )
+
+
+def number_pixels(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
+) -> list[NDArray[np.int32]]:
+    """For each scan the number of the surface that each pixel belongs to, from 1; 0 for none."""
+    owners = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
+    for number, surface in enumerate(surfaces, start=1):
+        for owner, mask in zip(owners, surface.masks, strict=True):
+            owner[mask] = number
+    return owners
+
+
+def measured_points(observations: Sequence[Observation], most: int = 40_000) -> FloatArray:
+    """Measured points (n, 3) of all scans in the working frame, thinned evenly to about `most`."""
+    clouds = [seen.points[seen.valid] for seen in observations]
+    stride = max(1, sum(len(cloud) for cloud in clouds) // most)
+    return np.concatenate([cloud[::stride] for cloud in clouds])
+
+
+def _large(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], min_share: float
+) -> list[MergedSurface]:
+    total = sum(int(seen.valid.sum()) for seen in observations)
+    return [surface for surface in surfaces if surface.n_pixels >= min_share * total]
+
+
+def _typical(scales: Sequence[FloatArray]) -> float:
+    known = [scale[np.isfinite(scale)] for scale in scales]
+    together = np.concatenate(known) if known else np.zeros(0)
+    return float(np.median(together)) if len(together) else 0.0
+
+
+def _each(
+    pool: ThreadPoolExecutor, tell: Progress, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]
+) -> list[_Out]:
+    """Apply `work` to every item on the pool, in order, and tell the progress."""
+    jobs = [pool.submit(work, item) for item in items]
+    tell(stage, 0, len(jobs))
+    results = []
+    for done, job in enumerate(jobs, start=1):
+        results.append(job.result())
+        tell(stage, done, len(jobs))
+    return results

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""The candidate rule against a brute-force check in plain Python, and the compiled scan against both."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from texture import fill
+from texture import scan as scan_module
+from texture.arguments import LARGEST_WINDOW
+from texture.gaussian import gaussian_weights
+from texture.matching import EngineName, find_candidates, measure_distances, prepare_scan, scan_exhaustively
+from texture.sample import Sample
+from texture.scan import NOT_IN_SAMPLE, TERMS_PER_STEP, can_compile
+from texture.template import Template
+
+ENGINES: tuple[EngineName, ...] = ("numba", "reference")
+NO_SOURCES = np.full((3, 3), -1)
+
+
+def draw_case(
+    seed: int, window: int, n_channels: int, wrap: tuple[bool, bool], share_usable: float = 0.9
+) -> tuple[Template, Sample]:
+    """A random sample, and a template that is half a noisy copy of a piece of it."""
+    rng = np.random.default_rng(seed)
+    shape = (int(rng.integers(1, 13)), int(rng.integers(1, 13)))
+    levels = rng.integers(0, 4, (*shape, n_channels)) * 60
+    usable = rng.random(shape) < share_usable
+    usable[rng.integers(shape[0]), rng.integers(shape[1])] = True
+    shifts = np.arange(window) - window // 2
+    piece = levels[(shifts + rng.integers(shape[0]))[:, None] % shape[0], (shifts + 3) % shape[1]]
+    known = rng.random((window, window)) < rng.uniform(0.1, 0.9)
+    known[window // 2, window // 2] = False
+    known[window // 2, window // 2 - 1] = True
+    sources = rng.integers(-1, shape[0] * shape[1], (3, 3))
+    template = Template(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known, sources)
+    return template, Sample(levels, usable, wrap, window // 2)
+
+
+def find_by_hand(template: Template, sample: Sample) -> dict[int, int]:
+    """The definition, pixel by pixel: {position: distance} of all positions within 1.1 of the best."""
+    (height, width), window = sample.usable.shape, template.known.shape[0]
+    weights = gaussian_weights(window)
+    distances = {}
+    for row, column in np.argwhere(sample.usable).tolist():
+        distance = 0
+        for i, j in np.argwhere(template.known).tolist():
+            there = [row + i - window // 2, column + j - window // 2]
+            for axis, size in enumerate((height, width)):
+                if sample.wrap[axis]:
+                    there[axis] %= size
+            if not (0 <= there[0] < height and 0 <= there[1] < width and sample.usable[there[0], there[1]]):
+                break
+            differences = sample.levels[there[0], there[1]] - template.levels[i, j]
+            distance += int(weights[i, j]) * sum(d * d for d in differences.tolist())
+        else:
+            distances[row * width + column] = distance
+    best = min(distances.values(), default=0)
+    return {position: d for position, d in distances.items() if Fraction(d) <= Fraction(11, 10) * best}
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    window=st.sampled_from([3, 5, 7]),
+    n_channels=st.integers(1, 4),
+    wrap=st.tuples(st.booleans(), st.booleans()),
+)
+def test_both_scans_follow_the_rule(seed: int, window: int, n_channels: int, wrap: tuple[bool, bool]) -> None:
+    template, sample = draw_case(seed, window, n_channels, wrap)
+    expected = find_by_hand(template, sample)
+    scales = set()
+    for engine in ENGINES:
+        candidates = prepare_scan(sample, engine)(template)
+        assert candidates.positions.tolist() == sorted(expected)
+        assert (
+            dict(zip(candidates.positions.tolist(), candidates.distances.tolist(), strict=True)) == expected
+        )
+        scales.add(candidates.largest_distance)
+    known_weight = int(gaussian_weights(window)[template.known].sum())
+    assert scales == {known_weight * n_channels * 255**2}
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), window=st.sampled_from([3, 5, 7]), wraps=st.booleans())
+def test_engines_fall_back_alike_on_scattered_samples(seed: int, window: int, wraps: bool) -> None:
+    template, sample = draw_case(seed, window, 2, (wraps, wraps), share_usable=0.2)
+    first, second = (find_candidates(template, sample, prepare_scan(sample, engine)) for engine in ENGINES)
+    np.testing.assert_array_equal(first.positions, second.positions)
+    np.testing.assert_array_equal(first.distances, second.distances)
+    assert first.largest_distance == second.largest_distance
+    assert first.positions.size > 0
+    assert first.distances.max() <= first.largest_distance
+
+
+def test_the_template_narrows_until_a_place_offers_all_of_it() -> None:
+    # A 3 x 3 sample cannot hold the 5 x 5 surroundings, but its centre holds the inner 3 x 3.
+    levels = np.arange(9).reshape(3, 3, 1) * 20
+    sample = Sample(levels, np.ones((3, 3), dtype=np.bool_), (False, False), 2)
+    known = np.ones((5, 5), dtype=np.bool_)
+    known[2, 2] = False
+    template = Template(np.zeros((5, 5, 1), dtype=np.int64), known, NO_SOURCES)
+    assert not scan_exhaustively(template, sample).positions.size
+    for engine in ENGINES:
+        candidates = find_candidates(template, sample, prepare_scan(sample, engine))
+        assert candidates.positions.tolist() == [4]
+        assert candidates.largest_distance == (gaussian_weights(5)[1:4, 1:4].sum() - 16383) * 255**2
+
+
+def test_a_missing_counterpart_finally_counts_as_the_largest_difference() -> None:
+    # Two lone pixels: no neighbour of either can be compared, so both are as bad as can be.
+    usable = np.zeros((3, 5), dtype=np.bool_)
+    usable[1, 1] = usable[1, 3] = True
+    sample = Sample(np.full((3, 5, 1), 100), usable, (False, False), 1)
+    known = np.zeros((3, 3), dtype=np.bool_)
+    known[0, 1] = known[1, 0] = True
+    template = Template(np.full((3, 3, 1), 100), known, NO_SOURCES)
+    for engine in ENGINES:
+        candidates = find_candidates(template, sample, prepare_scan(sample, engine))
+        assert candidates.positions.tolist() == [6, 8]
+        assert candidates.distances.tolist() == [candidates.largest_distance] * 2
+
+
+def test_missing_weights_are_those_outside() -> None:
+    sample = Sample(np.zeros((2, 2, 1), dtype=np.int64), np.ones((2, 2), dtype=np.bool_), (False, True), 1)
+    known = np.zeros((3, 3), dtype=np.bool_)
+    known[0, 1] = known[1, 2] = True
+    distances, missing = measure_distances(Template(np.full((3, 3, 1), 2), known, NO_SOURCES), sample)
+    assert missing.tolist() == [1683, 1683, 0, 0]
+    assert distances.tolist() == [1683 * 4, 1683 * 4, 1683 * 8, 1683 * 8]
+
+
+def test_the_pick_is_uniform_among_all_candidates() -> None:
+    # In a constant image every position competes equally; the choices of 600 seeds spread evenly over them.
+    image = np.full((5, 6), 90, dtype=np.uint8)
+    mask = np.zeros(image.shape, dtype=np.bool_)
+    mask[2, 5] = True
+    picked = np.zeros(image.shape)
+    n_seeds = 600
+    for seed in range(n_seeds):
+        result = fill(image, mask, window=3, rng=seed)
+        picked[result.source_rows[2, 5], result.source_cols[2, 5]] += 1
+    # Template-adaptive: the five known neighbours reach one row up and down and one column to the left, of
+    # which none may be the hole itself. Column 5 has the hole among its neighbours, but for rows 0, 4: edges.
+    expected = np.zeros(image.shape, dtype=np.bool_)
+    expected[1:4, 1:5] = True
+    np.testing.assert_array_equal(picked > 0, expected)
+    mean = n_seeds / expected.sum()
+    assert np.abs(picked[expected] - mean).max() < 5 * np.sqrt(mean)
+
+
+def test_a_difference_outside_the_sample_exceeds_any_distance_inside_and_never_overflows() -> None:
+    largest = int(gaussian_weights(LARGEST_WINDOW).sum()) * 4 * 255**2
+    assert largest < (NOT_IN_SAMPLE - 255) ** 2
+    assert TERMS_PER_STEP * (2**14 - 1) * NOT_IN_SAMPLE**2 + largest < 2**63
+    assert 11 * largest < 2**63
+
+
+def test_guesses_only_save_work() -> None:
+    template, sample = draw_case(3, 5, 1, (False, True))
+    for sources in (NO_SOURCES, np.zeros((3, 3), dtype=np.int64), template.neighbour_sources):
+        candidates = prepare_scan(sample, "numba")(template._replace(neighbour_sources=sources))
+        assert candidates.positions.tolist() == sorted(find_by_hand(template, sample))
+
+
+def test_without_numba_the_reference_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+    template, sample = draw_case(4, 5, 3, (False, False))
+    expected: NDArray[np.int64] = scan_exhaustively(template, sample).positions
+    for missing in ("absent", "disabled"):
+        with monkeypatch.context() as patch:
+            if missing == "absent":
+                patch.setitem(__import__("sys").modules, "numba", None)
+            else:
+                patch.setattr("numba.config.DISABLE_JIT", 1)
+            patch.setattr(scan_module, "_compile", lambda: pytest.fail("compiled"))
+            can_compile.cache_clear()
+            assert not can_compile()
+            np.testing.assert_array_equal(prepare_scan(sample, "numba")(template).positions, expected)
+        can_compile.cache_clear()
+    assert can_compile()

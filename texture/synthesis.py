@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""The result: an image, and for each pixel where it came from and how well its source agreed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texture.canvas import Canvas
+from texture.levels import Pixels
+from texture.passes import Tally
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Synthesis:
+    """A filled or grown image, and where each of its pixels came from.
+
+    Parameters
+    ----------
+    image : array, shape (h, w) or (h, w, c)
+        Of the input's dtype; each filled pixel is a copy of its source.
+    source_rows, source_cols : array, shape (h, w), int32
+        Which pixel of the sample image each pixel is a copy of. In `fill` the sample image is the input, and
+        known pixels point at themselves; -1 where a pixel is neither known nor filled.
+    error : array, shape (h, w), float32
+        How much the chosen candidate's surroundings differ from the pixel's: Gaussian-weighted mean of
+        squared differences, pixels in 0..1, mean over channels. 0 where nothing was filled; 1 at seeds, for
+        which nothing vouches.
+    n_relaxed : int
+        How often the largest accepted error (0.3) was multiplied by 1.1, because a pass filled nothing.
+    n_seeds : int
+        How many seeds were planted: 1 in `grow`; in `fill` one for each hole that touches no known pixel.
+    window : int
+        Side of the comparison window, pixels.
+    """
+
+    image: Pixels
+    source_rows: NDArray[np.int32]
+    source_cols: NDArray[np.int32]
+    error: NDArray[np.float32]
+    n_relaxed: int
+    n_seeds: int
+    window: int
+
+    def __post_init__(self) -> None:
+        for name in ("image", "source_rows", "source_cols", "error"):
+            array = np.array(getattr(self, name))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+
+def collect(canvas: Canvas, pixels: Pixels, background: Pixels, tally: Tally) -> Synthesis:
+    """Copy each pixel of a finished canvas from its source, in the sample's own type.
+
+    Parameters
+    ----------
+    canvas : Canvas
+        Filled.
+    pixels : array, shape (h, w) or (h, w, c)
+        The image that the canvas's sources index.
+    background : array, in the canvas's shape and the pixels' dtype
+        Shows where a pixel has no source.
+    tally : Tally
+        What the passes counted.
+    """
+    height, width = canvas.unfilled.shape
+    sources = canvas.sources[:height, :width]
+    has_source = sources >= 0
+    image = background.copy()
+    image[has_source] = pixels.reshape(-1, *pixels.shape[2:])[sources[has_source]]
+    rows, columns = np.divmod(sources, pixels.shape[1])
+    return Synthesis(
+        image=image,
+        source_rows=np.where(has_source, rows, -1).astype(np.int32),
+        source_cols=np.where(has_source, columns, -1).astype(np.int32),
+        error=canvas.errors,
+        n_relaxed=tally.n_relaxed,
+        n_seeds=tally.n_seeds,
+        window=canvas.row_reach.shape[1],
+    )
