@@ -40,7 +40,7 @@ class EvidenceOptions:
     registration_m : float
         Error of the poses when there are several scans, metres.
     max_tolerance_m : float
-        Where the tolerance is larger, the scan says nothing.
+        Where the tolerance is larger, only the surface's own pixels make it visible, and no beam is a veto.
     """
 
     n_sigma: float = 4.0
@@ -102,10 +102,12 @@ def weigh(
     pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
     observed, footprint = np.zeros(n_cells, dtype=np.bool_), np.full(n_cells, np.inf)
     for index, observation in enumerate(observations):
-        said, seen_by, cosine = label_points(grid.surface, centres, spread, observation, options)
+        said, seen_by, cosine, sure = label_points(grid.surface, centres, spread, observation, options)
         belongs = np.zeros(n_cells, dtype=np.bool_)
         visible = said == Label.VISIBLE
-        belongs[visible] = np.isin(owners[index].ravel()[seen_by[visible]], (0, owner))
+        owned_by = owners[index].ravel()[seen_by[visible]]
+        belongs[visible] = (owned_by == owner) | ((owned_by == 0) & sure[visible])
+        said[visible & ~sure & ~belongs] = Label.NO_RETURN
         size = np.where(
             belongs, np.square(_range_to(observation, centres)) / np.maximum(cosine, 1e-3), np.inf
         )
@@ -125,8 +127,12 @@ def label_points(
     spread: FloatArray,
     observation: Observation,
     options: EvidenceOptions,
-) -> tuple[NDArray[np.int8], NDArray[np.int64], FloatArray]:
-    """Label points of a surface by one scan: the label, the flat pixel that sees each, |cos| of incidence."""
+) -> tuple[NDArray[np.int8], NDArray[np.int64], FloatArray, BoolArray]:
+    """Label points of a surface by one scan.
+
+    Returns the label of each, the flat pixel that sees it, |cos| of the incidence angle, and whether the
+    tolerance was small enough to tell surfaces apart.
+    """
     scan = observation.scan
     said = np.full(len(points), Label.OUT, np.int8)
     pixels = np.full(len(points), -1, np.int64)
@@ -145,13 +151,12 @@ def label_points(
     word = np.where(
         behind > tolerance, Label.OCCLUDED, np.where(behind < -tolerance, Label.FREE, Label.VISIBLE)
     )
-    silent = ~np.isfinite(measured) | (
-        (tolerance > options.max_tolerance_m) & (behind <= options.max_tolerance_m)
-    )
     # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
-    word = np.where(silent | (word == Label.FREE), Label.NO_RETURN, word)
+    word = np.where(~np.isfinite(measured) | (word == Label.FREE), Label.NO_RETURN, word)
     said[inside] = word
-    return said, pixels, cosine
+    sure = np.zeros(len(points), dtype=np.bool_)
+    sure[inside] = tolerance <= options.max_tolerance_m
+    return said, pixels, cosine, sure
 
 
 def free_cells(
@@ -167,7 +172,7 @@ def free_cells(
     noisy = False
     for observation in observations:
         valid = observation.valid
-        noisy |= bool(np.nanmax(observation.sigma, initial=0.0) > 0)
+        noisy |= observation.is_noisy
         rays, measured, sigma = (
             observation.rays[valid],
             observation.scan.ranges[valid],

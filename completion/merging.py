@@ -184,7 +184,7 @@ def _gap_is_closed(
     seen = np.zeros(len(points), dtype=np.bool_)
     spread = np.full(len(points), part.scale)
     for observation in observations:
-        said, pixel, _ = label_points(surface, points, spread, observation, options)
+        said, pixel, _, _ = label_points(surface, points, spread, observation, options)
         seen |= said >= Label.OCCLUDED
         measured = observation.scan.ranges.ravel()[pixel]
         beyond = measured - np.linalg.norm(points - observation.scan.origin, axis=1)

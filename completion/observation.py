@@ -30,9 +30,17 @@ class RangeNoise:
     quadratic_per_m: float
 
     def sigma(self, ranges: FloatArray) -> FloatArray:
-        """Standard deviation in metres for each range; inf where the range is not finite."""
+        """Standard deviation of single ranges, metres."""
         noise: FloatArray = np.hypot(self.constant_m, self.quadratic_per_m * np.square(ranges))
         return noise
+
+    def deviation(self, ranges: FloatArray) -> FloatArray:
+        """What ranges to a flat wall may stray by, metres: the noise, and the quadratic term once more.
+
+        Triangulating cameras bend flat walls by about as much as their noise, since both come from errors
+        of the disparity.
+        """
+        return self.sigma(ranges) + self.quadratic_per_m * np.square(ranges)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +54,7 @@ class Observation:
     points, rays : (rows, columns, 3) float
         Measured points (NaN where nothing came back) and unit viewing rays.
     sigma : (rows, columns) float
-        Standard deviation of each range, metres.
+        What each range may stray by from a flat surface (`RangeNoise.deviation`), metres.
     normals : (rows, columns, 3) float
         Local unit normals towards the sensor, NaN where the neighbourhood is no surface.
     roughness : (rows, columns) float
@@ -68,6 +76,11 @@ class Observation:
     normal_sd: FloatArray
     noise: RangeNoise
     window: int
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the ranges carry noise at all."""
+        return self.noise.constant_m > 0 or self.noise.quadratic_per_m > 0
 
     @property
     def valid(self) -> BoolArray:
@@ -92,7 +105,7 @@ def observe(scan: RangeImage, reference_from_world: Pose, sigma_m: float | None 
     points, rays = moved.points(), moved.rays()
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved, points) if known is None else RangeNoise(float(known), 0.0)
-    sigma = noise.sigma(np.where(moved.valid, moved.ranges, np.nan))
+    sigma = noise.deviation(np.where(moved.valid, moved.ranges, np.nan))
     window = _window_for(moved, sigma)
     normals, roughness = local_planes(points, rays, window)
     footprint = moved.ranges * moved.projection.pixel_angle

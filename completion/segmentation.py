@@ -98,15 +98,8 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
 
 
 def tolerance_image(observation: Observation, options: SegmentationOptions) -> FloatArray:
-    """How far from a surface each pixel may lie and still belong to it, metres.
-
-    Triangulating cameras, whose noise grows with the square of the range, also bend flat walls by about as
-    much as their noise; that part of the noise counts once more.
-    """
-    ranges = np.where(observation.valid, observation.scan.ranges, np.nan)
-    bias = observation.noise.quadratic_per_m * np.square(ranges)
-    tolerance: FloatArray = options.n_sigma * (np.hypot(observation.sigma, options.flatness_m) + bias)
-    return tolerance
+    """How far from a surface each pixel may lie and still belong to it, metres."""
+    return np.asarray(options.n_sigma * np.hypot(observation.sigma, options.flatness_m), dtype=np.float64)
 
 
 def _seed(candidates: BoolArray, window: int, min_pixels: int) -> BoolArray | None:
