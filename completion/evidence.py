@@ -58,7 +58,9 @@ class Evidence:
     labels : (rows, columns) int8
         A `Label` for each cell.
     observed : (rows, columns) bool
-        Cells where the surface itself was measured.
+        Cells where the surface was measured: by its own pixels or by pixels of no surface within tolerance.
+    own : (rows, columns) bool
+        Cells measured by its own pixels; only these are samples of its texture.
     pixel : (rows, columns) int64
         Flat pixel that sees each observed cell best, -1 elsewhere.
     scan : (rows, columns) int32
@@ -67,6 +69,7 @@ class Evidence:
 
     labels: NDArray[np.int8]
     observed: BoolArray
+    own: BoolArray
     pixel: NDArray[np.int64]
     scan: NDArray[np.int32]
 
@@ -100,6 +103,7 @@ def weigh(
     n_cells = len(centres)
     labels = np.full(n_cells, Label.OUT, np.int8)
     pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
+    own = np.zeros(n_cells, dtype=np.bool_)
     observed, footprint = np.zeros(n_cells, dtype=np.bool_), np.full(n_cells, np.inf)
     for index, observation in enumerate(observations):
         said, seen_by, cosine, sure = label_points(grid.surface, centres, spread, observation, options)
@@ -114,11 +118,18 @@ def weigh(
         better = belongs & (size < footprint)
         footprint[better], pixel[better], scan[better] = size[better], seen_by[better], index
         observed |= belongs
+        own[visible] |= owned_by == owner
         labels = np.maximum(labels, said)
     vetoed = free_cells(grid, spread, observations, options)
     labels[vetoed & ~observed] = Label.FREE
     shape = grid.shape
-    return Evidence(labels.reshape(shape), observed.reshape(shape), pixel.reshape(shape), scan.reshape(shape))
+    return Evidence(
+        labels.reshape(shape),
+        observed.reshape(shape),
+        own.reshape(shape),
+        pixel.reshape(shape),
+        scan.reshape(shape),
+    )
 
 
 def label_points(

@@ -98,18 +98,20 @@ def extend(
     owner: int,
     options: EvidenceOptions,
     mode: Mode,
+    max_sd_m: float,
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its limits.
 
-    A cell is filled only where some scan says OCCLUDED and none says FREE, and where it connects with the
-    measured part through cells of which the same holds.
+    A cell is filled only where some scan says OCCLUDED and none says FREE, where it connects with the
+    measured part through cells of which the same holds, and where the surface is known to `max_sd_m`.
     """
     grid = _grid(surface, limits, observations)
     centres = grid.centres()
     spread = surface.fit.standard_deviation(centres)
     evidence = weigh(grid, spread, observations, owners, owner, options)
     allowed = _allowed(grid, limits, evidence.observed, mode)
-    hidden = (evidence.labels == Label.OCCLUDED) & ~evidence.observed & allowed
+    known = (spread <= max_sd_m).reshape(grid.shape)
+    hidden = (evidence.labels == Label.OCCLUDED) & ~evidence.observed & allowed & known
     silent = (evidence.labels == Label.NO_RETURN) & allowed
     reachable = _connected(hidden | silent | evidence.observed, evidence.observed, grid.wraps)
     hypothesised = hidden & reachable

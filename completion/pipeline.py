@@ -43,6 +43,8 @@ class CompletionOptions:
         Error of the poses when there are several scans, metres.
     texture : bool
         Whether hypothesised area is textured.
+    max_sd_m : float
+        A surface is continued only as far as its predicted standard deviation stays below this, metres.
     min_share : float
         Surfaces with a smaller share of the measured pixels are kept as measured, without continuation.
     segmentation, evidence, texturing : options
@@ -53,7 +55,8 @@ class CompletionOptions:
     sigma_m: float | None = None
     registration_m: float = 0.005
     texture: bool = True
-    min_share: float = 0.0015
+    max_sd_m: float = 0.02
+    min_share: float = 0.003
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -123,7 +126,16 @@ def complete(
 
         def continued(index: int) -> Patch:
             limits = limit(index, surfaces, enclosing, touching, observations, cloud, options.mode)
-            return extend(surfaces[index], limits, observations, owners, index + 1, evidence, options.mode)
+            return extend(
+                surfaces[index],
+                limits,
+                observations,
+                owners,
+                index + 1,
+                evidence,
+                options.mode,
+                options.max_sd_m,
+            )
 
         patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
 

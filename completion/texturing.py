@@ -83,7 +83,8 @@ def texture_patch(
     coarseness = max(1, int(np.ceil(np.sqrt(wanted.sum() / options.max_texels))))
     small, small_known = _coarser(image, known, coarseness)
     small_wanted = _any_in_block(wanted, coarseness) & ~small_known
-    sample = _near(small_known, small_wanted, options.max_sample)
+    own = _coarser(image, known & patch.evidence.own, coarseness)[1] & small_known
+    sample = _near(own if own.any() else small_known, small_wanted, options.max_sample)
     result = fill(
         small,
         small_wanted,
