@@ -136,37 +136,35 @@ def fit_cylinder(points: object, start: Cylinder) -> SurfaceFit:
     if len(cloud) < 6:
         raise FitError(f"a cylinder with covariance needs 6 points, got {len(cloud)}")
     stride = max(1, len(cloud) // _SUBSAMPLE)
-    current = start
-    previous = np.inf
-    for step in range(_N_STEPS):
-        current, moved, _, _ = _cylinder_step(cloud[::stride], current)
-        if moved < 1e-10 or (step > 5 and moved >= previous * 0.99 and moved < 1e-6):
+    point, axis, radius = start.point, start.direction, start.radius
+    sample, before = cloud[::stride], np.inf
+    for _ in range(_N_STEPS):
+        point, axis, radius, moved, _, _ = _cylinder_step(sample, point, axis, radius)
+        if moved < 1e-10 or (moved < 1e-6 and moved >= 0.99 * before):
             break
-        previous = moved
+        before = moved
     else:
-        raise FitError(
-            f"no convergence after {_N_STEPS} steps: the last one still moved {moved:.3g} of the radius"
-        )
+        raise FitError(f"no convergence after {_N_STEPS} steps: the last moved {moved:.3g} of the radius")
     for _ in range(2 if stride > 1 else 1):
-        current, _, rms, inverse = _cylinder_step(cloud, current)
-    return SurfaceFit(current, rms, rms**2 * inverse, len(cloud))
+        point, axis, radius, _, rms, inverse = _cylinder_step(cloud, point, axis, radius)
+    surface = Cylinder(point, axis, radius, None, start.concave)
+    return SurfaceFit(surface, rms, rms**2 * inverse, len(cloud))
 
 
-def _cylinder_step(cloud: FloatArray, cylinder: Cylinder) -> tuple[Cylinder, float, float, FloatArray]:
-    """One Gauss-Newton step: the cylinder, its move / radius, RMS before, inverse normal matrix."""
-    centroid = cloud.mean(axis=0)
-    axis = cylinder.direction
-    origin = cylinder.point + axis * ((centroid - cylinder.point) @ axis)
-    x_axis = perpendicular(axis)
-    frame = np.stack([x_axis, np.cross(axis, x_axis), axis])
+def _cylinder_step(
+    cloud: FloatArray, point: FloatArray, axis: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray, float, float, float, FloatArray]:
+    """One Gauss-Newton step: point, axis, radius, its move / radius, RMS before, inverse normal matrix."""
+    origin = point + axis * ((cloud.mean(axis=0) - point) @ axis)
+    frame = _axis_frame(axis)
     local = (cloud - origin) @ frame.T
-    radial = np.hypot(local[:, 0], local[:, 1])
-    if not (radial > 0).all():
-        raise FitError("points lie on the cylinder's axis")
-    unit = local[:, :2] / radial[:, None]
+    distance = np.hypot(local[:, 0], local[:, 1])
+    if distance.min() < 1e-9 * radius:
+        raise FitError(f"{int((distance < 1e-9 * radius).sum())} points lie on the cylinder's axis")
+    unit = local[:, :2] / distance[:, None]
     height = local[:, 2:]
     gradient = np.hstack([-unit, -height * unit, -np.ones_like(height)])
-    residual = radial - cylinder.radius
+    residual = distance - radius
     normal_matrix = gradient.T @ gradient
     scale = np.sqrt(np.diag(normal_matrix))
     scaled = normal_matrix / np.outer(scale, scale)
@@ -175,15 +173,22 @@ def _cylinder_step(cloud: FloatArray, cylinder: Cylinder) -> tuple[Cylinder, flo
         raise FitError(f"{len(cloud)} points determine no cylinder: condition number {condition:.3g}")
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
     change = -inverse @ (gradient.T @ residual)
-    radius = cylinder.radius + change[4]
-    if not radius > 0:
-        raise FitError(f"the radius became {radius:.3g} m: these points curve the other way or not at all")
-    point = origin + frame.T @ np.array([change[0], change[1], 0.0])
+    new_radius = float(radius + change[4])
+    if not new_radius > 0:
+        raise FitError(
+            f"the radius became {new_radius:.3g} m: these points curve the other way or not at all"
+        )
     direction = frame.T @ np.array([change[2], change[3], 1.0])
-    moved = Cylinder(point, direction, radius, None, cylinder.concave)
-    size = float(np.abs(change[[0, 1, 4]]).max() / radius + np.abs(change[2:4]).max())
+    moved = float(np.abs(change[[0, 1, 4]]).max() / new_radius + np.abs(change[2:4]).max())
     rms = float(np.sqrt(residual @ residual / max(len(cloud) - 5, 1)))
-    return moved, size, rms, inverse
+    new_point = origin + frame.T @ np.array([change[0], change[1], 0.0])
+    return new_point, direction / np.linalg.norm(direction), new_radius, moved, rms, inverse
+
+
+def _axis_frame(axis: FloatArray) -> FloatArray:
+    """Rows x, y, z of a frame whose z is the axis."""
+    x_axis = perpendicular(axis)
+    return np.stack([x_axis, np.cross(axis, x_axis), axis])
 
 
 def inflated(fit: SurfaceFit, points: FloatArray, block: float) -> SurfaceFit:
@@ -210,9 +215,7 @@ def _gradient(surface: Surface, points: FloatArray) -> FloatArray:
     if isinstance(surface, Plane):
         return np.column_stack([np.ones(len(points)), surface.to_uv(points)])
     if isinstance(surface, Cylinder):
-        x_axis = perpendicular(surface.direction)
-        frame = np.stack([x_axis, np.cross(surface.direction, x_axis), surface.direction])
-        local = (points - surface.point) @ frame.T
+        local = (points - surface.point) @ _axis_frame(surface.direction).T
         unit = local[:, :2] / np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-12)[:, None]
         return np.column_stack([-unit, -local[:, 2:] * unit, -np.ones(len(points))])
     raise TypeError(f"no gradient is known for a {type(surface).__name__}")
