@@ -175,7 +175,8 @@ def _cuts(
         plane = candidate.fit.surface
         if other == index or not isinstance(plane, Plane) or not (enclosing[other] or touching[index, other]):
             continue
-        if isinstance(own, Plane) and abs(float(own.normal_direction @ plane.normal_direction)) > 0.94:
+        parallel = isinstance(own, Plane) and abs(float(own.normal_direction @ plane.normal_direction)) > 0.94
+        if parallel and not enclosing[other]:
             continue
         distance = plane.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))

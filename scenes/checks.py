@@ -33,7 +33,7 @@ def finite_rows(array: FloatArray) -> BoolArray:
 
 def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
     """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
-    bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
     if bad.any():
         first = int(np.argmax(bad))
         raise InputError(
@@ -45,6 +45,16 @@ def check_finite(name: str, array: FloatArray, cure: str = "drop those rows firs
 def check_points(name: str, array: object) -> FloatArray:
     """Return `array` as finite float64 points with shape (n, 3)."""
     return check_finite(name, check_vectors(name, array))
+
+
+def check_point(name: str, point: object) -> FloatArray:
+    """Return `point` as finite float64 with shape (3,)."""
+    checked = np.asarray(point, dtype=np.float64)
+    if checked.shape != (3,):
+        raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
+    if not np.isfinite(checked).all():
+        raise InputError(f"{name} is {checked.tolist()}; give finite coordinates")
+    return checked
 
 
 def check_direction(name: str, vector: object) -> FloatArray:

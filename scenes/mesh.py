@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, check_faces, check_points, frozen_copy
+from scenes.checks import FloatArray, InputError, check_faces, check_points, frozen_copy
 from scenes.pose import Pose
 
 
@@ -26,12 +26,39 @@ class Appearance:
         Index into `images`, -1 for faces without a texture.
     corner_uv : (m, 3, 2) float32
         Texture coordinates of the corners, (0, 0) the lower left corner of the image.
+
+    Raises
+    ------
+    InputError
+        Arrays of other shapes, or a face that names an image that is not there.
     """
 
     corner_colour: NDArray[np.float32]
     images: tuple[NDArray[np.uint8], ...] = ()
     face_image: NDArray[np.int32] | None = None
     corner_uv: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        n_faces = len(self.corner_colour)
+        shapes = {"corner_colour": (n_faces, 3, 3), "face_image": (n_faces,), "corner_uv": (n_faces, 3, 2)}
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if np.shape(array) != shape:
+                raise InputError(f"expected {name} with shape {shape}, got {np.shape(array)}")
+            dtype = np.int32 if name == "face_image" else np.float32
+            object.__setattr__(self, name, frozen_copy(array, dtype))
+        for index, image in enumerate(self.images):
+            if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or image.size == 0:
+                raise InputError(
+                    f"expected image {index} as (h, w, 3) uint8, got {image.shape} {image.dtype}"
+                )
+        if self.face_image is not None and n_faces and int(self.face_image.max()) >= len(self.images):
+            raise InputError(
+                f"faces name image {int(self.face_image.max())}, but there are {len(self.images)} images"
+            )
+        object.__setattr__(self, "images", tuple(frozen_copy(image) for image in self.images))
 
     def colour(self, faces: NDArray[np.int32], barycentric: FloatArray) -> FloatArray:
         """RGB (n, 3) in 0..1 at points of `faces` (n,) with weights (n, 3) of their corners."""
@@ -81,7 +108,8 @@ class LabelledMesh:
     Raises
     ------
     InputError
-        Vertices not finite, faces out of range or of the wrong shape.
+        Vertices not finite, faces out of range or of the wrong shape, labels or colours for another
+        number of faces.
     """
 
     vertices: FloatArray
@@ -93,8 +121,14 @@ class LabelledMesh:
         vertices = check_points("vertices", self.vertices)
         faces = check_faces(self.faces, len(vertices))
         labels = np.asarray(self.face_surface, dtype=np.int32)
-        if len(labels) != len(faces):
+        if labels.shape == (0,):
             labels = np.zeros(len(faces), np.int32)
+        if labels.shape != (len(faces),):
+            raise InputError(f"expected face_surface with shape ({len(faces)},), got {labels.shape}")
+        if self.appearance is not None and len(self.appearance.corner_colour) != len(faces):
+            raise InputError(
+                f"{len(self.appearance.corner_colour)} faces have colours, but there are {len(faces)}"
+            )
         object.__setattr__(self, "vertices", frozen_copy(vertices))
         object.__setattr__(self, "faces", frozen_copy(faces))
         object.__setattr__(self, "face_surface", frozen_copy(labels))
@@ -120,6 +154,8 @@ class LabelledMesh:
 
     def bounds(self) -> FloatArray:
         """Smallest and largest coordinates, shape (2, 3), metres."""
+        if not len(self.vertices):
+            raise InputError("a mesh without vertices has no bounds")
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def transformed(self, pose: Pose) -> LabelledMesh:

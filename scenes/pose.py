@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
+from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 
 _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
 
@@ -70,6 +70,11 @@ class Pose:
     @classmethod
     def from_parts(cls, rotation: FloatArray, translation: FloatArray) -> Pose:
         """Return the pose with this (3, 3) rotation and (3,) translation in metres."""
+        shapes = np.shape(rotation), np.shape(translation)
+        if shapes != ((3, 3), (3,)):
+            raise InputError(
+                f"expected a rotation (3, 3) and a translation (3,), got {shapes[0]} and {shapes[1]}"
+            )
         matrix = np.eye(4)
         matrix[:3, :3] = rotation
         matrix[:3, 3] = translation
@@ -78,12 +83,12 @@ class Pose:
     @classmethod
     def looking_at(cls, eye: object, target: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
         """Return the sensor pose at `eye` whose z axis meets `target`, image y as far down as can be."""
-        position = np.asarray(eye, dtype=np.float64)
-        forward = check_direction("target - eye", np.asarray(target, dtype=np.float64) - position)
+        position = check_point("eye", eye)
+        forward = check_direction("target - eye", check_point("target", target) - position)
         upward = check_direction("up", up)
         right = np.cross(forward, upward)
         if np.linalg.norm(right) < 1e-6:  # looking straight up or down: any right will do, take a fixed one
-            right = np.cross(forward, np.roll(upward, 1))
+            right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(upward)))])
         right /= np.linalg.norm(right)
         return cls.from_parts(np.column_stack([right, np.cross(forward, right), forward]), position)
 

@@ -101,7 +101,7 @@ class PinholeProjection:
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Row and column (n, 2) of points; NaN outside the image or behind the camera."""
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             scale = np.where(points[:, 2] > 0, 1.0 / points[:, 2], np.nan)
             column = self.fx * points[:, 0] * scale + self.cx
             row = self.fy * points[:, 1] * scale + self.cy
@@ -113,7 +113,7 @@ class SphericalProjection:
     """A panoramic scanner: an azimuth for each column, an elevation for each row, radians.
 
     Azimuth is atan2(x, z), growing to the right; elevation is asin(-y), growing upwards. Both sequences
-    must be strictly monotonic (columns may run either way) and azimuths may cross +-pi if unwrapped.
+    must be strictly monotonic (either way) and azimuths may cross +-pi if unwrapped.
 
     Examples
     --------
@@ -178,17 +178,22 @@ class SphericalProjection:
         azimuth = np.arctan2(points[:, 0], points[:, 2]) - middle
         azimuth = middle + (azimuth + np.pi) % (2 * np.pi) - np.pi
         elevation = np.arctan2(-points[:, 1], np.hypot(points[:, 0], points[:, 2]))
-        return np.stack([_index(self.elevations, elevation), _index(self.azimuths, azimuth)], axis=1)
+        row = _index(self.elevations, elevation, self.pixel_angle)
+        return np.stack([row, _index(self.azimuths, azimuth, self.pixel_angle)], axis=1)
 
 
-def _index(angles: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Fractional position of each wanted angle in a monotonic sequence, NaN beyond half a step outside."""
+def _index(angles: FloatArray, wanted: FloatArray, only_step: float) -> FloatArray:
+    """Fractional position of each wanted angle in a monotonic sequence, NaN beyond half a step outside.
+
+    Within half a step outside it is the first or last position; a single angle has the step `only_step`.
+    """
     n = len(angles)
     if n == 1:
-        return np.where(np.abs(wanted - angles[0]) < np.pi, 0.0, np.nan)
+        return np.where(np.abs(wanted - angles[0]) <= only_step / 2, 0.0, np.nan)
     order = slice(None) if angles[-1] > angles[0] else slice(None, None, -1)
     grid, position = angles[order], np.arange(n, dtype=np.float64)[order]
-    first, last = (grid[1] - grid[0]) / 2, (grid[-1] - grid[-2]) / 2
+    slack = 1e-9  # radians; so that rounding opens no seam where a full turn closes
+    first, last = (grid[1] - grid[0]) / 2 + slack, (grid[-1] - grid[-2]) / 2 + slack
     index = np.interp(wanted, grid, position)
     outside = (wanted < grid[0] - first) | (wanted > grid[-1] + last)
     return np.where(outside, np.nan, index)

@@ -53,7 +53,7 @@ class RangeImage:
         sRGB in 0..1.
     sensor_points : (rows, columns, 3) float, optional
         Measured points in the sensor frame where they do not lie exactly on the projection's rays (real
-        terrestrial scans); NaN where nothing came back.
+        terrestrial scans); NaN where nothing came back. A pixel without both has no return.
     sigma_m : float, optional
         Known standard deviation of the range noise in metres; None when unknown, 0 when noise-free.
     noise : str
@@ -85,6 +85,8 @@ class RangeImage:
             raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
         with np.errstate(invalid="ignore"):
             ranges[~(np.isfinite(ranges) & (ranges > 0))] = np.inf
+        if self.truth is not None and self.truth.ranges.shape != ranges.shape:
+            raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
         for name, dtype in (("colour", np.float32), ("sensor_points", np.float64)):
             array = getattr(self, name)
             if array is None:
@@ -92,6 +94,10 @@ class RangeImage:
             if np.shape(array) != (*ranges.shape, 3):
                 raise InputError(f"{name} has shape {np.shape(array)}, expected {(*ranges.shape, 3)}")
             object.__setattr__(self, name, frozen_copy(array, dtype))
+        if self.sensor_points is not None:
+            ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
+            points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
+            object.__setattr__(self, "sensor_points", frozen_copy(points))
         object.__setattr__(self, "ranges", frozen_copy(ranges))
 
     @classmethod

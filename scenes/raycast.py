@@ -41,7 +41,7 @@ class Hits:
     incidence_cosine : (n,) float
         |cosine| between ray and face normal, zero for a miss.
     n_not_finite : int
-        Rays that were not finite or had no direction; they count as misses.
+        Rays that were not finite (in float32, as Embree works) or had no direction; they count as misses.
     """
 
     ranges: FloatArray
@@ -60,7 +60,7 @@ class RayCaster:
     """A mesh prepared for ray casting; build once, use from many threads.
 
     Embree works in float32, so the mesh is moved to its own centre first, and ranges are recomputed in
-    float64 from the plane of the face that was hit.
+    float64 from the plane of the face that was hit, within the face's extent along the ray.
 
     Parameters
     ----------
@@ -90,7 +90,10 @@ class RayCaster:
         if n_threads is not None and n_threads < 1:
             raise InputError(f"n_threads must be at least 1, got {n_threads}")
         self._n_threads = n_threads or os.cpu_count() or 1
+        used, compact = np.unique(indices, return_inverse=True)
+        points = points[used]  # a stray vertex must not move the centre
         self._centre = (points.min(axis=0) + points.max(axis=0)) / 2 if len(points) else np.zeros(3)
+        indices = np.ascontiguousarray(compact.reshape(-1, 3), dtype=np.int32)
         corners = points[indices] - self._centre
         self._corner = np.ascontiguousarray(corners[:, 0])
         self._edges = np.ascontiguousarray(corners[:, 1:] - corners[:, :1])
@@ -148,15 +151,16 @@ class RayCaster:
         """
         end = check_vectors("targets", targets)
         begin = check_vectors("origins", origins)
-        if len(begin) == 1 and len(end) > 1:
+        if len(begin) == 1 and len(end) != 1:
             begin = np.broadcast_to(begin, end.shape)
         if begin.shape != end.shape:
             raise InputError(
                 f"{len(begin)} origins for {len(end)} targets; give as many of both, or one origin"
             )
-        finite = finite_rows(np.hstack([begin, end]))
-        length = np.linalg.norm(np.where(finite[:, None], end - begin, 0.0), axis=1)
-        start, along, usable = self._checked(begin, end - begin)
+        finite = _finite_in_float32(begin, end)
+        way = np.subtract(end, begin, out=np.zeros_like(end), where=finite[:, None])
+        length = np.linalg.norm(way, axis=1)
+        start, along, usable = self._checked(begin, way)
         result = np.zeros(len(end), dtype=np.bool_)
         result[~finite] = True
 
@@ -174,11 +178,12 @@ class RayCaster:
             raise InputError(
                 f"{len(start)} origins for {len(along)} directions; give as many of both, or one origin"
             )
-        usable = finite_rows(np.hstack([start, along]))
+        start = start - self._centre
+        usable = _finite_in_float32(start, along)
         length = np.linalg.norm(np.where(usable[:, None], along, 0.0), axis=1)
         usable = np.logical_and(usable, length > 0)
         unit = np.divide(along, length[:, None], out=np.zeros_like(along), where=usable[:, None])
-        return start - self._centre, unit, usable
+        return start, unit, usable
 
     def _run(
         self, start: FloatArray, along: FloatArray, reach: NDArray[np.float32] | None
@@ -203,7 +208,12 @@ class RayCaster:
         to_corner = self._corner[face] - start
         slope = np.einsum("ij,ij->i", along, normal)
         height = np.einsum("ij,ij->i", to_corner, normal)
-        ranges = np.divide(height, slope, out=np.zeros_like(height), where=slope != 0)
+        with np.errstate(over="ignore"):
+            ranges = np.divide(height, slope, out=np.zeros_like(height), where=slope != 0)
+        # A ray that grazes its face meets the face's plane anywhere: keep it between the face's corners.
+        corners = np.stack([to_corner, to_corner + first, to_corner + second])
+        depths = np.maximum(np.einsum("cij,ij->ci", corners, along), 0.0)
+        ranges = np.clip(ranges, depths.min(axis=0), depths.max(axis=0))
         offset = along * ranges[:, None] - to_corner
         area2 = np.einsum("ij,ij->i", normal, normal)
         safe = np.where(area2 > 0, area2, 1.0)
@@ -211,7 +221,7 @@ class RayCaster:
         w = np.einsum("ij,ij->i", np.cross(first, offset), normal) / safe
         weights = np.clip(np.stack([1 - v - w, v, w], axis=1), 0.0, 1.0)
         weights /= weights.sum(axis=1, keepdims=True)
-        return ranges, weights, np.abs(slope) / np.sqrt(safe)
+        return ranges, weights, np.minimum(np.abs(slope) / np.sqrt(safe), 1.0)
 
     def _in_chunks(self, rays: NDArray[np.intp], cast: Callable[[NDArray[np.intp]], None]) -> None:
         chunks = [rays[start : start + _CHUNK] for start in range(0, len(rays), _CHUNK)]
@@ -221,3 +231,9 @@ class RayCaster:
             return
         with ThreadPoolExecutor(self._n_threads) as pool:
             list(pool.map(cast, chunks))
+
+
+def _finite_in_float32(*vectors: FloatArray) -> BoolArray:
+    """Tell for which rows all (n, 3) `vectors` hold numbers that float32 can hold."""
+    with np.errstate(over="ignore"):
+        return finite_rows(np.hstack(vectors).astype(np.float32))

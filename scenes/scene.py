@@ -51,9 +51,10 @@ class Scene:
         if len(self.surfaces) != len(self.surface_names):
             raise InputError(f"{len(self.surfaces)} surfaces but {len(self.surface_names)} names")
         labels = self.mesh.face_surface
-        if len(labels) and not (int(labels.min()) >= 0 and int(labels.max()) < len(self.surfaces)):
+        unknown = labels[(labels < 0) | (labels >= len(self.surfaces))]
+        if len(unknown):
             raise InputError(
-                f"faces name surface {int(labels.max())}, but there are {len(self.surfaces)} surfaces"
+                f"faces name surface {int(unknown[0])}, but there are {len(self.surfaces)} surfaces"
             )
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
+from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
 
 
@@ -50,18 +51,19 @@ class Surface(Protocol):
 
 def perpendicular(direction: FloatArray) -> FloatArray:
     """Return a unit vector at right angles to `direction`, always the same one for the same direction."""
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(direction)))] = 1.0
-    across = np.cross(direction, helper)
-    return np.asarray(across / np.linalg.norm(across), dtype=np.float64)
+    x, y, z = (float(component) for component in direction)
+    smallest = int(np.argmin([abs(x), abs(y), abs(z)]))
+    across = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[smallest]  # direction x unit vector of that axis
+    return np.array(across) / math.hypot(*across)
 
 
-def _reference(axis: FloatArray, wished: FloatArray | None) -> FloatArray:
+def _reference(axis: FloatArray, wished: object | None) -> FloatArray:
     """Return the unit vector at right angles to `axis` that is nearest to `wished`."""
     if wished is None:
         return perpendicular(axis)
-    across = np.asarray(wished, dtype=np.float64)
-    across = across - axis * (axis @ across)
+    direction = check_direction("the chart's reference direction", wished)
+    across = direction - axis * (axis @ direction)
+    across = across - axis * (axis @ across)  # twice is enough, also for nearly parallel directions
     length = float(np.linalg.norm(across))
     if length < 1e-9:
         raise InputError(
@@ -89,10 +91,9 @@ class Plane:
 
     def __init__(self, point: object, normal: object, u_direction: object | None = None) -> None:
         direction = check_direction("normal", normal)
-        wished = None if u_direction is None else np.asarray(u_direction, dtype=np.float64)
-        object.__setattr__(self, "point", frozen_copy(point, np.float64))
+        object.__setattr__(self, "point", frozen_copy(check_point("point", point)))
         object.__setattr__(self, "normal_direction", frozen_copy(direction))
-        object.__setattr__(self, "u_direction", frozen_copy(_reference(direction, wished)))
+        object.__setattr__(self, "u_direction", frozen_copy(_reference(direction, u_direction)))
 
     @property
     def v_direction(self) -> FloatArray:
@@ -175,11 +176,10 @@ class Cylinder:
         if not np.isfinite(radius) or radius <= 0:
             raise InputError(f"radius must be a positive number of metres, got {radius}")
         axis = check_direction("direction", direction)
-        wished = None if zero_direction is None else np.asarray(zero_direction, dtype=np.float64)
-        object.__setattr__(self, "point", frozen_copy(point, np.float64))
+        object.__setattr__(self, "point", frozen_copy(check_point("point", point)))
         object.__setattr__(self, "direction", frozen_copy(axis))
         object.__setattr__(self, "radius", float(radius))
-        object.__setattr__(self, "zero_direction", frozen_copy(_reference(axis, wished)))
+        object.__setattr__(self, "zero_direction", frozen_copy(_reference(axis, zero_direction)))
         object.__setattr__(self, "concave", bool(concave))
 
     @property
@@ -225,14 +225,16 @@ class Cylinder:
         """Range (n,) along unit `directions` to the near wall, or the far one where concave; else inf."""
         from_axis = self._radial(origins)
         across = directions - (directions @ self.direction)[..., None] * self.direction
-        a = np.einsum("...i,...i->...", across, across)
-        b = np.einsum("...i,...i->...", across, from_axis)
-        c = np.einsum("...i,...i->...", from_axis, from_axis) - self.radius**2
-        discriminant = b * b - a * c
-        meets = (discriminant >= 0) & (a > 1e-18)
-        root = np.sqrt(np.where(meets, discriminant, 0.0))
-        ranges = (-b + (root if self.concave else -root)) / np.where(meets, a, 1.0)
-        return np.where(meets & (ranges > 0), ranges, np.inf)
+        speed2 = np.einsum("...i,...i->...", across, across)
+        along_axis = speed2 <= 1e-18
+        speed2 = np.where(along_axis, 1.0, speed2)
+        middle = -np.einsum("...i,...i->...", across, from_axis) / speed2  # where the ray is nearest the axis
+        nearest = from_axis + middle[..., None] * across
+        depth2 = self.radius**2 - np.einsum("...i,...i->...", nearest, nearest)
+        meets = (depth2 >= 0) & ~along_axis
+        half_chord = np.sqrt(np.where(meets, depth2, 0.0) / speed2)
+        ranges = middle + half_chord if self.concave else middle - half_chord
+        return np.where(meets & (ranges >= 0), ranges, np.inf)
 
     def transformed(self, pose: Pose) -> Cylinder:
         """Return the cylinder moved by `pose`."""
@@ -248,7 +250,8 @@ class Cylinder:
 def surfaces_close(first: Surface, second: Surface, *, angle: float, length: float) -> bool:
     """Tell whether two surfaces of one kind agree within `angle` (radians) and `length` (metres).
 
-    Planes are compared at the first one's chart origin, cylinders by axis distance there and radius.
+    Planes are compared at the first one's chart origin, cylinders by axis distance there and radius. The
+    side from which they are seen does not count.
     """
     if isinstance(first, Plane) and isinstance(second, Plane):
         between = np.linalg.norm(np.cross(first.normal_direction, second.normal_direction))

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: MIT
+"""E57 scans: structured terrestrial laser scans, read and written with pye57."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import uuid
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scenes.checks import FloatArray, InputError
+from scenes.formats.grid import GridFit, fit_grid, organised_scan
+from scenes.formats.guard import check_size, import_extra
+from scenes.formats.header import FORMAT, colour_from_bytes, projection_from_dict
+from scenes.pose import Pose
+from scenes.range_image import RangeImage
+
+# An E57 scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
+SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
+_CURE = (
+    "it is an unstructured cloud, so which ray saw which point is lost; "
+    "export the scan as structured (gridded) E57, with rowIndex and columnIndex"
+)
+
+
+def count_e57(path: Path) -> int:
+    """Return how many scans the file holds."""
+    with import_extra("pye57", "e57").E57(str(path)) as file:
+        return int(file.scan_count)
+
+
+def read_e57(path: Path, index: int) -> RangeImage:
+    """Return scan `index` (from 0) of an E57 file.
+
+    Pixel (row, column) of the image is the file's own rowIndex, columnIndex, less their minima; rows may
+    run upwards. Azimuths of columns and elevations of rows are estimated from the points, unless a file of
+    ours states them, and the measured points are kept. A scan without a pose stands at the origin, upright.
+
+    Raises
+    ------
+    InputError
+        Unstructured, damaged (checksum), or a grid that no projection explains.
+    """
+    with import_extra("pye57", "e57").E57(str(path)) as file:
+        header = file.get_header(index)
+        missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
+        if missing:
+            names = " and no ".join(sorted(missing, reverse=True))
+            raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
+        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        pose = _read_pose(header) @ SCANNER_FROM_SENSOR
+        description, name = _text(header, "description"), _text(header, "name")
+        several = int(file.scan_count) > 1
+    local, kept = _points(data)
+    points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
+    row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
+    if not len(row):
+        raise InputError(f"scan {index + 1} has no valid point")
+    name = name or (f"{path.stem}#{index + 1}" if several else path.stem)
+    return _grid(points, row, column, _colours(data, kept), pose, description, name)
+
+
+def _grid(
+    points: FloatArray,
+    row: Any,
+    column: Any,
+    colours: Any,
+    pose: Pose,
+    description: str,
+    name: str,
+) -> RangeImage:
+    """Sort points into their pixels and find the projection; of several returns the first is kept."""
+    ours = _ours(description)
+    fit = None
+    if ours is None:
+        row, column = row - row.min(), column - column.min()
+        rows, columns = int(row.max()) + 1, int(column.max()) + 1
+    else:
+        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
+        rows, columns = fit.projection.shape
+    check_size(rows, columns)
+    if rows * columns > 1000 * len(points) + 1_000_000:
+        raise InputError(f"{len(points)} points in a grid of {rows} x {columns}: are its indices damaged?")
+    image = np.full((rows, columns, 3), np.nan)
+    image[row[::-1], column[::-1]] = points[::-1]
+    colour = None
+    if colours is not None:
+        colour = np.zeros((rows, columns, 3), np.float32)
+        colour[row[::-1], column[::-1]] = colours[::-1]
+    scan = organised_scan(image, fit or fit_grid(image), pose, colour, name)
+    if ours is None:
+        return scan
+    return RangeImage(
+        scan.ranges,
+        scan.projection,
+        pose,
+        colour=scan.colour,
+        sensor_points=scan.sensor_points,
+        sigma_m=ours.get("sigma_m"),
+        noise=str(ours.get("noise", "")),
+        name=str(ours.get("name", name)),
+    )
+
+
+def _ours(description: str) -> dict[str, Any] | None:
+    """Return the header that `write_e57` put into the description, None for foreign files."""
+    if FORMAT not in description:
+        return None
+    header: dict[str, Any] = json.loads(description)
+    return header
+
+
+def _text(header: Any, field: str) -> str:
+    return str(header[field].value()) if field in header.scan_fields else ""
+
+
+def _read_pose(header: Any) -> Pose:
+    """World from scanner; identity where the file has none."""
+    if not header.has_pose():
+        return Pose.identity()
+    node = header["pose"]
+    rotation, translation = np.eye(3), np.zeros(3)
+    if node.isDefined("rotation"):
+        quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
+        if not np.isfinite(quaternion).all() or np.linalg.norm(quaternion) < 1e-9:
+            raise InputError(f"its pose has the quaternion {quaternion.tolist()}, which is no rotation")
+        rotation = Rotation.from_quat(quaternion).as_matrix()
+    if node.isDefined("translation"):
+        translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
+    return Pose.from_parts(rotation, translation)
+
+
+def _points(data: dict[str, Any]) -> tuple[FloatArray, Any]:
+    """Points (n, 3) in the scanner's frame, and which of them are valid."""
+    if "cartesianX" in data:
+        points = np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=-1)
+        state = data.get("cartesianInvalidState")
+    elif "sphericalRange" in data:
+        reach, azimuth, elevation = (data[f"spherical{part}"] for part in ("Range", "Azimuth", "Elevation"))
+        across = reach * np.cos(elevation)
+        points = np.stack(
+            [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)], axis=-1
+        )
+        state = data.get("sphericalInvalidState")
+    else:
+        raise InputError("has neither cartesian nor spherical coordinates")
+    kept = np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
+    return points, kept if state is None else kept & (state == 0)
+
+
+def _colours(data: dict[str, Any], kept: Any) -> Any:
+    channels = [data.get(f"color{name}") for name in ("Red", "Green", "Blue")]
+    if any(channel is None for channel in channels):
+        return None
+    return colour_from_bytes(np.stack([channel[kept] for channel in channels], axis=-1))  # type: ignore[index]
+
+
+def content_guid(*parts: bytes) -> str:
+    """Return an E57 guid that depends on the content alone, so that the same scan gives the same bytes."""
+    return "{" + str(uuid.UUID(bytes=hashlib.sha256(b"".join(parts)).digest()[:16])) + "}"

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Scan header: all of a range image but its pixels as a dict for JSON, and as comment lines."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from scenes.atomic import to_plain
+from scenes.checks import FloatArray, InputError
+from scenes.formats.guard import check_size
+from scenes.pose import Pose
+from scenes.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.range_image import RangeImage
+
+FORMAT = "unseen organised scan 1"
+_TAG = "unseen "
+_LINE = 200  # characters; some readers cut comment lines at 255
+
+
+def scan_header(scan: RangeImage) -> dict[str, Any]:
+    """Return what is known of `scan` besides its pixels, ready for JSON; lengths in metres."""
+    return {
+        "format": FORMAT,
+        "depth": "range along the ray, metres; pixel centres at integers; sensor x right, y down, z forward",
+        "projection": projection_to_dict(scan.projection),
+        "world_from_sensor": scan.world_from_sensor.matrix.tolist(),
+        "sigma_m": scan.sigma_m,
+        "noise": scan.noise,
+        "name": scan.name,
+    }
+
+
+def projection_to_dict(projection: Projection) -> dict[str, Any]:
+    """Return `projection` ready for JSON; angles in radians.
+
+    Raises
+    ------
+    InputError
+        A projection that is neither pinhole nor spherical.
+    """
+    if isinstance(projection, PinholeProjection):
+        names = ("width", "height", "fx", "fy", "cx", "cy")
+        return {"kind": "pinhole"} | {name: getattr(projection, name) for name in names}
+    if isinstance(projection, SphericalProjection):
+        angles = {name: getattr(projection, name).tolist() for name in ("azimuths", "elevations")}
+        return {"kind": "spherical", **angles}
+    raise InputError(f"cannot write a {projection.kind} projection; pinhole and spherical are known")
+
+
+def projection_from_dict(values: dict[str, Any]) -> Projection:
+    """Return the projection that `projection_to_dict` described."""
+    if values.get("kind") == "pinhole":
+        width, height = int(values["width"]), int(values["height"])
+        check_size(height, width)
+        return PinholeProjection(width, height, *(float(values[name]) for name in ("fx", "fy", "cx", "cy")))
+    if values.get("kind") == "spherical":
+        return SphericalProjection(np.array(values["azimuths"]), np.array(values["elevations"]))
+    raise InputError(f"unknown projection {values.get('kind')!r} in the header")
+
+
+def scan_from_header(
+    header: dict[str, Any],
+    ranges: FloatArray,
+    *,
+    world_from_sensor: Pose | None = None,
+    colour: Any = None,
+    sensor_points: FloatArray | None = None,
+    truth: Any = None,
+) -> RangeImage:
+    """Return the scan of a header and its pixels; a pose given here replaces the header's."""
+    if header.get("format") != FORMAT:
+        raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
+    sigma = header.get("sigma_m")
+    return RangeImage(
+        ranges,
+        projection_from_dict(header["projection"]),
+        world_from_sensor or Pose(np.array(header["world_from_sensor"], dtype=np.float64)),
+        colour=colour,
+        sensor_points=sensor_points,
+        sigma_m=None if sigma is None else float(sigma),
+        noise=str(header.get("noise", "")),
+        truth=truth,
+        name=str(header.get("name", "scan")),
+    )
+
+
+def to_comments(header: dict[str, Any]) -> list[str]:
+    """Return `header` as comment texts of bounded length, in order; spaces in them matter."""
+    text = json.dumps(to_plain(header), allow_nan=False)  # ASCII alone
+    return [f"{_TAG}{text[start : start + _LINE]}|" for start in range(0, len(text), _LINE)]
+
+
+def from_comments(comments: Iterable[str]) -> dict[str, Any] | None:
+    """Return the header among `comments`, None where there is none."""
+    parts = [c[len(_TAG) : -1] for c in comments if c.startswith(_TAG) and c.endswith("|")]
+    if not parts:
+        return None
+    header: dict[str, Any] = json.loads("".join(parts))
+    return header
+
+
+def colour_bytes(scan: RangeImage) -> Any:
+    """Return the colours as uint8 (rows, columns, 3), None where the scan has none."""
+    if scan.colour is None:
+        return None
+    safe = np.nan_to_num(np.asarray(scan.colour, dtype=np.float64), nan=0.0)
+    return np.clip(np.rint(safe * 255), 0, 255).astype(np.uint8)
+
+
+def colour_from_bytes(colour: Any) -> Any:
+    """Return 8-bit colours as float32 in 0..1."""
+    return np.asarray(colour, dtype=np.float32) / np.float32(255)

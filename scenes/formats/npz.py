@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""NPZ scans: everything a range image holds, without loss; never a pickle."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.atomic import atomic_path, json_text
+from scenes.checks import InputError
+from scenes.formats.guard import MAX_BYTES
+from scenes.formats.header import scan_from_header, scan_header
+from scenes.formats.trajectory import rounded_pose
+from scenes.projection import PinholeProjection
+from scenes.range_image import RangeImage, ScanTruth
+
+_TRUTH = ("face", "surface", "ranges", "incidence")
+
+
+def write_npz(scan: RangeImage, path: Path) -> None:
+    """Write `scan` losslessly.
+
+    Keys: `header` (JSON: format, projection, pose, sigma, noise, name), `ranges` along the ray in metres,
+    and where known `colour`, `sensor_points` and the four `truth_*`.
+    """
+    arrays: dict[str, Any] = {"header": np.array(json_text(scan_header(scan), indent=None))}
+    arrays["ranges"] = scan.ranges
+    if scan.colour is not None:
+        arrays["colour"] = scan.colour
+    if scan.sensor_points is not None:
+        arrays["sensor_points"] = scan.sensor_points
+    if scan.truth is not None:
+        arrays |= {f"truth_{name}": getattr(scan.truth, name) for name in _TRUTH}
+    with atomic_path(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def read_npz(path: Path) -> list[RangeImage]:
+    """Return the scans of a file of ours (one), or of a benchmark file with `range_tenth_mm` (several)."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+    if unpacked > MAX_BYTES:
+        raise InputError(f"unpacks to {unpacked:,} bytes; at most {MAX_BYTES:,} are read")
+    with np.load(path, allow_pickle=False) as arrays:
+        if "header" in arrays.files and "ranges" in arrays.files:
+            return [_read_ours(arrays)]
+        if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
+            return _read_tenth_mm(arrays, path.stem)
+        keys = ", ".join(sorted(arrays.files)) or "nothing"
+    raise InputError(
+        f"holds {keys}, which is no scan; expected header and ranges, or range_tenth_mm, "
+        "world_from_sensor and intrinsics"
+    )
+
+
+def _read_ours(arrays: Any) -> RangeImage:
+    """One scan written by `write_npz`."""
+    truth = None
+    if "truth_face" in arrays.files:
+        truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in _TRUTH})
+    return scan_from_header(
+        json.loads(str(arrays["header"])),
+        arrays["ranges"],
+        colour=arrays["colour"] if "colour" in arrays.files else None,
+        sensor_points=arrays["sensor_points"] if "sensor_points" in arrays.files else None,
+        truth=truth,
+    )
+
+
+def _read_tenth_mm(arrays: Any, stem: str) -> list[RangeImage]:
+    """Several pinhole scans: ranges along the ray in 0.1 mm, 0 = none; poses; shared intrinsics."""
+    ranges, poses = arrays["range_tenth_mm"], arrays["world_from_sensor"]
+    fx, fy, cx, cy = (float(value) for value in arrays["intrinsics"])
+    if ranges.ndim != 3 or poses.shape != (len(ranges), 4, 4):
+        raise InputError(f"range_tenth_mm has shape {ranges.shape}, world_from_sensor {poses.shape}")
+    camera = PinholeProjection(ranges.shape[2], ranges.shape[1], fx, fy, cx, cy)
+    return [
+        RangeImage(image / 1e4, camera, rounded_pose(pose), name=f"{stem}#{k}")
+        for k, (image, pose) in enumerate(zip(ranges, poses, strict=True), start=1)
+    ]

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""PCD scans: organised point clouds of the Point Cloud Library, read and written with pypcd4."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scenes.atomic import write_bytes
+from scenes.checks import FloatArray, InputError
+from scenes.formats.grid import GridFit, fit_grid, organised_scan
+from scenes.formats.guard import check_size, import_extra
+from scenes.formats.header import (
+    colour_bytes,
+    colour_from_bytes,
+    from_comments,
+    projection_from_dict,
+    scan_header,
+    to_comments,
+)
+from scenes.pose import Pose
+from scenes.projection import PinholeProjection
+from scenes.range_image import RangeImage
+
+_MAX_HEADER = 1 << 22  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _PcdHeader:
+    """What the text in front of the data says."""
+
+    width: int
+    height: int
+    point_bytes: int
+    encoding: str
+    comments: tuple[str, ...]
+    data_offset: int
+
+
+def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = None) -> RangeImage:
+    """Return the organised scan of a .pcd file.
+
+    Points are in the sensor frame and VIEWPOINT is `world_from_sensor`, as PCL shows them; where the points
+    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. The
+    projection comes from `intrinsics`, a file of ours states it, else it is estimated from the points.
+
+    Raises
+    ------
+    InputError
+        Unorganised (HEIGHT 1), truncated, or no known projection.
+    """
+    header = _read_header(path)
+    if header.height == 1:
+        raise InputError(
+            f"the cloud is unorganised (HEIGHT 1, {header.width} points): its pixel grid is lost; "
+            "save the organised cloud of the sensor (HEIGHT > 1, NaN where nothing came back)"
+        )
+    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    values, shape = cloud.pc_data, (header.height, header.width)
+    missing = {"x", "y", "z"} - set(values.dtype.names)
+    if missing or len(values) != header.height * header.width:
+        raise InputError(
+            f"{len(values)} points with fields {values.dtype.names}, expected x, y, z for {shape}"
+        )
+    points = np.stack([values[axis] for axis in "xyz"], axis=-1).astype(np.float64).reshape(*shape, 3)
+    points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
+    colour = _unpack_colour(values, shape)
+    return _placed_scan(points, colour, _viewpoint(cloud.metadata.viewpoint), header, intrinsics, path.stem)
+
+
+def _placed_scan(
+    points: FloatArray,
+    colour: Any,
+    pose: Pose,
+    header: _PcdHeader,
+    intrinsics: tuple[float, float, float, float] | None,
+    name: str,
+) -> RangeImage:
+    """Give the points their projection, and ours the rest of what its comments say."""
+    ours = from_comments(header.comments)
+    if intrinsics is not None:
+        fit = GridFit(PinholeProjection(header.width, header.height, *intrinsics), 0.0)
+    elif ours is not None:
+        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
+    elif not np.isfinite(points).any():
+        raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
+    else:
+        try:
+            fit = fit_grid(points)
+        except InputError:
+            points = pose.inverse().apply(points)
+            fit = fit_grid(points)
+    if fit.projection.shape != (header.height, header.width):
+        raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
+    scan = organised_scan(points, fit, pose, colour, name)
+    if ours is None:
+        return scan
+    return RangeImage(
+        scan.ranges,
+        scan.projection,
+        pose,
+        colour=scan.colour,
+        sensor_points=scan.sensor_points,
+        sigma_m=ours.get("sigma_m"),
+        noise=str(ours.get("noise", "")),
+        name=str(ours.get("name", name)),
+    )
+
+
+def _read_header(path: Path) -> _PcdHeader:
+    """Read the text header, and check that the data can be as large as it says."""
+    with path.open("rb") as file:
+        text = file.read(_MAX_HEADER)
+    start = 0 if text.startswith(b"DATA") else text.find(b"\nDATA") + 1
+    end = text.find(b"\n", start)
+    if start <= 0 or end < 0:
+        raise InputError("not a PCD file: there is no DATA line")
+    lines = text[: end + 1].decode("ascii", errors="replace").splitlines()
+    words = {line.split()[0].upper(): line.split()[1:] for line in lines if line.strip() and line[0] != "#"}
+    width, height = int(words["WIDTH"][0]), int(words.get("HEIGHT", ["1"])[0])
+    check_size(height, width)
+    counts = [int(count) for count in words.get("COUNT", ["1"] * len(words["SIZE"]))]
+    point_bytes = sum(int(size) * count for size, count in zip(words["SIZE"], counts, strict=True))
+    encoding = words["DATA"][0].lower()
+    header = _PcdHeader(width, height, point_bytes, encoding, _comments(lines), end + 1)
+    _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
+    return header
+
+
+def _comments(lines: list[str]) -> tuple[str, ...]:
+    return tuple(line[2:] for line in lines if line.startswith("# "))
+
+
+def _check_length(header: _PcdHeader, file_bytes: int, start: bytes) -> None:
+    """Raise when the file is shorter than its header says, or would unpack to something else."""
+    expected = header.width * header.height * header.point_bytes
+    held = file_bytes - header.data_offset
+    if header.encoding == "binary" and held < expected:
+        raise InputError(f"truncated: {expected} bytes of points announced, {held} present")
+    if header.encoding == "binary_compressed":
+        packed, unpacked = (int(number) for number in np.frombuffer(start.ljust(8, b"\0"), "<u4"))
+        if held < 8 + packed or unpacked != expected:
+            raise InputError(
+                f"truncated or damaged: {packed} packed and {expected} unpacked bytes announced, "
+                f"{max(held - 8, 0)} and {unpacked} present"
+            )
+
+
+def _viewpoint(viewpoint: tuple[float, ...]) -> Pose:
+    """Pose of a VIEWPOINT tx ty tz qw qx qy qz."""
+    quaternion = np.array(viewpoint[3:7], dtype=np.float64)
+    if not np.isfinite(quaternion).all() or np.linalg.norm(quaternion) < 1e-9:
+        raise InputError(f"VIEWPOINT has the quaternion {quaternion.tolist()}, which is no rotation")
+    rotation = Rotation.from_quat(quaternion[[1, 2, 3, 0]]).as_matrix()
+    return Pose.from_parts(rotation, np.array(viewpoint[:3], dtype=np.float64))
+
+
+def _unpack_colour(values: Any, shape: tuple[int, int]) -> Any:
+    """Colours (rows, columns, 3) of a packed rgb or rgba field (float or integer), None without."""
+    for name in ("rgb", "rgba"):
+        if name in values.dtype.names and values.dtype[name].itemsize == 4:
+            packed = np.ascontiguousarray(values[name]).view(np.uint32)
+            channels = np.stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255], axis=-1)
+            return colour_from_bytes(channels).reshape(*shape, 3)
+    return None
+
+
+def write_pcd(scan: RangeImage, path: Path) -> None:
+    """Write `scan` as an organised binary PCD: float32 points in the sensor frame, VIEWPOINT the pose.
+
+    float32 is what PCL and its kin read; it costs 6e-8 of the distance. Projection, noise and name are
+    kept in comment lines that only `read_pcd` heeds.
+    """
+    module = import_extra("pypcd4", "pcd")
+    points = scan.points_in_sensor().reshape(-1, 3).astype(np.float32)
+    columns, fields, types = list(points.T), ["x", "y", "z"], [np.float32] * 3
+    colour = colour_bytes(scan)
+    if colour is not None:
+        red, green, blue = colour.reshape(-1, 3).astype(np.uint32).T
+        columns.append((red << 16 | green << 8 | blue).view(np.float32))
+        fields, types = [*fields, "rgb"], [*types, np.float32]
+    cloud = module.PointCloud.from_points(columns, fields, types)
+    x, y, z, w = (float(part) for part in Rotation.from_matrix(scan.world_from_sensor.rotation).as_quat())
+    viewpoint = (*(float(part) for part in scan.origin), w, x, y, z)
+    rows, width = scan.shape
+    cloud.metadata = cloud.metadata.derive(width=width, height=rows, viewpoint=viewpoint)
+    buffer = io.BytesIO()
+    cloud.save(buffer, module.Encoding.BINARY)
+    comments = [".PCD v0.7 - Point Cloud Data file format", *to_comments(scan_header(scan))]
+    write_bytes(path, "".join(f"# {line}\n" for line in comments).encode("ascii") + buffer.getvalue())

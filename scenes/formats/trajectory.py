@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""Trajectories: files of poses, one a frame, in the plain, TUM, Redwood and JSON forms."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scenes.atomic import write_text
+from scenes.checks import FloatArray, InputError
+from scenes.formats.guard import check_file, reading
+from scenes.pose import Pose
+
+_ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
+_FORMS = (
+    "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
+    "and JSON lists of 4x4 matrices"
+)
+
+
+def read_poses(path: Path) -> list[Pose]:
+    """Return the poses of a file, `world_from_sensor`, in the file's order.
+
+    Plain lines hold `tx ty tz qx qy qz qw`, TUM lines a timestamp before that; a Redwood .log holds blocks
+    of one line of integers and four of a matrix; JSON a list of 4x4 matrices, or a `plan.json` of ours.
+
+    Raises
+    ------
+    InputError
+        None of these, or a pose that is not rigid; named with its number.
+    """
+    file = check_file(path)
+    with reading(file, "a file of poses"):
+        text = file.read_text(encoding="utf-8")
+        if file.suffix.lower() == ".json":
+            return _number_checked(_json_matrices(json.loads(text)))
+        rows = _number_rows(text)
+        if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
+            return _number_checked(_redwood_matrices(rows))
+        return _number_checked([_matrix(row[-7:]) for row in _equal_rows(rows)])
+
+
+def rounded_pose(matrix: FloatArray) -> Pose:
+    """Return the rigid pose nearest to a file's matrix, which may be off by rounding (1e-3) but no more."""
+    mended = np.array(matrix, dtype=np.float64)
+    if mended.shape == (4, 4) and np.isfinite(mended).all():
+        rotation = mended[:3, :3]
+        if np.abs(rotation.T @ rotation - np.eye(3)).max() <= _ROUNDING:
+            u, _, vt = np.linalg.svd(rotation)
+            mended[:3, :3] = u @ vt
+    return Pose(mended)
+
+
+def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
+    """Return the timestamps (n,) in seconds and the poses of a TUM trajectory."""
+    file = check_file(path)
+    with reading(file, "a TUM trajectory"):
+        rows = _equal_rows(_number_rows(file.read_text(encoding="utf-8")))
+        if not rows or len(rows[0]) != 8:
+            raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
+        return np.array([row[0] for row in rows]), _number_checked([_matrix(row[1:]) for row in rows])
+
+
+def _number_rows(text: str) -> list[list[float]]:
+    """The numbers of each line, without blank lines and comments."""
+    lines = (line.split("#", 1)[0].replace(",", " ").split() for line in text.splitlines())
+    return [[float(word) for word in words] for words in lines if words]
+
+
+def _equal_rows(rows: list[list[float]]) -> list[list[float]]:
+    wrong = [number for number, row in enumerate(rows, start=1) if len(row) not in (7, 8)]
+    if wrong:
+        raise InputError(f"line {wrong[0]} holds {len(rows[wrong[0] - 1])} numbers; {_FORMS}")
+    return rows
+
+
+def _matrix(numbers: Sequence[float]) -> FloatArray:
+    """4x4 matrix of tx ty tz qx qy qz qw; the quaternion need not have unit length."""
+    quaternion = np.array(numbers[3:], dtype=np.float64)
+    length = float(np.linalg.norm(quaternion))
+    matrix = np.full((4, 4), np.nan)
+    if np.isfinite(length) and abs(length - 1) < 0.1:
+        matrix[:] = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        matrix[:3, 3] = numbers[:3]
+    return matrix
+
+
+def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    return [np.array(rows[start + 1 : start + 5]) for start in range(0, len(rows), 5)]
+
+
+def _json_matrices(value: object) -> list[FloatArray]:
+    if isinstance(value, dict):
+        value = [view["world_from_sensor"] for view in value["views"]]
+    if not isinstance(value, list):
+        raise InputError(_FORMS)
+    return [np.array(matrix, dtype=np.float64) for matrix in value]
+
+
+def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
+    poses = []
+    for number, matrix in enumerate(matrices, start=1):
+        try:
+            poses.append(rounded_pose(matrix))
+        except InputError as error:
+            raise InputError(f"pose {number} is not usable: {error}") from error
+    return poses
+
+
+def write_poses(path: Path, poses: Sequence[Pose]) -> None:
+    """Write plain lines `tx ty tz qx qy qz qw`, world from sensor, one a pose."""
+    lines = []
+    for pose in poses:
+        quaternion = Rotation.from_matrix(pose.rotation).as_quat()
+        lines.append(" ".join(repr(float(number)) for number in [*pose.translation, *quaternion]))
+    write_text(path, "".join(f"{line}\n" for line in lines))
