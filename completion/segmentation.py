@@ -147,6 +147,8 @@ def _grow(
     options: SegmentationOptions,
 ) -> Region | None:
     """Grow and refit in turn until the region stands still; None when it stays too small."""
+    if not seed.any():
+        return None
     mask, size = seed, 0
     for _ in range(_N_GROWTHS):
         box = _box_around(mask, observation.window)
