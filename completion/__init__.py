@@ -4,9 +4,9 @@
 from completion.evidence import EvidenceOptions, Label
 from completion.extension import Patch, Provenance
 from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane
+from completion.growing import SegmentationOptions
 from completion.model import Completion
 from completion.pipeline import CompletionOptions, complete
-from completion.segmentation import SegmentationOptions
 from completion.texturing import TexturingOptions
 
 __all__ = [

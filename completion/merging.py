@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from completion.evidence import EvidenceOptions, Label, label_points
 from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane, inflated
+from completion.growing import Region
 from completion.observation import Observation
-from completion.segmentation import Region
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from completion.audit import audit
 from completion.evidence import EvidenceOptions
 from completion.extension import Patch, extend
+from completion.growing import SegmentationOptions
 from completion.limits import Mode, find_enclosing, find_touching, limit
 from completion.merging import MergedSurface, merge
 from completion.model import Completion, hypothesised_mesh
 from completion.observation import Observation, observe
-from completion.segmentation import SegmentationOptions, segment, tolerance_image
+from completion.segmentation import segment, tolerance_image
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
 from scenes.checks import FloatArray, InputError
 from scenes.range_image import RangeImage

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from completion.evidence import EvidenceOptions
+from completion.growing import SegmentationOptions
 from completion.merging import merge
 from completion.observation import Observation, estimate_noise, observe
-from completion.segmentation import SegmentationOptions, segment, tolerance_image
+from completion.segmentation import segment, tolerance_image
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
