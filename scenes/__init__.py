@@ -1,33 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Surfaces, poses, meshes, range images, built-in scenes and file formats."""
+"""Surfaces, poses, meshes, range images, built-in scenes and file formats.
 
-from scenes.builtin import builtin_names, builtin_scene
-from scenes.checks import InputError
-from scenes.mesh import Appearance, LabelledMesh
-from scenes.pose import Pose
-from scenes.projection import PinholeProjection, Projection, SphericalProjection
-from scenes.range_image import RangeImage, ScanTruth
-from scenes.raycast import Hits, RayCaster
-from scenes.scene import Scene
-from scenes.surfaces import Cylinder, Plane, Surface, surfaces_close
+Names are imported when they are first used; `__init__.pyi` says from where.
+"""
 
-__all__ = [
-    "Appearance",
-    "Cylinder",
-    "Hits",
-    "InputError",
-    "LabelledMesh",
-    "PinholeProjection",
-    "Plane",
-    "Pose",
-    "Projection",
-    "RangeImage",
-    "RayCaster",
-    "ScanTruth",
-    "Scene",
-    "SphericalProjection",
-    "Surface",
-    "builtin_names",
-    "builtin_scene",
-    "surfaces_close",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: MIT
+from .builtin import builtin_names as builtin_names
+from .builtin import builtin_scene as builtin_scene
+from .checks import InputError as InputError
+from .files import read_scan as read_scan
+from .files import read_scans as read_scans
+from .files import write_scan as write_scan
+from .files import write_scans as write_scans
+from .loading import load_scene as load_scene
+from .loading import open_scene as open_scene
+from .mesh import Appearance as Appearance
+from .mesh import LabelledMesh as LabelledMesh
+from .pose import Pose as Pose
+from .projection import PinholeProjection as PinholeProjection
+from .projection import Projection as Projection
+from .projection import SphericalProjection as SphericalProjection
+from .range_image import RangeImage as RangeImage
+from .range_image import ScanTruth as ScanTruth
+from .raycast import Hits as Hits
+from .raycast import RayCaster as RayCaster
+from .scene import Scene as Scene
+from .surfaces import Cylinder as Cylinder
+from .surfaces import Plane as Plane
+from .surfaces import Surface as Surface
+from .surfaces import surfaces_close as surfaces_close
