@@ -1,26 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Completion: the surfaces behind occluders, inferred, bounded, textured, and marked as inferred."""
+"""Completion: the surfaces behind occluders, inferred, bounded, textured, and marked as inferred.
 
-from completion.evidence import EvidenceOptions, Label
-from completion.extension import Patch, Provenance
-from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane
-from completion.growing import SegmentationOptions
-from completion.model import Completion
-from completion.pipeline import CompletionOptions, complete
-from completion.texturing import TexturingOptions
+Names are imported when they are first used; `__init__.pyi` says from where.
+"""
 
-__all__ = [
-    "Completion",
-    "CompletionOptions",
-    "EvidenceOptions",
-    "FitError",
-    "Label",
-    "Patch",
-    "Provenance",
-    "SegmentationOptions",
-    "SurfaceFit",
-    "TexturingOptions",
-    "complete",
-    "fit_cylinder",
-    "fit_plane",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: MIT
+from .evidence import EvidenceOptions as EvidenceOptions
+from .evidence import Label as Label
+from .extension import Patch as Patch
+from .extension import Provenance as Provenance
+from .fitting import FitError as FitError
+from .fitting import SurfaceFit as SurfaceFit
+from .fitting import fit_cylinder as fit_cylinder
+from .fitting import fit_plane as fit_plane
+from .growing import SegmentationOptions as SegmentationOptions
+from .model import Completion as Completion
+from .pipeline import CompletionOptions as CompletionOptions
+from .pipeline import complete as complete
+from .texturing import TexturingOptions as TexturingOptions

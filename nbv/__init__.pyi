@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: MIT
+from .bound import LowerBound as LowerBound
+from .coverage import Coverage as Coverage
+from .coverage import CoverageSummary as CoverageSummary
+from .coverage import FaceCoverage as FaceCoverage
+from .coverage import SurfaceCoverage as SurfaceCoverage
+from .measurement import measure_coverage as measure_coverage
+from .measurement import measure_scan_coverage as measure_scan_coverage
+from .noise import NoiseModel as NoiseModel
+from .noise import noise_model as noise_model
+from .plan import Plan as Plan
+from .plan import read_plan as read_plan
+from .planner import PlannerOptions as PlannerOptions
+from .planner import explore as explore
+from .planning import plan_views as plan_views
+from .requirement import Requirement as Requirement
+from .samples import SurfaceSamples as SurfaceSamples
+from .samples import sample_surface as sample_surface
+from .scanner import scan_scene as scan_scene
+from .sensor import PinholeSensor as PinholeSensor
+from .sensor import Sensor as Sensor
+from .sensor import SphericalSensor as SphericalSensor
+from .sensor import load_sensor as load_sensor
+from .sensor import sensor_names as sensor_names
+from .view import View as View
+from .viewpoints import Candidates as Candidates
+from .viewpoints import load_candidates as load_candidates

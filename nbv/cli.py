@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: MIT
+"""Command line: `unseen` and its commands; a thin edge that imports nothing slow before a command runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from nbv.commands.arguments import parse_bytes, parse_numbers, parse_shape
+from nbv.commands.run import Shared
+
+_JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
+
+  study     how many views does a scene need, where, and what do they miss?
+            unseen plan builtin:two_occluders -o out/plan
+  complete  what is behind the chair? surfaces continued, textured, marked as inferred
+            unseen complete scan.e57 -o out/completed
+  coverage  which surface did these stations measure well enough, and why not the rest?
+            unseen coverage room.glb --plan out/plan/plan.json -o out/coverage
+
+All of it at once: unseen demo -o out/demo      All commands: unseen --help"""
+
+app = typer.Typer(
+    name="unseen",
+    help="Scan what can be scanned, infer what cannot, and say which is which.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder or file to write.", show_default=False)]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing.")]
+Threads = Annotated[
+    int | None,
+    typer.Option("--threads", min=1, help="Threads; results do not depend on it.", show_default="all cores"),
+]
+MaxMemory = Annotated[
+    str | None, typer.Option("--max-memory", metavar="SIZE", help="Like 2GB.", show_default="no limit")
+]
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]
+SensorOption = Annotated[str, typer.Option("--sensor", help="A profile by name, or a TOML file.")]
+NoiseOption = Annotated[str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ...")]
+Incidence = Annotated[
+    float, typer.Option("--max-incidence", metavar="DEG", help="Largest angle between ray and normal.")
+]
+MaxRange = Annotated[
+    float | None, typer.Option("--max-range", metavar="M", help="Largest range.", show_default="the sensor's")
+]
+UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
+UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
+ModeOption = Annotated[
+    Literal["room", "object"] | None,
+    typer.Option("--mode", help="Scan from within, or from around.", show_default="from the scene"),
+]
+Intrinsics = Annotated[
+    str | None,
+    typer.Option("--intrinsics", metavar="FX,FY,CX,CY", help="Of depth images, pixels.", show_default=False),
+]
+DepthScale = Annotated[
+    float | None, typer.Option("--depth-scale", metavar="N", help="Depth values a unit.", show_default=False)
+]
+Poses = Annotated[
+    str | None,
+    typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
+]
+
+
+def _shared(
+    out: Path | None, seed: int, as_json: bool, quiet: bool, threads: int | None, max_memory: str | None
+) -> Shared:
+    return Shared(
+        out=out,
+        seed=seed,
+        as_json=as_json,
+        quiet=quiet,
+        threads=threads,
+        max_memory=None if max_memory is None else parse_bytes(max_memory, "--max-memory"),
+    )
+
+
+@app.callback(invoke_without_command=True)
+def _jobs(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(_JOBS)
+
+
+@app.command()
+def demo(
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Plan, scan, complete, texture and report on a built-in room with two occluders."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    from nbv.demo import run_demo
+
+    run_demo(shared)
+
+
+@app.command()
+def scan(
+    scene: SceneArgument,
+    at: Annotated[str, typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.")],
+    look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
+    sensor: SensorOption = "generic60",
+    noise: NoiseOption = "none",
+    up: UpOption = "z",
+    units: UnitsOption = "m",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx or .e57."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
+    from nbv.commands.scan import run_scan
+
+    run_scan(shared, scene, eye=eye, target=target, sensor=sensor, noise=noise, up=up, units=units)
+
+
+@app.command()
+def plan(
+    scene: SceneArgument,
+    method: Annotated[
+        Literal["nbv", "cover"],
+        typer.Option("--method", help="Online without the scene, or offline with it."),
+    ] = "nbv",
+    sensor: SensorOption = "generic60",
+    max_incidence: Incidence = 60.0,
+    max_range: MaxRange = None,
+    target: Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")] = 0.99,
+    views: Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")] = None,
+    mode: ModeOption = None,
+    candidates: Annotated[
+        str | None,
+        typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions."),
+    ] = None,
+    noise: NoiseOption = "none",
+    up: UpOption = "z",
+    units: UnitsOption = "m",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Plan views of a scene: plan.json, coverage.json and report.html."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    from nbv.commands.plan import PlanRequest, run_plan
+
+    request = PlanRequest(
+        method=method,
+        sensor=sensor,
+        max_incidence_deg=max_incidence,
+        max_range_m=max_range,
+        target=target,
+        views=views,
+        mode=mode,
+        candidates=candidates,
+        noise=noise,
+        up=up,
+        units=units,
+    )
+    run_plan(shared, scene, request)
+
+
+@app.command()
+def coverage(
+    scene: SceneArgument,
+    plan: Annotated[
+        str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
+    ] = None,
+    scans: Annotated[
+        list[str] | None,
+        typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
+    ] = None,
+    sensor: SensorOption = "generic60",
+    max_incidence: Incidence = 60.0,
+    max_range: MaxRange = None,
+    mode: ModeOption = None,
+    up: UpOption = "z",
+    units: UnitsOption = "m",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Report which surface was measured well enough: coverage.json, .csv, .ply and report.html."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    if (plan is None) == (not scans):
+        raise typer.BadParameter("give either --plan plan.json or --scans FILE, one or more times")
+    from nbv.commands.coverage import CoverageRequest, run_coverage
+
+    request = CoverageRequest(
+        plan=plan,
+        scans=tuple(scans or ()),
+        sensor=sensor,
+        max_incidence_deg=max_incidence,
+        max_range_m=max_range,
+        mode=mode,
+        up=up,
+        units=units,
+    )
+    run_coverage(shared, scene, request)
+
+
+@app.command()
+def complete(
+    scans: Annotated[list[str], typer.Argument(metavar="SCAN...", help="Files or RGB-D folders; PATH#k.")],
+    mode: Annotated[
+        Literal["conservative", "standard", "bold"], typer.Option("--mode", help="How far to continue.")
+    ] = "standard",
+    sigma: Annotated[
+        float | None,
+        typer.Option("--sigma", metavar="M", min=0, help="Range noise.", show_default="from the scans"),
+    ] = None,
+    no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
+    intrinsics: Intrinsics = None,
+    depth_scale: DepthScale = None,
+    poses: Poses = None,
+    units: UnitsOption = "m",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    from nbv.commands.complete import run_complete
+    from nbv.commands.scans import ScanRequest
+
+    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units)
+    run_complete(shared, request, mode=mode, sigma_m=sigma, texture=not no_texture)
+
+
+@app.command()
+def texture(
+    image: Annotated[str, typer.Argument(metavar="IMAGE", help="PNG, JPEG, WebP or TIFF.")],
+    mask: Annotated[
+        str | None,
+        typer.Option("--mask", metavar="MASK", help="Fill where it is not zero.", show_default=False),
+    ] = None,
+    grow: Annotated[
+        str | None,
+        typer.Option("--grow", metavar="HxW", help="Grow a texture of this size.", show_default=False),
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option("--window", metavar="N", help="Odd, pixels.", show_default="from the sample")
+    ] = None,
+    order: Annotated[
+        Literal["paper", "window"], typer.Option("--order", help="The paper's, or slower and more reliable.")
+    ] = "paper",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Fill a hole in an image, or grow a texture from it, by Efros-Leung sampling."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    if (mask is None) == (grow is None):
+        raise typer.BadParameter("give either --mask MASK or --grow HxW")
+    shape = None if grow is None else parse_shape(grow, "--grow")
+    from nbv.commands.texture import run_texture
+
+    run_texture(shared, image, mask=mask, shape=shape, window=window, order=order)
+
+
+@app.command()
+def info(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
+    up: UpOption = "z",
+    units: UnitsOption = "m",
+    intrinsics: Intrinsics = None,
+    depth_scale: DepthScale = None,
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Tell what a scene or scan holds, with warnings; -o FILE.json keeps it."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    from nbv.commands.info import run_info
+
+    run_info(shared, file, up=up, units=units, intrinsics=camera, depth_scale=depth_scale)
+
+
+def main() -> None:
+    """Run `unseen`."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

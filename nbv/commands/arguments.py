@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""Arguments as text: numbers with commas, sizes, amounts of memory; what cannot be read is a usage error."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import typer
+
+
+def parse_bytes(text: str, option: str) -> int:
+    """Return the bytes that a text such as 2GB means.
+
+    Examples
+    --------
+    >>> parse_bytes("2GB", "--max-memory"), parse_bytes("1.5 GiB", "--max-memory")
+    (2000000000, 1610612736)
+    """
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?\s*", text, re.IGNORECASE)
+    size = 0.0
+    if match:
+        size = float(match[1]) * (1024 if match[3] else 1000) ** " kmgt".index(match[2].lower() or " ")
+    if size < 1:
+        raise typer.BadParameter(f"{text!r} is no amount of memory; write it like 2GB", param_hint=option)
+    return int(size)
+
+
+def parse_numbers(text: str, n: int, option: str) -> tuple[float, ...]:
+    """Return `n` finite numbers that are written with commas between them.
+
+    Examples
+    --------
+    >>> parse_numbers("1,-2.5,3e1", 3, "--at")
+    (1.0, -2.5, 30.0)
+    """
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != n or not all(math.isfinite(number) for number in numbers):
+        raise typer.BadParameter(
+            f"{text!r} is not {n} finite numbers with commas between them", param_hint=option
+        )
+    return numbers
+
+
+def parse_shape(text: str, option: str) -> tuple[int, int]:
+    """Return the rows and columns of a text such as 120x160.
+
+    Examples
+    --------
+    >>> parse_shape("120x160", "--grow")
+    (120, 160)
+    """
+    match = re.fullmatch(r"([1-9]\d{0,4})[xX]([1-9]\d{0,4})", text.strip())
+    if not match:
+        raise typer.BadParameter(f"{text!r} is no size; write HxW, like 120x160", param_hint=option)
+    return int(match[1]), int(match[2])

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: MIT
+"""`unseen coverage`: which surface given stations measured as required, what is missing, and why."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.commands.run import Run, Shared, running
+from nbv.commands.scans import ScanRequest, read_request
+from nbv.coverage import STATES, Coverage
+from nbv.measurement import CoverageTally, measure_coverage, measure_scan_coverage, measured_samples
+from nbv.plan import read_plan
+from nbv.reachability import scene_candidates
+from nbv.report.coverage_report import coverage_page
+from nbv.report.page import percent
+from nbv.report.surface_values import fine_coverage
+from nbv.requirement import Requirement
+from nbv.samples import SurfaceSamples, sample_surface
+from nbv.sensor import Sensor, load_sensor
+from nbv.view import View
+from scenes.atomic import write_json, write_text
+from scenes.files import Units
+from scenes.formats.ply import write_mesh_ply
+from scenes.loading import open_scene
+from scenes.orientation import Axis
+from scenes.pose import Pose
+from scenes.range_image import RangeImage
+from scenes.raycast import RayCaster
+from scenes.scene import Mode, Scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverageRequest:
+    """Which stations to judge, and by what: angles in degrees, lengths in metres."""
+
+    plan: str | None = None
+    scans: tuple[str, ...] = ()
+    sensor: str = "generic60"
+    max_incidence_deg: float = 60.0
+    max_range_m: float | None = None
+    mode: Mode | None = None
+    up: Axis = "z"
+    units: Units = "m"
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {
+            "plan": None if self.plan is None else Path(self.plan).name,
+            "scans": [Path(scan).name for scan in self.scans],
+            "sensor": Path(self.sensor).name,
+            "max_incidence_deg": self.max_incidence_deg,
+            "max_range_m": self.max_range_m,
+            "mode": self.mode,
+            "up": self.up,
+            "units": self.units,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Coverage, where the stations stand, and the share measured after each."""
+
+    coverage: Coverage
+    poses: tuple[Pose, ...]
+    met: tuple[float, ...]
+    sensor: Sensor
+
+
+def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
+    """Measure the coverage of `scene` by a plan's views or by scans, and write it."""
+    with running("coverage", shared, default="out/coverage", is_folder=True) as run:
+        run.watch.enter("load")
+        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        measured = _measure(run, world, request)
+        coverage = measured.coverage
+        run.watch.enter("report")
+        write_json(run.path("coverage.json"), coverage.to_json())
+        write_text(run.path("coverage.csv"), csv_of(coverage))
+        _write_ply(run.path("coverage.ply"), world, coverage)
+        options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
+        page = coverage_page(
+            world,
+            coverage,
+            measured.poses,
+            measured.met,
+            measured.sensor,
+            options,
+            shared.seed,
+            shared.threads,
+        )
+        page.write(run.path("report.html"))
+        files = [request.plan] if request.plan else list(request.scans)
+        resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
+        summary = {
+            "stations": len(measured.poses),
+            "coverage": coverage.summary().to_json(),
+            "met_of_reachable": coverage.met_of_reachable,
+            "unreachable_because": coverage.reasons(),
+        }
+        line = (
+            f"{len(measured.poses)} stations measure {percent(coverage.met)} % of the area, "
+            f"{percent(coverage.met_of_reachable)} % of what can be reached"
+        )
+        run.finish([scene, request.sensor, *files], resolved, summary, [line])
+
+
+def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
+    """Measure by views or by scans; both are walked twice, the first time for the curve."""
+    threads = run.shared.threads
+    requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
+    caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
+    if request.plan is not None:
+        views = read_plan(request.plan).views
+        sensor = views[0].sensor if views else load_sensor(request.sensor)
+        candidates = scene_candidates(world, sensor, mode=request.mode)
+        coverage = measure_coverage(
+            world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
+            caster=caster, n_threads=threads, progress=run.progress,
+        )  # fmt: skip
+        met = _met_by_views(caster, samples, requirement, views)
+        return _Measured(coverage, tuple(view.world_from_sensor for view in views), met, sensor)
+    scans = read_request(ScanRequest(request.scans, units="m"))
+    sensor = load_sensor(request.sensor)
+    candidates = scene_candidates(world, sensor, mode=request.mode)
+    coverage = measure_scan_coverage(
+        world, scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
+        caster=caster, n_threads=threads, progress=run.progress,
+    )  # fmt: skip
+    met = _met_by_scans(caster, samples, requirement, scans)
+    return _Measured(coverage, tuple(scan.world_from_sensor for scan in scans), met, sensor)
+
+
+def _met_by_views(
+    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, views: Sequence[View]
+) -> tuple[float, ...]:
+    """Share of the area that is measured after each view."""
+    tally = CoverageTally.start(caster, samples, requirement)
+    met = []
+    for view in views:
+        tally.add(view)
+        met.append(tally.met_m2() / samples.total_m2)
+    return tuple(met)
+
+
+def _met_by_scans(
+    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, scans: Sequence[RangeImage]
+) -> tuple[float, ...]:
+    """Share of the area that is measured after each scan."""
+    tally = CoverageTally.start(caster, samples, requirement)
+    met = []
+    for scan in scans:
+        tally.add_seen(*measured_samples(scan, samples, requirement.max_range_m or np.inf))
+        met.append(tally.met_m2() / samples.total_m2)
+    return tuple(met)
+
+
+def csv_of(coverage: Coverage) -> str:
+    """Return a row for each surface: id, name, area in square metres, fractions of it, mean best cosine."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["id", "name", "area_m2", "met", "reachable", "unreachable", "mean_best_cosine"])
+    for row in coverage.by_surface():
+        numbers = (row.area_m2, row.met, row.reachable, row.unreachable, row.mean_cosine)
+        writer.writerow([row.surface, row.name, *(repr(float(number)) for number in numbers)])
+    return text.getvalue()
+
+
+def _write_ply(path: Path, world: Scene, coverage: Coverage) -> None:
+    """Write the scene's faces, cut as finely as coverage was measured, with quality, views and state."""
+    fine = fine_coverage(world.mesh, coverage)
+    n = len(fine.corners)
+    colours = np.array([[244, 211, 158], [230, 159, 26], [158, 163, 163]], np.uint8)[fine.state]
+    properties: dict[str, NDArray[Any]] = {
+        **{name: np.repeat(colours[:, k], 3) for k, name in enumerate(("red", "green", "blue"))},
+        "best_cosine": np.repeat(fine.best_cosine.astype(np.float32), 3),
+        "views": np.repeat(fine.n_views, 3),
+        "state": np.repeat(fine.state, 3).astype(np.uint8),
+        "face": np.repeat(fine.face, 3),
+        "surface": np.repeat(fine.surface, 3),
+    }
+    legend = [f"state {value} {name}" for value, name in enumerate(STATES)]
+    triangles = np.arange(3 * n, dtype=np.int32).reshape(-1, 3)
+    write_mesh_ply(path, fine.corners.reshape(-1, 3), triangles, properties, legend)

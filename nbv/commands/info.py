@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""`unseen info`: what a scene or scan holds, with warnings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from nbv.commands.run import Shared, running
+from scenes.atomic import write_json
+from scenes.describe import describe
+from scenes.files import Units
+from scenes.orientation import Axis
+
+
+def run_info(
+    shared: Shared,
+    file: str,
+    *,
+    up: Axis,
+    units: Units,
+    intrinsics: tuple[float, ...] | None,
+    depth_scale: float | None,
+) -> None:
+    """Describe `file` on stdout; with an output file also there, with a manifest."""
+    default = Path(f"{Path(file.partition('#')[0]).name or 'input'}.info.json")
+    with running("info", shared, default=str(default), is_folder=False) as run:
+        camera = None if intrinsics is None else (intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
+        held = describe(file, up=up, units=units, intrinsics=camera, depth_scale=depth_scale)
+        lines = _lines(held)
+        if shared.out is None:  # nothing is written, so there is nothing to make a manifest for
+            run.say(held, lines)
+            return
+        write_json(run.out, held)
+        run.outputs.append(run.out)
+        options = {"up": up, "units": units, "intrinsics": intrinsics, "depth_scale": depth_scale}
+        run.finish([file], options, held, lines)
+
+
+def _lines(held: dict[str, Any]) -> list[str]:
+    """Return the description as lines of a table, warnings last."""
+    rows = [(key, _text(value)) for key, value in held.items() if key not in ("warnings", "scans")]
+    for scan in held.get("scans", []):
+        rows.append((f"scan {scan['number']}", scan["name"]))
+        rows += [(f"  {key}", _text(scan[key])) for key in scan if key not in ("number", "name", "bounds_m")]
+    width = max(len(key) for key, _ in rows)
+    lines = [f"{key:<{width}}  {text}" for key, text in rows]
+    return lines + [f"warning: {text}" for text in held.get("warnings", [])]
+
+
+def _text(value: Any) -> str:
+    """Return a value in few characters."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_text(item)}" for key, item in value.items()) or "none"
+    if isinstance(value, list):
+        shown = ", ".join(f"[{_text(item)}]" if isinstance(item, list) else _text(item) for item in value[:8])
+        return shown + (f", ... ({len(value)})" if len(value) > 8 else "") or "none"
+    return "none" if value is None else str(value)

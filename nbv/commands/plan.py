@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""`unseen plan`: views of a scene, what they cover, and a report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nbv.commands.run import Shared, running
+from nbv.coverage import Coverage
+from nbv.plan import Plan
+from nbv.planning import Method, plan_views
+from nbv.report.coverage_report import plan_page
+from nbv.report.page import percent
+from nbv.sensor import load_sensor
+from nbv.viewpoints import load_candidates
+from scenes.atomic import write_json
+from scenes.files import Units
+from scenes.loading import open_scene
+from scenes.orientation import Axis
+from scenes.scene import Mode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest:
+    """What to plan: angles in degrees, lengths in metres, the target a fraction of the reachable area."""
+
+    method: Method = "nbv"
+    sensor: str = "generic60"
+    max_incidence_deg: float = 60.0
+    max_range_m: float | None = None
+    target: float = 0.99
+    views: int | None = None
+    mode: Mode | None = None
+    candidates: str | None = None
+    noise: str = "none"
+    up: Axis = "z"
+    units: Units = "m"
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {
+            "method": self.method,
+            "sensor": Path(self.sensor).name,
+            "max_incidence_deg": self.max_incidence_deg,
+            "max_range_m": self.max_range_m,
+            "target": self.target,
+            "views": self.views,
+            "mode": self.mode,
+            "candidates": None if self.candidates is None else Path(self.candidates).name,
+            "noise": self.noise,
+            "up": self.up,
+            "units": self.units,
+        }
+
+
+def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
+    """Plan views of `scene` and write plan, coverage and report."""
+    with running("plan", shared, default="out/plan", is_folder=True) as run:
+        run.watch.enter("load")
+        world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        sensor = load_sensor(request.sensor)
+        candidates = None if request.candidates is None else load_candidates(request.candidates)
+        plan = plan_views(
+            world,
+            sensor,
+            method=request.method,
+            max_incidence_deg=request.max_incidence_deg,
+            max_range_m=request.max_range_m,
+            target=request.target,
+            views=request.views,
+            mode=request.mode,
+            candidates=candidates,
+            noise=request.noise,
+            rng=shared.seed,
+            n_threads=shared.threads,
+            progress=run.progress,
+        )
+        coverage = coverage_of(plan)
+        run.watch.enter("report")
+        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
+        write_json(run.path("coverage.json"), coverage.to_json())
+        options = {**request.options(), "mode": request.mode or world.mode}
+        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
+        page.write(run.path("report.html"))
+        inputs = [scene, request.sensor, *([request.candidates] if request.candidates else [])]
+        resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
+        run.finish(inputs, resolved, summary_of(plan), lines_of(plan))
+
+
+def coverage_of(plan: Plan) -> Coverage:
+    """Return the full coverage that a fresh plan holds."""
+    if not isinstance(plan.coverage, Coverage):
+        raise TypeError("a plan read from a file holds only the summary of its coverage")
+    return plan.coverage
+
+
+def summary_of(plan: Plan) -> dict[str, Any]:
+    """Return the headline numbers."""
+    coverage = coverage_of(plan)
+    return {
+        "method": plan.method,
+        "views": len(plan.views),
+        "coverage": coverage.summary().to_json(),
+        "met_of_reachable": coverage.met_of_reachable,
+        "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
+        "stopped_because": plan.stopped_because,
+    }
+
+
+def lines_of(plan: Plan) -> list[str]:
+    """Return the headline numbers for people."""
+    coverage = coverage_of(plan)
+    lines = [
+        f"{len(plan.views)} views measure {percent(coverage.met)} % of the area, "
+        f"{percent(coverage.met_of_reachable)} % of what can be reached",
+        f"stopped because: {plan.stopped_because}",
+    ]
+    if plan.lower_bound:
+        lines.append(f"no plan with these candidates needs fewer than {plan.lower_bound.views} views")
+    return lines

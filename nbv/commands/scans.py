@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: MIT
+"""Scans that a command was given: all of them in one world, or refused with the cure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.checks import InputError
+from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
+from scenes.formats.trajectory import read_poses
+from scenes.pose import Pose
+from scenes.range_image import RangeImage
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRequest:
+    """Scans and how to read them.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Files, folders, `PATH#k`.
+    intrinsics : tuple of float, optional
+        fx, fy, cx, cy in pixels.
+    depth_scale : float, optional
+        Depth values a unit.
+    poses : str, optional
+        A file with one pose a scan, in the order of the paths.
+    units : str
+        Unit of the files.
+    """
+
+    paths: tuple[str, ...]
+    intrinsics: tuple[float, ...] | None = None
+    depth_scale: float | None = None
+    poses: str | None = None
+    units: Units = "m"
+
+    @property
+    def inputs(self) -> list[str]:
+        """What the manifest lists."""
+        return [*self.paths, *([self.poses] if self.poses else [])]
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {
+            "scans": [Path(path).name for path in self.paths],
+            "intrinsics": self.intrinsics,
+            "depth_scale": self.depth_scale,
+            "poses": None if self.poses is None else Path(self.poses).name,
+            "units": self.units,
+        }
+
+
+def read_request(request: ScanRequest) -> list[RangeImage]:
+    """Return all scans of a request.
+
+    Raises
+    ------
+    InputError
+        Unusable files; several scans whose poses are not known.
+    """
+    camera: Intrinsics | None = None
+    if request.intrinsics is not None:
+        fx, fy, cx, cy = request.intrinsics
+        camera = (fx, fy, cx, cy)
+    given = _poses_of_each(request)
+    scans: list[RangeImage] = []
+    registered = True
+    for path, poses in zip(request.paths, given, strict=True):
+        scans += read_scans(
+            path, intrinsics=camera, depth_scale=request.depth_scale, poses=poses, units=request.units
+        )
+        registered &= poses is not None or open_scans(split_index(path)[0], intrinsics=camera).registered
+    at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
+    if len(scans) > 1 and (not registered or at_origin):
+        raise InputError(
+            f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
+            "(tx ty tz qx qy qz qw, world from sensor), or complete them one by one"
+        )
+    return scans
+
+
+def _poses_of_each(request: ScanRequest) -> Sequence[str | list[Pose] | None]:
+    """Return what `read_scans` takes as the poses of each path."""
+    if request.poses is None or len(request.paths) == 1:
+        return [request.poses] * len(request.paths)
+    found = read_poses(Path(request.poses))
+    counts = []
+    for path in request.paths:
+        base, number = split_index(path)
+        counts.append(len(open_scans(base).readers) if number is None else 1)
+    if sum(counts) != len(found):
+        raise InputError(f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan")
+    ends = np.cumsum(counts)
+    return [found[end - count : end] for end, count in zip(ends, counts, strict=True)]

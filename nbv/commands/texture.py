@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""`unseen texture`: fill a hole in an image or grow a texture, and say where each pixel came from."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from nbv.commands.run import Shared, running
+from scenes.atomic import write_bytes
+from scenes.checks import InputError
+from scenes.formats.guard import check_file, check_size, reading
+from texture.pipeline import fill, grow
+from texture.synthesis import Synthesis
+
+_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
+
+
+def run_texture(
+    shared: Shared,
+    image: str,
+    *,
+    mask: str | None,
+    shape: tuple[int, int] | None,
+    window: int | None,
+    order: Literal["paper", "window"],
+) -> None:
+    """Fill the masked pixels of `image`, or grow a texture of `shape` from it."""
+    with running("texture", shared, default="texture.png", is_folder=False) as run:
+        _format_of(run.out)
+        pixels = read_image(image)
+        hole = None if mask is None else read_mask(mask)
+
+        def tell(done: int, total: int) -> None:
+            run.progress("texture", done, total)
+
+        try:
+            if hole is not None:
+                made = fill(pixels, hole, window=window, order=order, rng=shared.seed, progress=tell)
+            else:
+                made = grow(
+                    pixels, shape or (1, 1), window=window, order=order, rng=shared.seed, progress=tell
+                )
+        except ValueError as error:  # the texture package's checks of its arguments
+            raise InputError(f"{image}: {error}") from error
+        write_image(run.out, made.image)
+        run.outputs.append(run.out)
+        run.outputs.append(_write_provenance(run.out, made))
+        options = {
+            "mask": None if mask is None else Path(mask).name,
+            "grow": shape,
+            "window": window,
+            "order": order,
+        }
+        summary: dict[str, Any] = {
+            "rows": made.image.shape[0],
+            "columns": made.image.shape[1],
+            "filled": made.error.size if hole is None else int(np.count_nonzero(hole)),
+            "window": made.window,
+            "seeds": made.n_seeds,
+            "relaxed": made.n_relaxed,
+        }
+        line = f"{summary['filled']} pixels, window {made.window}"
+        run.finish([image] if mask is None else [image, mask], options, summary, [line])
+
+
+def read_image(path: str) -> NDArray[np.uint8]:
+    """Return an image as (h, w) or (h, w, c) uint8: grey, grey with alpha, RGB or RGBA.
+
+    Raises
+    ------
+    InputError
+        Missing, damaged, of unreasonable size, or of more than 8 bits.
+    """
+    with _opened(path) as opened:
+        if opened.mode.startswith(("I", "F")):
+            raise InputError(f"has pixels of mode {opened.mode}; convert it to 8 bits first")
+        if opened.mode == "1":
+            opened = opened.convert("L")
+        elif opened.mode not in ("L", "LA", "RGB", "RGBA"):
+            opened = opened.convert("RGBA" if opened.has_transparency_data else "RGB")
+        return np.array(opened, dtype=np.uint8)
+
+
+def read_mask(path: str) -> NDArray[np.bool_]:
+    """Return where an image (h, w) is not zero in any of its colours; alpha does not count."""
+    with _opened(path) as opened:
+        if opened.mode not in ("1", "L", "LA", "RGB", "RGBA") and not opened.mode.startswith(("I", "F")):
+            opened = opened.convert("RGB")
+        values = np.array(opened)
+    if values.ndim == 2:
+        return np.asarray(values != 0, dtype=np.bool_)
+    n_colours = 3 if values.shape[2] > 2 else 1
+    return np.asarray((values[..., :n_colours] != 0).any(axis=2), dtype=np.bool_)
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[Image.Image]:
+    file = check_file(Path(path))
+    with reading(file, "an image"), Image.open(file) as opened:
+        check_size(opened.height, opened.width)
+        yield opened
+
+
+def write_image(path: Path, pixels: NDArray[Any]) -> None:
+    """Write an image by its suffix; JPEG loses alpha."""
+    kind = _format_of(path)
+    image = Image.fromarray(pixels)
+    if kind == "JPEG" and image.mode in ("LA", "RGBA"):
+        image = image.convert("L" if image.mode == "LA" else "RGB")
+    data = io.BytesIO()
+    if kind == "WEBP":
+        image.save(data, kind, lossless=True)
+    elif kind == "JPEG":
+        image.save(data, kind, quality=95)
+    else:
+        image.save(data, kind)
+    write_bytes(path, data.getvalue())
+
+
+def _format_of(path: Path) -> str:
+    if path.suffix.lower() not in _FORMATS:
+        raise InputError(f"{path}: cannot write images to {path.suffix or 'a name without suffix'}; "
+                         f"known: {', '.join(_FORMATS)}")  # fmt: skip
+    return _FORMATS[path.suffix.lower()]
+
+
+def _write_provenance(image: Path, made: Synthesis) -> Path:
+    """Write where each pixel came from beside the image; return the file."""
+    data = io.BytesIO()
+    np.savez_compressed(
+        data,
+        source_rows=made.source_rows,
+        source_cols=made.source_cols,
+        error=made.error,
+        window=made.window,
+        n_seeds=made.n_seeds,
+        n_relaxed=made.n_relaxed,
+    )
+    target = image.with_name(f"{image.name}.provenance.npz")
+    write_bytes(target, data.getvalue())
+    return target

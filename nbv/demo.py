@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""The demo: plan a room with two occluders, complete a few of its scans, and compare with the truth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from completion.pipeline import complete
+from nbv.commands.complete import save
+from nbv.commands.plan import coverage_of
+from nbv.commands.run import Shared, running
+from nbv.measurement import measured_samples
+from nbv.planning import plan_views
+from nbv.report.demo_report import demo_page
+from nbv.report.page import percent, square_metres
+from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
+from nbv.samples import SurfaceSamples
+from nbv.scanner import scan_scene
+from nbv.sensor import load_sensor
+from scenes.atomic import write_json
+from scenes.builtin import builtin_scene
+from scenes.range_image import RangeImage
+
+SCENE, SENSOR = "two_occluders", "generic60"
+MAX_INCIDENCE_DEG, TARGET, MOST_VIEWS = 60.0, 0.99, 40
+N_SCANS = 3  # that are completed
+
+
+def run_demo(shared: Shared) -> None:
+    """Plan views, complete the scans of a few of them, compare with the truth, and write everything."""
+    with running("demo", shared, default="out/demo", is_folder=True) as run:
+        scene, sensor, threads = builtin_scene(SCENE), load_sensor(SENSOR), shared.threads
+        caster = scene.ray_caster(threads)
+        plan = plan_views(
+            scene,
+            sensor,
+            max_incidence_deg=MAX_INCIDENCE_DEG,
+            target=TARGET,
+            views=MOST_VIEWS,
+            rng=shared.seed,
+            n_threads=threads,
+            progress=run.progress,
+        )
+        run.watch.enter("scan")
+        coverage = coverage_of(plan)
+        every = [
+            scan_scene(scene, view, rng=shared.seed, caster=caster, name=f"view {number}")
+            for number, view in enumerate(plan.views, start=1)
+        ]
+        chosen = best_scans(every, coverage.samples, N_SCANS)
+        scans = [every[k] for k in chosen]
+        completion = complete(scans, rng=shared.seed, n_threads=threads, progress=run.progress)
+        run.watch.enter("save")
+        write_json(run.path("plan.json"), plan.to_json())
+        write_json(run.path("coverage.json"), coverage.to_json())
+        save(run, completion)
+        run.watch.enter("compare")
+        comparison = compare(completion, scans, scene.mesh, coverage.samples)
+        run.watch.enter("report")
+        options: dict[str, Any] = {
+            "scene": SCENE,
+            "sensor": SENSOR,
+            "max_incidence_deg": MAX_INCIDENCE_DEG,
+            "target": TARGET,
+            "most_views": MOST_VIEWS,
+            "scans_completed": [k + 1 for k in chosen],
+        }
+        page = demo_page(scene, plan, chosen, completion, comparison, options, shared.seed, threads)
+        page.write(run.path("report.html"))
+        summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
+        shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
+        lines = [
+            f"the scanner alone: {len(plan.views)} views measure {percent(coverage.met)} % at "
+            f"{MAX_INCIDENCE_DEG:g} deg or less; no view reaches {percent(coverage.unreachable)} %",
+            f"{len(chosen)} of these scans: measured {percent(shares[MEASURED])} %, "
+            f"inferred {percent(shares[INFERRED])} %, unknown {percent(shares[UNKNOWN])} %",
+            f"inferred {square_metres(completion.hypothesised_m2)} m2, "
+            f"{percent(comparison.within_close)} % of it within 2 cm of the true surface",
+            f"open {run.out / 'report.html'}",
+        ]
+        run.finish([f"builtin:{SCENE}"], options, summary, lines)
+
+
+def best_scans(scans: list[RangeImage], samples: SurfaceSamples, n: int) -> list[int]:
+    """Return the numbers, from 0 and in order, of `n` scans that measure much: each adds the most."""
+    seen = [measured_samples(scan, samples)[0] for scan in scans]
+    left = samples.areas.copy()
+    chosen: list[int] = []
+    for _ in range(min(n, len(scans))):
+        gains = [float(left[index].sum()) for index in seen]
+        chosen.append(max((k for k in range(len(scans)) if k not in chosen), key=lambda k: gains[k]))
+        left[seen[chosen[-1]]] = 0.0
+    return sorted(chosen)
+
+
+def summary_of(comparison: Comparison, chosen: list[int]) -> dict[str, Any]:
+    """Return what the scans and the completion give of the true surface."""
+    return {
+        "scans": [k + 1 for k in chosen],
+        "measured": comparison.share(MEASURED),
+        "inferred": comparison.share(INFERRED),
+        "unknown": comparison.share(UNKNOWN),
+        "inferred_within_2cm": comparison.within_close,
+        "inferred_median_distance_m": comparison.median_m,
+    }

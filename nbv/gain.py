@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: MIT
+"""Gain: how much unknown or badly seen surface each candidate view would see.
+
+After Sanchiz and Fisher (1999): gain = w_v * visible area of unknown faces (occplane and frontier,
+foreshortened) + w_q * visible area of surface that has only been seen at a worse angle than required and
+would now be seen at a good one. All directions of a position are scored by one cast: rays from the targets
+to the position against the faces of the voxel map fill a spherical accumulator, over which the aperture
+slides.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from nbv.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
+from nbv.sensor import Sensor
+from nbv.viewpoints import Candidates
+from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.pose import Pose
+from scenes.raycast import RayCaster
+
+_CELLS = 16  # cells of the accumulator along a cube edge: 6 x 16 x 16, about 5.6 deg each
+_REFINED = 8  # best poses of the accumulator whose gain is counted exactly
+_FLATTEST = 0.05  # unknown faces seen flatter than this do not count
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainOptions:
+    """Weights of the gain.
+
+    Parameters
+    ----------
+    occplane_weight : float
+        w_v, for unknown faces.
+    quality_weight : float
+        w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
+    angle_margin_deg : float
+        By how many degrees a predicted view must be better than required: voxels know normals roughly.
+    max_attempts : int
+        A target that this many views should have settled, and did not, no longer counts.
+    max_targets : int
+        Candidates are compared by at most so many targets; above, every k-th stands for its neighbours.
+
+    Raises
+    ------
+    InputError
+        Negative weights or margin, both weights 0, counts below 1.
+    """
+
+    occplane_weight: float = 1.0
+    quality_weight: float = 1.0
+    angle_margin_deg: float = 2.0
+    max_attempts: int = 2
+    max_targets: int = 2000
+
+    def __post_init__(self) -> None:
+        if min(self.occplane_weight, self.quality_weight, self.angle_margin_deg) < 0:
+            raise InputError(f"weights and margin of the gain must not be negative, got {self}")
+        if self.occplane_weight == 0 and self.quality_weight == 0:
+            raise InputError("with both weights 0 no view has any gain; give one a positive weight")
+        if min(self.max_attempts, self.max_targets) < 1:
+            raise InputError(f"max_attempts and max_targets must be at least 1, got {self}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets:
+    """What is worth seeing.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) float
+        Where a view must look, in free space just before the target; and the target's normal.
+    worth_m2 : (n,) float
+        Weighted area.
+    voxel : (n,) int64
+        Voxel of the target.
+    is_unknown : (n,) bool
+        Unknown face (its worth is foreshortened) or badly seen surface (all or nothing).
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    worth_m2: FloatArray
+    voxel: NDArray[np.int64]
+    is_unknown: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def some(self, chosen: BoolArray | NDArray[np.int64] | slice, times_worth: int = 1) -> Targets:
+        """Return the chosen targets, each worth so many times as much."""
+        worth = self.worth_m2[chosen] * times_worth
+        return Targets(
+            self.points[chosen], self.normals[chosen], worth, self.voxel[chosen], self.is_unknown[chosen]
+        )
+
+    def thinned(self, n_most: int) -> Targets:
+        """Return at most about `n_most` targets: every k-th, worth k times as much."""
+        k = -(-len(self) // n_most)
+        return self if k <= 1 else self.some(slice(k // 2, None, k), k)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BestView:
+    """The best candidate: its pose, its gain in weighted square metres, and the targets it should settle."""
+
+    pose: Pose
+    gain_m2: float
+    targets: Targets
+
+
+def find_targets(
+    voxels: VoxelMap,
+    faces: BoundaryFaces,
+    required_cosine: float,
+    attempts: NDArray[np.int32],
+    options: GainOptions,
+) -> Targets:
+    """List what is worth seeing.
+
+    Parameters
+    ----------
+    voxels, faces : VoxelMap, BoundaryFaces
+        The map and its boundary.
+    required_cosine : float
+        Surfels of lower quality are targets.
+    attempts : (2, n_voxels) int
+        How many views should have settled a voxel's badly seen surface (0) and unknown faces (1).
+    options : GainOptions
+        Weights.
+    """
+    side = voxels.grid.voxel_m
+    label = voxels.labels[faces.voxel]
+    unknown = ((label == OCCPLANE) | (label == UNSEEN)) & (attempts[1, faces.voxel] < options.max_attempts)
+    surfels = voxels.surfels
+    poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
+    before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
+    before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
+    slope = voxels.towards_empty(faces.voxel[unknown])
+    flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
+    worth = [
+        options.occplane_weight * side**2 * flatter,
+        options.quality_weight * surfels.areas[poor],
+    ]
+    targets = Targets(
+        points=np.concatenate([before_faces, before_surface]),
+        normals=np.concatenate([slope, surfels.normals[poor]]),
+        worth_m2=np.concatenate(worth),
+        voxel=np.concatenate([faces.voxel[unknown], surfels.voxels[poor]]),
+        is_unknown=np.repeat([True, False], [len(before_faces), len(before_surface)]),
+    )
+    return targets.some(targets.worth_m2 > 0)
+
+
+def best_view(
+    voxels: VoxelMap,
+    faces: BoundaryFaces,
+    targets: Targets,
+    candidates: Candidates,
+    sensor: Sensor,
+    required_cosine: float,
+    *,
+    n_most: int = 2000,
+    n_threads: int | None = None,
+) -> BestView | None:
+    """Return the candidate with the largest gain, the first of equals; None where none has any.
+
+    Parameters
+    ----------
+    voxels, faces, targets
+        The map, its boundary and `find_targets` of it.
+    candidates : Candidates
+        Positions that are free, and directions.
+    sensor : Sensor
+        Aperture and range gate.
+    required_cosine : float
+        At which badly seen surface counts as seen well, margin included.
+    n_most : int
+        Candidates are compared by at most so many of the targets; the gain of the best is that of all
+        targets.
+    n_threads : int, optional
+        Threads; the result does not depend on it.
+    """
+    if not len(targets) or not candidates.n_poses:
+        return None
+    caster = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1)
+    some = targets.thinned(n_most)
+    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+        look = partial(_seen_from, caster, some, required_cosine, sensor)
+        seen = list(pool.map(look, candidates.positions))
+    if candidates.directions.ndim == 2:
+        numbers = _best_by_accumulator(seen, some, candidates, sensor)
+    else:
+        numbers = np.arange(candidates.n_poses)
+    number = _best_exactly(numbers, seen, some, candidates, sensor)
+    if number is None:
+        return None
+    pose = candidates.pose(number)
+    index, worth = _seen_from(caster, targets, required_cosine, sensor, pose.translation)
+    inside = sensor.sees((targets.points[index] - pose.translation) @ pose.rotation)
+    return BestView(pose, float(worth[inside].sum()), targets.some(index[inside]))
+
+
+Sight = tuple[NDArray[np.int64], FloatArray]
+
+
+def _seen_from(
+    caster: RayCaster, targets: Targets, required_cosine: float, sensor: Sensor, position: FloatArray
+) -> Sight:
+    """Return the targets that a position sees in any direction, and what each is worth from there."""
+    floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
+    towards = position - targets.points
+    distance = np.linalg.norm(towards, axis=1)
+    slope = np.einsum("ij,ij->i", towards, targets.normals)
+    near = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m) & (distance > 0)
+    index = np.flatnonzero(near & (slope >= floor * distance))
+    if not len(index):
+        return index, np.zeros(0)
+    index = index[~caster.blocked(targets.points[index], np.broadcast_to(position, (len(index), 3)))]
+    cosine = slope[index] / distance[index]
+    return index, targets.worth_m2[index] * np.where(targets.is_unknown[index], cosine, 1.0)
+
+
+def _best_by_accumulator(
+    seen: list[Sight], targets: Targets, candidates: Candidates, sensor: Sensor
+) -> NDArray[np.int64]:
+    """Return the numbers of the few best poses, by sliding the aperture over each position's accumulator."""
+    ends = np.cumsum([0] + [len(index) for index, _ in seen])
+    index = np.concatenate([index for index, _ in seen])
+    worth = np.concatenate([value for _, value in seen])
+    position = np.repeat(candidates.positions, np.diff(ends), axis=0)
+    cells = cell_of(targets.points[index] - position)
+    accumulators = csr_array((worth, cells, ends), shape=(len(seen), 6 * _CELLS**2))
+    apertures = [sensor.sees(cell_directions() @ rotation) for rotation in candidates.rotations()]
+    gains = (accumulators @ csr_array(np.array(apertures, dtype=np.float64).T)).toarray().ravel()
+    return np.sort(np.argsort(-gains, kind="stable")[:_REFINED])
+
+
+def _best_exactly(
+    numbers: NDArray[np.int64], seen: list[Sight], targets: Targets, candidates: Candidates, sensor: Sensor
+) -> int | None:
+    """Return the best of the numbered poses, each target tested against the aperture; None without gain."""
+    best, most = None, 0.0
+    for number in numbers.tolist():
+        index, worth = seen[number // candidates.n_directions]
+        pose = candidates.pose(number)
+        gain = float(worth[sensor.sees((targets.points[index] - pose.translation) @ pose.rotation)].sum())
+        if gain > most:
+            best, most = number, gain
+    return best
+
+
+def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
+    """Cell (n,) of the spherical accumulator, a cube map, that each direction (n, 3) falls into."""
+    axis = np.argmax(np.abs(offsets), axis=1)
+    rows = np.arange(len(offsets))
+    length = offsets[rows, axis]
+    side = axis + 3 * (length < 0)
+    u, v = offsets[rows, (axis + 1) % 3] / np.abs(length), offsets[rows, (axis + 2) % 3] / np.abs(length)
+    i, j = (np.clip((c + 1) / 2 * _CELLS, 0, _CELLS - 1).astype(np.int64) for c in (u, v))
+    return np.asarray((side * _CELLS + i) * _CELLS + j, dtype=np.int64)
+
+
+def cell_directions() -> FloatArray:
+    """Unit directions (6 * 16 * 16, 3) of the middles of the accumulator's cells."""
+    side, i, j = np.unravel_index(np.arange(6 * _CELLS**2), (6, _CELLS, _CELLS))
+    rows, axis = np.arange(len(side)), side % 3
+    directions = np.zeros((len(side), 3))
+    directions[rows, axis] = np.where(side < 3, 1.0, -1.0)
+    directions[rows, (axis + 1) % 3] = (i + 0.5) / _CELLS * 2 - 1
+    directions[rows, (axis + 2) % 3] = (j + 0.5) / _CELLS * 2 - 1
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+
+def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Move surface points along their normals until they lie in an empty voxel, by one to two voxels."""
+    lifted = points + normals * voxels.grid.voxel_m * 2
+    for sides in (1.75, 1.5, 1.25, 1.0):
+        nearer = points + normals * voxels.grid.voxel_m * sides
+        cell = voxels.grid.index_of(nearer)
+        free = np.where(cell >= 0, voxels.labels[cell] == EMPTY, voxels.outside_is_empty)
+        lifted[free] = nearer[free]
+    return lifted

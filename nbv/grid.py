@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""Voxel grid: equal cubes that fill a box of the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+
+_WISHED_VOXELS = 8e4
+_WISHED_VOXELS_OF_LARGE = 4e5
+_FINE_ENOUGH_M = 0.1  # large volumes get more voxels until they are this small
+_MOST_VOXELS = 5e7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VoxelGrid:
+    """Cubes of side `voxel_m` (metres) from `origin` (3,) along the world's axes, `shape` of them.
+
+    Voxels are numbered in C order. Indices of points outside are -1.
+
+    Examples
+    --------
+    >>> grid = VoxelGrid(np.zeros(3), (2, 3, 4), 0.5)
+    >>> grid.index_of(np.array([[0.6, 0.1, 1.9], [9.0, 0.0, 0.0]])).tolist()
+    [15, -1]
+    >>> grid.centres()[15].tolist()
+    [0.75, 0.25, 1.75]
+    """
+
+    origin: FloatArray
+    shape: tuple[int, int, int]
+    voxel_m: float
+
+    def __post_init__(self) -> None:
+        if not self.voxel_m > 0 or min(self.shape) < 1:
+            raise InputError(
+                f"a voxel grid needs a positive side and shape, got {self.voxel_m}, {self.shape}"
+            )
+        object.__setattr__(self, "origin", frozen_copy(self.origin, np.float64))
+
+    @classmethod
+    def around(cls, bounds: FloatArray, voxel_m: float | None = None) -> VoxelGrid:
+        """Return the grid that holds `bounds` (2, 3) with at least half a voxel to spare on every side.
+
+        Surfaces on the bounds then lie well inside voxels. Without `voxel_m` there are about 80,000 voxels,
+        in large volumes up to 400,000 until a voxel is 0.1 m.
+
+        Raises
+        ------
+        InputError
+            Bounds that are not finite or upside down; a voxel so small that there are more than 5e7.
+        """
+        low, high = np.asarray(bounds, dtype=np.float64)
+        extent = high - low
+        if not np.isfinite(extent).all() or (extent < 0).any() or extent.max() <= 0:
+            raise InputError(f"bounds must be finite and rise, got {low.tolist()} to {high.tolist()}")
+        side = voxel_m or _default_side(extent)
+        shape = np.ceil(extent / side - 1e-6).astype(int) + 1
+        if np.prod(shape.astype(float)) > _MOST_VOXELS:
+            raise InputError(
+                f"a voxel of {side} m needs {np.prod(shape.astype(float)):.3g} voxels; use a larger one"
+            )
+        spare = (shape * side - extent) / 2
+        return cls(low - spare, (int(shape[0]), int(shape[1]), int(shape[2])), side)
+
+    @property
+    def n_voxels(self) -> int:
+        """How many voxels there are."""
+        return int(np.prod(self.shape))
+
+    def index_of(self, points: FloatArray) -> NDArray[np.int64]:
+        """Voxel number (n,) of `points` (n, 3); -1 outside or where not finite."""
+        with np.errstate(invalid="ignore"):
+            cell = np.floor((points - self.origin) / self.voxel_m)
+            inside: BoolArray = np.all((cell >= 0) & (cell < np.array(self.shape)), axis=-1)
+        i, j, k = np.where(inside[..., None], cell, 0).astype(np.int64).T
+        return np.where(inside, (i * self.shape[1] + j) * self.shape[2] + k, -1)
+
+    def centres(self, voxels: NDArray[np.int64] | None = None) -> FloatArray:
+        """Centres (n, 3) of the numbered voxels, of all when not given."""
+        numbers = np.arange(self.n_voxels) if voxels is None else voxels
+        cell = np.stack(np.unravel_index(numbers, self.shape), axis=-1)
+        centres: FloatArray = self.origin + (cell + 0.5) * self.voxel_m
+        return centres
+
+
+def _default_side(extent: FloatArray) -> float:
+    volume = float(np.prod(np.maximum(extent, extent.max() / 20)))
+    coarse, fine = ((volume / n) ** (1 / 3) for n in (_WISHED_VOXELS, _WISHED_VOXELS_OF_LARGE))
+    return float(min(coarse, max(fine, _FINE_ENOUGH_M)))

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: MIT
+"""Occupancy: what the scans so far say about each voxel of the volume to explore.
+
+After Massios and Fisher (1998): a voxel is `UNSEEN` at first, `SEEN` when it holds a range sample, `EMPTY`
+between sensor and surface, `OCCLUDED` behind a surface, and `OCCPLANE` when it is occluded next to an empty
+one: the face of the shadow. The aperture leaves another such face, unseen voxels next to empty ones: the
+frontier. Seen beats empty, empty beats occluded, so that thin surfaces stay and shadows shrink.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from nbv.grid import VoxelGrid
+from nbv.sensor import Sensor
+from nbv.surfels import Surfels
+from scenes.checks import BoolArray, FloatArray, frozen_copy
+from scenes.range_image import RangeImage
+
+UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)
+LABELS = ("unseen", "seen", "empty", "occluded", "occplane")
+_HALF_DIAGONAL = np.sqrt(3) / 2  # of a voxel, in sides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundaryFaces:
+    """Voxel faces between empty space and anything else.
+
+    Attributes
+    ----------
+    voxel : (n,) int64
+        The voxel that is not empty.
+    centres, outward : (n, 3) float
+        Centre of the face in metres, and unit direction from the voxel into the empty space.
+    """
+
+    voxel: NDArray[np.int64]
+    centres: FloatArray
+    outward: FloatArray
+
+    def triangles(self, voxel_m: float) -> tuple[FloatArray, NDArray[np.int32]]:
+        """Return vertices (4 n, 3) and faces (2 n, 3) of the squares."""
+        u = np.roll(np.abs(self.outward), 1, axis=1) * voxel_m / 2
+        v = np.roll(np.abs(self.outward), 2, axis=1) * voxel_m / 2
+        corners = np.stack([-u - v, u - v, u + v, v - u], axis=1) + self.centres[:, None]
+        first = 4 * np.arange(len(self.voxel))[:, None, None]
+        return corners.reshape(-1, 3), (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3).astype(
+            np.int32
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VoxelMap:
+    """What is known of a volume.
+
+    Attributes
+    ----------
+    grid : VoxelGrid
+        The voxels.
+    labels : (n_voxels,) int8
+        Index into `LABELS`.
+    surfels : Surfels
+        Seen surface with its normals and best quality.
+    outside_is_empty : bool
+        Whether the space around the volume is free (an object on a turntable) or solid (a room in a
+        building).
+    """
+
+    grid: VoxelGrid
+    labels: NDArray[np.int8]
+    surfels: Surfels
+    outside_is_empty: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", frozen_copy(self.labels, np.int8))
+
+    @classmethod
+    def unknown(
+        cls, volume: FloatArray, *, voxel_m: float | None = None, outside_is_empty: bool = False
+    ) -> VoxelMap:
+        """Return the map of a volume (2, 3), metres, of which nothing is known."""
+        grid = VoxelGrid.around(volume, voxel_m)
+        return cls(grid, np.full(grid.n_voxels, UNSEEN, np.int8), Surfels.none(), outside_is_empty)
+
+    def integrated(self, scan: RangeImage, sensor: Sensor) -> VoxelMap:
+        """Return the map after one more scan.
+
+        Every voxel centre is looked up in the pixel that sees it: nearer than the measured range by more
+        than half a voxel's diagonal, the voxel is empty; farther by as much, it is occluded. A pixel
+        without return says that the ray is empty as far as the sensor reaches.
+
+        Parameters
+        ----------
+        scan : RangeImage
+            The scan.
+        sensor : Sensor
+            What took it: its aperture tells pixels without return from pixels that never looked.
+        """
+        labels = np.where(self.labels == OCCPLANE, OCCLUDED, self.labels)
+        behind, before = self._sides_of(scan, sensor)
+        labels[behind[labels[behind] == UNSEEN]] = OCCLUDED
+        labels[before[labels[before] != SEEN]] = EMPTY
+        hit = self.grid.index_of(scan.points()[scan.valid])
+        labels[hit[hit >= 0]] = SEEN
+        surfels = self.surfels.merged(Surfels.of_scan(scan, self.grid))
+        return replace(self, labels=labels, surfels=surfels)._with_occplane()
+
+    def cleared(self, position: FloatArray, radius_m: float) -> VoxelMap:
+        """Return the map with unknown voxels around `position` (3,) empty: the sensor stands there."""
+        near = np.linalg.norm(self.grid.centres() - position, axis=1) <= radius_m
+        labels = np.where(near & (self.labels != SEEN), EMPTY, self.labels).astype(np.int8)
+        return replace(self, labels=labels)._with_occplane()
+
+    def is_free(self, positions: FloatArray, clearance_m: float) -> BoolArray:
+        """Tell at which positions (p, 3) all voxels nearer than `clearance_m` are known to be empty."""
+        cell = self.grid.index_of(positions)
+        if self.outside_is_empty:
+            return np.asarray((cell < 0) | (self.labels[cell] == EMPTY))
+        blocked = np.pad(self.labels.reshape(self.grid.shape) != EMPTY, 1, constant_values=True)
+        distance = distance_transform_edt(~blocked)[1:-1, 1:-1, 1:-1].ravel() * self.grid.voxel_m
+        return np.asarray((cell >= 0) & (distance[cell] >= clearance_m))
+
+    def boundary(self) -> BoundaryFaces:
+        """Return the faces between empty voxels and all others."""
+        shape = self.grid.shape
+        empty = self._padded_empty()
+        solid = (self.labels != EMPTY).reshape(shape)
+        voxels, steps = [], []
+        for axis in range(3):
+            for step in (1, -1):
+                number = np.flatnonzero(solid & _neighbour(empty, axis, step))
+                voxels.append(number)
+                steps.append(np.broadcast_to(step * np.eye(3)[axis], (len(number), 3)))
+        voxel, outward = np.concatenate(voxels), np.concatenate(steps)
+        return BoundaryFaces(voxel, self.grid.centres(voxel) + outward * (self.grid.voxel_m / 2), outward)
+
+    def towards_empty(self, voxel: NDArray[np.int64]) -> FloatArray:
+        """Unit directions (n, 3) in which it gets emptier around each voxel: normals of what is unknown.
+
+        Voxel faces make stairs of a slanted boundary; this is the slope of the stairs.
+        """
+        empty = gaussian_filter(self._padded_empty().astype(np.float32), 1.0, mode="nearest")
+        around = np.stack([slope[1:-1, 1:-1, 1:-1].ravel()[voxel] for slope in np.gradient(empty)], axis=1)
+        length = np.linalg.norm(around, axis=1, keepdims=True)
+        unit: FloatArray = np.divide(around, length, out=np.zeros(around.shape), where=length > 0)
+        return unit
+
+    def _sides_of(self, scan: RangeImage, sensor: Sensor) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the voxels behind what the scan has met, and those before it."""
+        pose = scan.world_from_sensor
+        centres = self.grid.centres()
+        local = (centres - pose.translation) @ pose.rotation
+        pixels = scan.projection.pixels(local)
+        looked = np.flatnonzero(sensor.sees(local) & np.isfinite(pixels).all(axis=1))
+        row, column = np.rint(pixels[looked]).astype(np.int64).T
+        rows, columns = scan.shape
+        measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        distance = np.linalg.norm(local[looked], axis=1)
+        margin = _HALF_DIAGONAL * self.grid.voxel_m
+        reach = np.where(np.isfinite(measured), measured, sensor.max_range_m)
+        behind = np.isfinite(measured) & (distance > measured + margin)
+        return looked[behind], looked[distance < reach - margin]
+
+    def _padded_empty(self) -> BoolArray:
+        empty = (self.labels == EMPTY).reshape(self.grid.shape)
+        return np.pad(empty, 1, constant_values=self.outside_is_empty)
+
+    def _with_occplane(self) -> VoxelMap:
+        empty = self._padded_empty()
+        beside = np.zeros(self.grid.shape, dtype=np.bool_)
+        for axis in range(3):
+            beside |= _neighbour(empty, axis, 1) | _neighbour(empty, axis, -1)
+        shadow = (self.labels == OCCLUDED) | (self.labels == OCCPLANE)
+        labels = np.where(shadow, np.where(beside.ravel(), OCCPLANE, OCCLUDED), self.labels)
+        return replace(self, labels=labels.astype(np.int8))
+
+
+def _neighbour(padded: BoolArray, axis: int, step: int) -> BoolArray:
+    """Value of the neighbour `step` along `axis`, of an array padded by one on every side."""
+    take = [slice(1, -1)] * 3
+    take[axis] = slice(1 + step, padded.shape[axis] - 1 + step)
+    return padded[tuple(take)]

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: MIT
+"""Plan: views of a scene, how they were chosen and what they cover; read from and written to `plan.json`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nbv.bound import LowerBound
+from nbv.coverage import Coverage, CoverageSummary
+from nbv.requirement import Requirement
+from nbv.sensor import Sensor, sensor_from_profile
+from nbv.view import View
+from scenes.checks import InputError
+from scenes.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A plan.
+
+    Attributes
+    ----------
+    method : str
+        "nbv" (online, the planner did not know the scene) or "cover" (offline, it did).
+    sensor : Sensor
+        What scans.
+    requirement : Requirement
+        What counts as met.
+    target : float
+        Fraction of the reachable area that was to be met.
+    seed : int or None
+        Seed of its randomness, None where it was not given as a number.
+    n_candidates : int
+        Poses that could be chosen.
+    views : tuple of View
+        The views in order.
+    coverage : Coverage or CoverageSummary
+        What they cover; a plan read from a file holds the summary.
+    lower_bound : LowerBound or None
+        How many views any plan with these candidates and samples needs, where known.
+    stopped_because : str
+        Why there are no more views.
+    """
+
+    method: str
+    sensor: Sensor
+    requirement: Requirement
+    target: float
+    seed: int | None
+    n_candidates: int
+    views: tuple[View, ...]
+    coverage: Coverage | CoverageSummary
+    lower_bound: LowerBound | None
+    stopped_because: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of `plan.json`."""
+        coverage = self.coverage.summary() if isinstance(self.coverage, Coverage) else self.coverage
+        return {
+            "method": self.method,
+            "sensor": self.sensor.to_json(),
+            "requirement": {**self.requirement.to_json(), "target": self.target},
+            "seed": self.seed,
+            "n_candidates": self.n_candidates,
+            "views": [view.to_json() for view in self.views],
+            "coverage": coverage.to_json(),
+            "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
+            "stopped_because": self.stopped_because,
+        }
+
+
+def read_plan(path: str | Path) -> Plan:
+    """Read a `plan.json`.
+
+    Raises
+    ------
+    InputError
+        No such file, not JSON, or not a plan: the entry is named.
+    """
+    try:
+        content = json.loads(Path(path).read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read plan {path}: {error}") from error
+    try:
+        return _plan_of(content)
+    except KeyError as error:
+        raise InputError(f"{path} is not a plan: it has no {error}") from error
+    except (InputError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path} is not a plan: {error}") from error
+
+
+def _plan_of(content: dict[str, Any]) -> Plan:
+    sensor = sensor_from_profile(content["sensor"])
+    required = dict(content["requirement"])
+    target = float(required.pop("target"))
+    bound = content["lower_bound"]
+    seed = content["seed"]
+    return Plan(
+        method=str(content["method"]),
+        sensor=sensor,
+        requirement=Requirement(**required),
+        target=target,
+        seed=None if seed is None else int(seed),
+        n_candidates=int(content["n_candidates"]),
+        views=tuple(
+            View(Pose(view["world_from_sensor"]), sensor, view["gain_m2"], view["met_fraction"])
+            for view in content["views"]
+        ),
+        coverage=CoverageSummary(**content["coverage"]),
+        lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
+        stopped_because=str(content["stopped_because"]),
+    )

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: MIT
+"""The page to read first: plan views of an unknown scene, one scan at a time.
+
+The planner never sees the scene. It scans, writes what it learned into voxels, lists what is unknown or
+badly seen, scores every candidate view by how much of that it would see, and goes where the gain is
+largest. References:
+
+* N. A. Massios and R. B. Fisher, "A best next view selection algorithm incorporating a quality criterion",
+BMVC 1998;
+* F. J. Sanchiz and R. B. Fisher, "A next-best-view algorithm for 3D scene recovery with 5 degrees of
+freedom",
+  BMVC 1999.
+
+Their idea is followed, not their weights and thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.gain import BestView, GainOptions, best_view, find_targets
+from nbv.occupancy import VoxelMap
+from nbv.requirement import Requirement
+from nbv.sensor import Sensor
+from nbv.viewpoints import Candidates
+from scenes.checks import FloatArray, InputError
+from scenes.pose import Pose
+from scenes.range_image import RangeImage
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerOptions:
+    """How the online planner explores.
+
+    Parameters
+    ----------
+    voxel_m : float, optional
+        Side of a voxel in metres; `VoxelGrid.around` chooses when not given.
+    clearance_m : float
+        Known free space that a sensor needs around it, metres.
+    epsilon_m2 : float, optional
+        Stop when the best candidate gains less than this, square metres; one voxel face when not given.
+    max_views : int
+        Stop after so many views.
+    gain : GainOptions
+        Weights of the gain.
+
+    Raises
+    ------
+    InputError
+        A negative clearance or epsilon, no views.
+    """
+
+    voxel_m: float | None = None
+    clearance_m: float = 0.3
+    epsilon_m2: float | None = None
+    max_views: int = 200
+    gain: GainOptions = field(default_factory=GainOptions)
+
+    def __post_init__(self) -> None:
+        if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
+            raise InputError(
+                f"clearance and epsilon must not be negative, got {self.clearance_m}, {self.epsilon_m2}"
+            )
+        if self.max_views < 1:
+            raise InputError(f"max_views must be at least 1, got {self.max_views}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One view of the exploration: its pose, and the gain that was expected of it (None for the start)."""
+
+    world_from_sensor: Pose
+    expected_gain_m2: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exploration:
+    """What the planner did: its steps, what it knows in the end, and why it stopped."""
+
+    steps: tuple[Step, ...]
+    voxels: VoxelMap
+    stopped_because: str
+
+
+def explore(
+    scan: Callable[[Pose], RangeImage],
+    volume: FloatArray,
+    start: Pose,
+    candidates: Candidates,
+    sensor: Sensor,
+    requirement: Requirement | None = None,
+    options: PlannerOptions | None = None,
+    *,
+    from_outside: bool = False,
+    finished: Callable[[], str | None] | None = None,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Exploration:
+    """Explore an unknown volume by next best views.
+
+    Parameters
+    ----------
+    scan : callable
+        Takes a scan from a pose: a simulated scanner, or a person with a tripod.
+    volume : (2, 3) float
+        Smallest and largest coordinates of the volume to explore, metres.
+    start : Pose
+        The first view.
+    candidates : Candidates
+        Where the sensor may go; positions not yet known to be free are left out.
+    sensor : Sensor
+        What scans.
+    requirement : Requirement, optional
+        What counts as seen well; 60 deg incidence when not given.
+    options : PlannerOptions, optional
+        Voxels, clearance, stopping, weights.
+    from_outside : bool
+        Whether the sensor moves around the volume (an object) rather than within it (a room).
+    finished : callable, optional
+        Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
+        stopping rule here; the planner itself decides by its voxels alone.
+    n_threads : int, optional
+        Threads; the result does not depend on it.
+    progress : callable, optional
+        Called with ("views", done, most).
+    """
+    requirement, options = requirement or Requirement(), options or PlannerOptions()
+    voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
+    attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
+    steps = [Step(start, None)]
+    while True:
+        voxels = _learn(voxels, scan(steps[-1].world_from_sensor), sensor, options)
+        if progress is not None:
+            progress("views", len(steps), options.max_views)
+        reason = finished() if finished is not None else None
+        if reason is None and len(steps) >= options.max_views:
+            reason = f"the limit of {options.max_views} views is reached"
+        if reason is not None:
+            return Exploration(tuple(steps), voxels, reason)
+        here = steps[-1].world_from_sensor
+        best = _next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
+        if isinstance(best, str):
+            return Exploration(tuple(steps), voxels, best)
+        _count_attempts(attempts, best)
+        steps.append(Step(best.pose, best.gain_m2))
+
+
+def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerOptions) -> VoxelMap:
+    """Write a scan into the voxels; within a room, the place where the sensor stands is free too."""
+    voxels = voxels.integrated(scan, sensor)
+    if voxels.outside_is_empty:
+        return voxels
+    return voxels.cleared(scan.origin, options.clearance_m + voxels.grid.voxel_m)
+
+
+def _next_view(
+    voxels: VoxelMap,
+    attempts: NDArray[np.int32],
+    candidates: Candidates,
+    here: Pose,
+    sensor: Sensor,
+    requirement: Requirement,
+    options: PlannerOptions,
+    n_threads: int | None,
+) -> BestView | str:
+    """Return the view with the largest gain, or why no further view pays."""
+    faces = voxels.boundary()
+    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain)
+    if not len(targets):
+        return "requirement met: nothing is unknown or badly seen"
+    free = _free_candidates(candidates, voxels, here, options.clearance_m)
+    wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
+    best = best_view(voxels, faces, targets, free, sensor, wanted, n_most=n_most, n_threads=n_threads)
+    if best is None:
+        return "no candidate in known free space sees what is left to see"
+    if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
+        return f"marginal gain {best.gain_m2:.3g} m2 is below {epsilon:.3g} m2"
+    return best
+
+
+def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
+    """Cosine at which a predicted view counts: the required one, with the margin."""
+    angle = np.arccos(requirement.min_cosine) - np.radians(gain.angle_margin_deg)
+    return float(np.cos(max(angle, 0.0)))
+
+
+def _free_candidates(candidates: Candidates, voxels: VoxelMap, here: Pose, clearance_m: float) -> Candidates:
+    """Return the candidates in known free space; where the sensor stands it may also turn."""
+    free = candidates.at(voxels.is_free(candidates.positions, clearance_m))
+    if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
+        return free
+    return replace(free, positions=np.vstack([free.positions, here.translation]))
+
+
+def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
+    """Gain below which no further view pays."""
+    return options.epsilon_m2 if options.epsilon_m2 is not None else voxels.grid.voxel_m**2
+
+
+def _count_attempts(attempts: NDArray[np.int32], best: BestView) -> None:
+    """Remember what the chosen view should settle, so that it is not sought for ever."""
+    np.add.at(attempts, (best.targets.is_unknown.astype(np.int64), best.targets.voxel), 1)

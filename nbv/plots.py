@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: MIT
+"""Plots: coverage curve, floor plan and range images; the only file that knows matplotlib."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from scenes.checks import FloatArray
+
+_DPI = 180
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours of a plot on a light or a dark page."""
+
+    ink: str
+    faint: str
+    line: str
+    accent: str
+    fill: str
+    inferred: str
+
+
+_LIGHT = Theme(
+    ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0", inferred="#2e7acc"
+)
+_DARK = Theme(
+    ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a", inferred="#5aa2ea"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """The same plot for light and dark pages, PNG with a see-through ground; size in pixels."""
+
+    light: bytes
+    dark: bytes
+    width: int
+    height: int
+
+
+def coverage_curve(
+    met: Sequence[float],
+    reachable: float | None,
+    target: float | None,
+    bound: int | None,
+    inferred: tuple[int, float, float] | None = None,
+) -> Plot:
+    """Plot the measured share of the area against the number of views.
+
+    Parameters
+    ----------
+    met : sequence of float
+        Share of all area after each view.
+    reachable : float, optional
+        Share that any view could measure.
+    target : float, optional
+        Share of the reachable area that was wanted.
+    bound : int, optional
+        Views that any plan needs at least.
+    inferred : (int, float, float), optional
+        Number of scans, share measured by them, and share after what was inferred from them.
+    """
+
+    def draw(axes: Axes, theme: Theme) -> None:
+        views = np.arange(len(met) + 1)
+        share = 100 * np.array([0.0, *met])
+        axes.fill_between(views, share, step="post", color=theme.line, alpha=0.14, linewidth=0)
+        axes.step(views, share, where="post", color=theme.line, linewidth=2)
+        axes.plot(views[1:], share[1:], "o", color=theme.line, markersize=3.2 if len(met) <= 60 else 0)
+        last = max(len(met), bound or 0, 1)
+        if reachable is not None:
+            _level(axes, 100 * reachable, "reachable", theme)
+            if target is not None and target < 1:
+                _level(axes, 100 * reachable * target, f"target {100 * target:g} % of it", theme, below=True)
+        if bound:
+            axes.axvline(bound, color=theme.faint, linewidth=1, linestyle=":")
+            axes.annotate(
+                f"no plan needs fewer than {bound}", (bound, 4), xytext=(4, 0),
+                textcoords="offset points", color=theme.faint, fontsize=8,
+            )  # fmt: skip
+        if inferred:
+            n_scans, low, high = inferred
+            axes.plot([n_scans] * 2, [100 * low, 100 * high], color=theme.inferred, linewidth=6, zorder=4,
+                      solid_capstyle="butt")  # fmt: skip
+            axes.annotate(
+                f"{100 * high:.0f} % by\n{n_scans} scans and\ninference", (n_scans, 100 * high), ha="center",
+                xytext=(0, 5), textcoords="offset points", color=theme.inferred, fontsize=8.5,
+                fontweight="bold",
+            )  # fmt: skip
+        axes.set_xlim(0, last * 1.02)
+        axes.set_ylim(0, 106)
+        axes.set_xlabel("views")
+        axes.set_ylabel("measured as required, % of the area")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+    return _plot(draw, (5.4, 4.1))
+
+
+def floor_plan(
+    outline: FloatArray,
+    positions: FloatArray,
+    directions: FloatArray | None,
+    bounds: FloatArray,
+    highlighted: Sequence[int] = (),
+) -> Plot:
+    """Plot stations from above.
+
+    Parameters
+    ----------
+    outline : (k, 2, 2) float
+        Segments of walls and objects at the height of the cut, metres.
+    positions : (n, 3) float
+        Stations in order.
+    directions : (n, 3) float, optional
+        Where each looks; None for scanners that look all round.
+    bounds : (2, 3) float
+        What to show, metres.
+    highlighted : sequence of int
+        Stations to show in the colour of what is inferred, counted from 0.
+    """
+    colour_of = [k in set(highlighted) for k in range(len(positions))]
+    low, high = (
+        np.minimum(bounds[0], positions.min(axis=0, initial=np.inf))[:2],
+        np.maximum(bounds[1], positions.max(axis=0, initial=-np.inf))[:2],
+    )
+    extent = np.maximum(high - low, 1e-6)
+    width = 4.9 if extent[0] >= extent[1] else 4.2
+    height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
+
+    def draw(axes: Axes, theme: Theme) -> None:
+        for segment in outline:
+            axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
+        size = 0.07 * float(extent.max())
+        colours = [theme.inferred if special else theme.line for special in colour_of]
+        if directions is not None:
+            axes.quiver(
+                positions[:, 0], positions[:, 1], directions[:, 0] * size, directions[:, 1] * size,
+                angles="xy", scale_units="xy", scale=1, width=0.0055, color=colours, zorder=3,
+            )  # fmt: skip
+        axes.scatter(positions[:, 0], positions[:, 1], s=22, color=colours, zorder=4, linewidths=0)
+        for place, numbers in _numbers_by_place(positions).items():
+            axes.annotate(
+                numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=7.5,
+                color=theme.accent, zorder=5,
+            )  # fmt: skip
+        axes.set_aspect("equal")
+        pad = 0.06 * float(extent.max())
+        axes.set_xlim(low[0] - pad, high[0] + pad)
+        axes.set_ylim(low[1] - pad, high[1] + pad)
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        axes.grid(visible=False)
+
+    return _plot(draw, (width + 0.5, height + 0.4))
+
+
+def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return ranges (rows, columns) as colours (rows, columns, 4), and the ranges at both ends of the scale.
+
+    The scale spans the middle 98 % of the ranges; where nothing came back it is see-through.
+    """
+    valid = np.isfinite(ranges)
+    low, high = np.quantile(ranges[valid], [0.01, 0.99]) if valid.any() else (0.0, 1.0)
+    position = (np.where(valid, ranges, low) - low) / max(high - low, 1e-9)
+    colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
+    colours[..., 3] = valid
+    return colours, float(low), float(high)
+
+
+def _numbers_by_place(positions: FloatArray) -> dict[tuple[float, float], str]:
+    """Numbers of the views at each place of the plan, from 1; no more than six are spelled out."""
+    places: dict[tuple[float, float], list[int]] = {}
+    for number, (x, y) in enumerate(positions[:, :2].round(3).tolist(), start=1):
+        places.setdefault((x, y), []).append(number)
+    return {
+        place: ",".join(map(str, numbers[:6])) + (" ..." if len(numbers) > 6 else "")
+        for place, numbers in places.items()
+    }
+
+
+def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool = False) -> None:
+    axes.axhline(percent, color=theme.accent, linewidth=1.1, linestyle="--" if below else "-")
+    axes.annotate(
+        f"{text} {percent:.1f} %" if not below else text, (0, percent), xytext=(5, -10 if below else 3),
+        textcoords="offset points", color=theme.accent, fontsize=8,
+    )  # fmt: skip
+
+
+def _plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
+    light, dark = (_drawn(draw, theme, size) for theme in (_LIGHT, _DARK))
+    return Plot(light, dark, round(size[0] * _DPI), round(size[1] * _DPI))
+
+
+def _drawn(draw: Callable[[Axes, Theme], None], theme: Theme, size: tuple[float, float]) -> bytes:
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rc("font", family="DejaVu Sans", size=9)
+        mpl.rc("text", color=theme.ink)
+        mpl.rc("axes", labelcolor=theme.ink, edgecolor=theme.faint, grid=True, axisbelow=True)
+        mpl.rc("axes.spines", top=False, right=False)
+        mpl.rc("grid", color=theme.fill, linewidth=0.8)
+        for axis in ("xtick", "ytick"):
+            mpl.rc(axis, color=theme.ink)
+        figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+        axes = figure.add_subplot()
+        draw(axes, theme)
+        data = io.BytesIO()
+        figure.savefig(data, format="png", transparent=True, metadata={"Software": None})
+    return data.getvalue()

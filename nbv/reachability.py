@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: MIT
+"""Reachability: which surface some candidate could measure as required, and why the rest cannot be."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.free_space import FreeSpace
+from nbv.requirement import Requirement, SightLimits
+from nbv.samples import SurfaceSamples
+from nbv.sensor import Sensor
+from nbv.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
+from nbv.visibility import Progress, any_orientation_sees, lines_of_sight
+from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.raycast import RayCaster
+from scenes.scene import Scene
+
+Reason = Literal["hidden", "grazing", "out_of_range", "out_of_aperture"]
+REASONS: tuple[Reason, ...] = ("hidden", "out_of_range", "grazing", "out_of_aperture")
+CLEARANCE_M = 0.3
+_AT_A_TIME = 8  # positions; fixed, so that no result depends on the number of threads
+
+
+def scene_candidates(
+    scene: Scene,
+    sensor: Sensor,
+    *,
+    mode: str | None = None,
+    clearance_m: float = CLEARANCE_M,
+    subdivisions: int = 1,
+) -> Candidates:
+    """Return the candidates of a known scene.
+
+    Room mode: the free positions of a lattice at tripod heights, each with the sensor's directions all
+    round (42 for a camera at 1 subdivision of the icosahedron, 162 at 2). Object mode: a viewing sphere.
+
+    Raises
+    ------
+    InputError
+        Another mode, or nowhere to stand.
+    """
+    mode = mode or scene.mode
+    if mode == "object":
+        return viewing_sphere(scene.mesh.bounds(), sensor)
+    if mode != "room":
+        raise InputError(f"mode must be room or object, got {mode!r}")
+    lattice = room_lattice(scene.mesh.bounds(), clearance_m=clearance_m)
+    free = FreeSpace.of(scene.mesh).holds(lattice, clearance_m)
+    if not free.any():
+        raise InputError(
+            f"none of {len(lattice)} positions in {scene.name} is free with {clearance_m} m clearance; "
+            "is it an object (mode object), or not in metres?"
+        )
+    return Candidates(lattice[free], sensor_directions(sensor, subdivisions))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reachability:
+    """What the candidates could do.
+
+    Attributes
+    ----------
+    reachable : (n,) bool
+        Samples that at least one candidate pose could measure as required.
+    reason : (n,) int8
+        For the others the index into `REASONS`; -1 for reachable ones. "hidden": no candidate has a free
+        line of sight; "out_of_range": those that have one are too near or too far; "grazing": all see it
+        too flat; "out_of_aperture": no candidate direction points there.
+    n_candidates : int
+        Poses tried.
+    """
+
+    reachable: BoolArray
+    reason: NDArray[np.int8]
+    n_candidates: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "reachable", frozen_copy(self.reachable, np.bool_))
+        object.__setattr__(self, "reason", frozen_copy(self.reason, np.int8))
+
+    def including(self, met: BoolArray) -> Reachability:
+        """Return the same with what views have met: a plan's views need not be candidates."""
+        return Reachability(self.reachable | met, np.where(met, -1, self.reason), self.n_candidates)
+
+
+def find_reachable(
+    caster: RayCaster,
+    samples: SurfaceSamples,
+    candidates: Candidates,
+    sensor: Sensor,
+    requirement: Requirement,
+    *,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Reachability:
+    """Find which samples some candidate can measure, and why it cannot measure the others.
+
+    Positions are tried a few at a time, and only on samples that no earlier ones could measure; `n_threads`
+    cast.
+    """
+    limits = requirement.limits(sensor)
+    seen, in_range, seen_well, reachable = np.zeros((4, len(samples)), dtype=np.bool_)
+    order = _spread_order(candidates.n_positions)
+    shared = candidates.rotations_at(0) if candidates.directions.ndim == 2 else None
+
+    def look(i: int) -> _Look:
+        rotations = candidates.rotations_at(i) if shared is None else shared
+        return _look_from(caster, candidates.positions[i], rotations, samples, pending, sensor, limits)
+
+    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+        for start in range(0, len(order), _AT_A_TIME):
+            pending = np.flatnonzero(~reachable)
+            for found in pool.map(look, order[start : start + _AT_A_TIME]):
+                seen[found.seen] = True
+                in_range[found.in_range] = True
+                seen_well[found.seen_well] = True
+                reachable[found.met] = True
+            if progress is not None:
+                progress("reachability", min(start + _AT_A_TIME, len(order)), len(order))
+    reason = np.select([reachable, ~seen, ~in_range, ~seen_well], [-1, 0, 1, 2], 3)
+    return Reachability(reachable, reason.astype(np.int8), candidates.n_poses)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """Samples that one position sees: at all, of those in range, of those well, of those in some aperture."""
+
+    seen: NDArray[np.int64]
+    in_range: NDArray[np.int64]
+    seen_well: NDArray[np.int64]
+    met: NDArray[np.int64]
+
+
+def _look_from(
+    caster: RayCaster,
+    position: FloatArray,
+    rotations: FloatArray,
+    samples: SurfaceSamples,
+    among: NDArray[np.int64],
+    sensor: Sensor,
+    limits: SightLimits,
+) -> _Look:
+    """Return what one position sees of the samples `among`, sieve by sieve."""
+    seen, cosine = lines_of_sight(caster, position, samples, SightLimits(), among)
+    offset = samples.points[seen] - position
+    distance = np.linalg.norm(offset, axis=1)
+    in_range = (distance >= limits.min_range_m) & (distance <= limits.max_range_m)
+    well = in_range & (cosine >= limits.min_cosine - 1e-12)
+    inside = any_orientation_sees(offset[well], rotations, sensor)
+    return _Look(seen, seen[in_range], seen[well], seen[well][inside])
+
+
+def _spread_order(n: int) -> NDArray[np.int64]:
+    """Return 0..n-1 in an order that jumps about, so that few positions settle most samples."""
+    step = max(int(n * 0.6180339887), 1)
+    while np.gcd(step, n) != 1:
+        step += 1
+    return np.arange(n) * step % n

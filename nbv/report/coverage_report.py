@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: MIT
+"""Report of coverage and of plans: what stations measure as required, what they miss, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.plan import Plan
+from nbv.plots import Plot, coverage_curve, floor_plan
+from nbv.report.camera import overview_cameras
+from nbv.report.drawing import Canvas, blend, mark_unknown
+from nbv.report.page import (
+    Bar,
+    Block,
+    Cell,
+    Gallery,
+    Headline,
+    Legend,
+    Page,
+    Section,
+    Share,
+    Table,
+    Text,
+    count,
+    percent,
+    square_metres,
+)
+from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
+from nbv.report.surface_values import nearest_samples
+from nbv.samples import SurfaceSamples
+from nbv.sensor import Sensor
+from scenes.checks import FloatArray
+from scenes.pose import Pose
+from scenes.scene import Scene
+
+_WIDTH = 760
+_CUT_M = 1.0  # above the floor: where the floor plan cuts walls and furniture
+REASON_TEXTS = {
+    "hidden": "no candidate position has a free line of sight",
+    "out_of_range": "what sees it is too near or too far",
+    "grazing": "what sees it sees it at too flat an angle",
+    "out_of_aperture": "no candidate direction points there",
+}
+
+
+def plan_page(
+    scene: Scene, plan: Plan, coverage: Coverage, options: Mapping[str, Any], seed: int, n_threads: int | None
+) -> Page:
+    """Return the report of a plan."""
+    met = [view.met_fraction or 0.0 for view in plan.views]
+    bound = plan.lower_bound.views if plan.lower_bound else None
+    how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
+    summary = (
+        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, measure "
+        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
+        f"{plan.requirement.max_incidence_deg:g}\u00b0 incidence or less. {_rest(coverage)}"
+    )
+    ended = f"The plan ends because: {plan.stopped_because}."
+    views = Headline(str(len(plan.views)), "", "views")
+    poses = [view.world_from_sensor for view in plan.views]
+    return Page(
+        title=scene.name,
+        kicker="View plan",
+        summary=summary,
+        headlines=(views, *coverage_headlines(coverage)),
+        bar=coverage_bar(coverage),
+        sections=(
+            Section(
+                "Views",
+                (
+                    Gallery(
+                        (curve(met, coverage, plan.target, bound), stations(scene, poses, plan.sensor)), 2
+                    ),
+                    Text(ended, is_note=True),
+                    views_table(plan),
+                ),
+            ),
+            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
+            Section("What cannot be reached, and why", reasons(coverage)),
+            Section("Surface by surface", (surfaces_table(coverage),)),
+        ),
+        options=options,
+        seed=seed,
+        warnings=scene.warnings,
+    )
+
+
+def coverage_page(
+    scene: Scene,
+    coverage: Coverage,
+    poses: Sequence[Pose],
+    met: Sequence[float],
+    sensor: Sensor,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None,
+) -> Page:
+    """Return the report of stations that are given; `met` is the measured share after each of them."""
+    requirement = coverage.requirement
+    summary = (
+        f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
+        f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.max_incidence_deg:g}\u00b0 incidence "
+        f"or less. {_rest(coverage)}"
+    )
+    pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
+    return Page(
+        title=scene.name,
+        kicker="Coverage report",
+        summary=summary,
+        headlines=(Headline(str(len(poses)), "", "stations"), *coverage_headlines(coverage)),
+        bar=coverage_bar(coverage),
+        sections=(
+            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
+            Section("Stations", (Gallery(pictures, 2) if pictures else Text("None."),)),
+            Section("What cannot be reached, and why", reasons(coverage)),
+            Section("Surface by surface", (surfaces_table(coverage),)),
+        ),
+        options=options,
+        seed=seed,
+        warnings=scene.warnings,
+    )
+
+
+def _rest(coverage: Coverage) -> str:
+    missed = coverage.reachable - coverage.met
+    return (
+        f"Of the rest, {percent(missed)} % could be measured by further views, and "
+        f"{percent(coverage.unreachable)} % by none."
+    )
+
+
+def coverage_headlines(coverage: Coverage) -> tuple[Headline, ...]:
+    """Measured, missed and unreachable shares."""
+    return (
+        Headline(percent(coverage.met), "%", "of the area measured as required", "measured"),
+        Headline(percent(coverage.met_of_reachable), "%", "of what can be reached", "measured"),
+        Headline(percent(coverage.reachable - coverage.met), "%", "reachable, not yet measured", "unknown"),
+        Headline(percent(coverage.unreachable), "%", "out of reach of any candidate", "unreachable"),
+    )
+
+
+def coverage_bar(coverage: Coverage) -> Bar:
+    """The whole area by state."""
+    missed = coverage.reachable - coverage.met
+    parts = (
+        ("measured as required", "measured", coverage.met),
+        ("reachable, not measured", "unknown", missed),
+        ("out of reach", "unreachable", coverage.unreachable),
+    )
+    total = coverage.total_m2
+    return Bar(
+        "",
+        tuple(
+            Share(label, state, share, f"{square_metres(share * total)} m\u00b2")  # type: ignore[arg-type]
+            for label, state, share in parts
+        ),
+    )
+
+
+def curve(
+    met: Sequence[float],
+    coverage: Coverage,
+    target: float | None,
+    bound: int | None,
+    inferred: tuple[int, float, float] | None = None,
+) -> Picture:
+    """The coverage curve."""
+    plot = coverage_curve(met, coverage.reachable, target, bound, inferred)
+    caption = "Share of all surface area that some view so far has measured within range and incidence."
+    if inferred:
+        caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
+    return _picture(plot, "Coverage by number of views.", caption)
+
+
+def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: Sequence[int] = ()) -> Picture:
+    """The floor plan."""
+    bounds = scene.mesh.bounds()
+    positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+    directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
+    plot = floor_plan(
+        outline_of(scene), positions, directions if sensor.kind == "pinhole" else None, bounds, highlighted
+    )
+    height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
+    caption = (
+        f"Dots are stations, numbered by view; arrows point where they look. Cut at {height:.2f} m height."
+    )
+    if highlighted:
+        caption += " Blue: the stations whose scans were completed."
+    return _picture(plot, "Plan.", caption)
+
+
+def outline_of(scene: Scene) -> FloatArray:
+    """Segments (k, 2, 2) in which a horizontal plane cuts the scene, x and y in metres."""
+    low, high = scene.mesh.bounds()
+    height = low[2] + min(_CUT_M, (high[2] - low[2]) / 2)
+    mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
+    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height + 1e-6))
+    return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
+
+
+def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> tuple[Block, ...]:
+    """The scene from two opposite sides, by state."""
+    pale = tuple(0.38 * part + 0.62 for part in UNKNOWN)
+    colours = {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: pale}
+    pictures = state_pictures(
+        scene,
+        coverage.samples,
+        coverage.state,
+        colours,
+        REACHABLE,
+        "Measured, missed, out of reach",
+        n_threads,
+    )
+    note = "The scene from outside; surfaces that face away from the eye are left out."
+    return (
+        Legend(("measured", "unknown", "unreachable")),
+        Gallery(pictures, 2),
+        Text(f"{note} Unknown here means reachable, but not measured as required.", is_note=True),
+    )
+
+
+def state_pictures(
+    scene: Scene,
+    samples: SurfaceSamples,
+    state: NDArray[np.int8],
+    colours: Mapping[int, tuple[float, ...]],
+    hatched: int,
+    title: str,
+    n_threads: int | None = None,
+) -> tuple[Picture, ...]:
+    """The scene from two opposite sides, each point in the colour of its nearest sample's state."""
+    canvas = Canvas(scene.mesh, n_threads=n_threads)
+    cameras = overview_cameras(scene.mesh.bounds())
+    pictures = []
+    for side, camera in (("one side", cameras[0]), ("the other side", cameras[len(cameras) // 2])):
+        layer = canvas.look(camera, camera.shape(_WIDTH))
+        hit, shade = layer.hit, canvas.shade(layer)
+        found = np.full(hit.shape, -1, np.int64)
+        found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
+        image = np.zeros((*hit.shape, 4))
+        for value, colour in colours.items():
+            here = found == value
+            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
+            image[here, 3] = 1.0
+        image = blend(mark_unknown(image, found == hatched), found == hatched)
+        pictures.append(picture_of(image, f"{title}: from {side}."))
+    return tuple(pictures)
+
+
+def reasons(coverage: Coverage) -> tuple[Block, ...]:
+    """A row for each reason for which surface is out of reach."""
+    shares = {name: share for name, share in coverage.reasons().items() if share > 0}
+    if not shares:
+        return (Text("Every part of the surface can be measured as required by some candidate."),)
+    rows = tuple(
+        (
+            Cell(name.replace("_", " ")),
+            Cell(REASON_TEXTS.get(name, "")),
+            Cell(percent(share, 2), share=share / max(coverage.unreachable, 1e-12), state="unreachable"),
+            Cell(square_metres(share * coverage.total_m2)),
+        )
+        for name, share in shares.items()
+    )
+    return (Table(("Reason", "What it means", "#% of the area", "#area, m\u00b2"), rows),)
+
+
+def surfaces_table(coverage: Coverage) -> Table:
+    """A row for each surface, the worst covered first when there are many."""
+    table = coverage.by_surface()
+    rows = tuple(
+        (
+            Cell(row.name),
+            Cell(square_metres(row.area_m2)),
+            Cell(percent(row.met), share=row.met, state="measured"),
+            Cell(
+                percent(max(row.reachable - row.met, 0.0)),
+                share=max(row.reachable - row.met, 0.0),
+                state="unknown",
+            ),
+            Cell(percent(row.unreachable), share=row.unreachable, state="unreachable"),
+        )
+        for row in table
+    )
+    columns = ("Surface", "#area, m\u00b2", "#measured, %", "#missed, %", "#out of reach, %")
+    many = len(rows) > 40
+    return Table(columns, rows, f"{len(rows)} surfaces" if many else "", is_folded=many)
+
+
+def views_table(plan: Plan) -> Table:
+    """A row for each view."""
+    rows = []
+    for number, view in enumerate(plan.views, start=1):
+        x, y, z = view.world_from_sensor.translation
+        dx, dy, dz = view.world_from_sensor.rotation[:, 2]
+        yaw, pitch = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
+        met = view.met_fraction or 0.0
+        rows.append(
+            (
+                Cell(str(number)),
+                Cell(f"{x:.2f}, {y:.2f}, {z:.2f}"),
+                Cell(f"{yaw:.0f}"),
+                Cell(f"{pitch:.0f}"),
+                Cell(square_metres(view.gain_m2 or 0.0)),
+                Cell(percent(met), share=met, state="measured"),
+            )
+        )
+    columns = (
+        "View",
+        "position x, y, z, m",
+        "#heading, \u00b0",
+        "#elevation, \u00b0",
+        "#gain, m\u00b2",
+        "#measured, %",
+    )
+    return Table(columns, tuple(rows), "Every view", is_folded=True)
+
+
+def _picture(plot: Plot, title: str, caption: str) -> Picture:
+    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)

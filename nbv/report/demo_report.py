@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: MIT
+"""Report of the demo: many views without inference against a few with it; the truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from completion.model import Completion
+from nbv.coverage import Coverage
+from nbv.plan import Plan
+from nbv.report import picture
+from nbv.report.completion_report import before_and_after, scan_pictures, surface_blocks
+from nbv.report.coverage_report import curve, reasons, state_pictures, stations, views_table
+from nbv.report.page import (
+    Bar,
+    Block,
+    Cell,
+    Gallery,
+    Headline,
+    Legend,
+    Page,
+    Section,
+    Share,
+    Table,
+    Text,
+    percent,
+    square_metres,
+)
+from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
+from scenes.scene import Scene
+
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+
+
+def demo_page(
+    scene: Scene,
+    plan: Plan,
+    chosen: Sequence[int],
+    completion: Completion,
+    comparison: Comparison,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None,
+) -> Page:
+    """Return the report of the demo."""
+    coverage = plan.coverage
+    if not isinstance(coverage, Coverage):
+        raise TypeError("the demo's report needs a fresh plan, with its full coverage")
+    measured, inferred, unknown = (comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN))
+    met = [view.met_fraction or 0.0 for view in plan.views]
+    few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
+    alone, never = percent(coverage.met), percent(coverage.unreachable)
+    summary = (
+        f"A scanner alone needs {len(plan.views)} views to measure {alone} % of this room well, and no view "
+        f"reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; completion "
+        f"infers {percent(inferred)} % more from them, and of all that it inferred "
+        f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
+    )
+    poses = [view.world_from_sensor for view in plan.views]
+    return Page(
+        title="A room with two occluders",
+        kicker="Scan what can be scanned, infer what cannot",
+        summary=summary,
+        headlines=(
+            Headline(str(len(plan.views)), "views", "the scanner alone needs", "measured"),
+            Headline(percent(measured), "%", f"measured by {few} of them", "measured"),
+            Headline(percent(inferred), "%", "more, inferred behind the occluders", "inferred"),
+            Headline(
+                percent(comparison.within_close),
+                "%",
+                "of the inferred area is within 2 cm",
+                "inferred",
+            ),
+            Headline(percent(unknown), "%", "stays unknown", "unknown"),
+        ),
+        bar=_bar(comparison),
+        sections=(
+            Section("Before and after", before_and_after(completion, n_threads)),
+            Section("Held against the truth", _truth(scene, comparison, n_threads)),
+            Section(
+                "What the scanner alone would need",
+                (
+                    Gallery(
+                        (
+                            curve(
+                                met, coverage, plan.target, None, (len(chosen), measured, measured + inferred)
+                            ),
+                            stations(scene, poses, plan.sensor, chosen),
+                        ),
+                        2,
+                    ),
+                    Text(f"The plan ends because: {plan.stopped_because}.", is_note=True),
+                    views_table(plan),
+                ),
+            ),
+            Section("What no view reaches, and why", reasons(coverage)),
+            Section(f"What the {few} scans saw", scan_pictures(completion)),
+            Section("Surfaces that were recognised", surface_blocks(completion)),
+        ),
+        options=options,
+        seed=seed,
+    )
+
+
+def _bar(comparison: Comparison) -> Bar:
+    total = comparison.samples.total_m2
+    parts = (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN))
+    return Bar(
+        f"All {square_metres(total)} m\u00b2 of the true surface, undersides of the boxes included",
+        tuple(
+            Share(name, name, share, f"{percent(share)} %")  # type: ignore[arg-type]
+            for name, share in ((name, comparison.share(state)) for name, state in parts)
+        ),
+    )
+
+
+def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple[Block, ...]:
+    """The true room by state, and a row for each of its surfaces."""
+    colours = {MEASURED: picture.MEASURED, INFERRED: picture.INFERRED, UNKNOWN: picture.UNKNOWN}
+    pictures = state_pictures(
+        scene, comparison.samples, comparison.state, colours, UNKNOWN, "The true room", n_threads
+    )
+    ids = comparison.samples.surface
+    rows = []
+    for surface in np.unique(ids):
+        here = ids == surface
+        area = float(comparison.samples.areas[here].sum())
+        cells = [Cell(scene.surface_names[surface]), Cell(square_metres(area))]
+        for name, state in (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN)):
+            share = comparison.share(state, here)
+            cells.append(Cell(percent(share), share=share, state=name))  # type: ignore[arg-type]
+        rows.append(tuple(cells))
+    columns = ("True surface", "#area, m\u00b2", "#measured, %", "#inferred, %", "#unknown, %")
+    median = f"{1000 * comparison.median_m:.2g} mm" if comparison.median_m > 1e-5 else "0.01 mm"
+    note = (
+        "Inferred means: within 2 cm of a surface that the completion put there. Half of the inferred area "
+        f"lies within {median} of the truth (the demo scans without noise)."
+    )
+    return Legend(), Gallery(pictures, 2), Text(note, is_note=True), Table(columns, tuple(rows))

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Pictures: pixels as PNG inside the page, and the one colour code for measured, inferred and unknown."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from scenes.checks import BoolArray, FloatArray
+
+# Blue and orange (Okabe and Ito's palette) stay apart under all common kinds of colour blindness; unknown
+# area is hatched as well, so that it survives a grey print.
+MEASURED, INFERRED, UNKNOWN = (0.62, 0.64, 0.64), (0.18, 0.48, 0.80), (0.90, 0.62, 0.10)
+_SURFACES = (
+    "#4477aa", "#ddaa33", "#228833", "#cc6677", "#66ccee", "#aa3377", "#999933", "#117733",
+    "#88ccee", "#882255", "#bbaa55", "#44aa99", "#6655aa", "#ee8866", "#77aadd", "#aaaa00",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture of the page.
+
+    Attributes
+    ----------
+    title, caption : str
+        Shown under it; the title also stands in for it where it cannot be seen.
+    png : bytes
+        The picture.
+    dark_png : bytes
+        The same for dark pages; empty when one serves both.
+    width, height : int
+        Pixels.
+    """
+
+    title: str
+    caption: str
+    png: bytes
+    width: int
+    height: int
+    dark_png: bytes = b""
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data URI."""
+        return _data_uri(self.png)
+
+    @property
+    def dark_uri(self) -> str:
+        """The dark picture as a data URI, "" without one."""
+        return _data_uri(self.dark_png) if self.dark_png else ""
+
+
+def picture_of(pixels: NDArray[Any], title: str, caption: str = "") -> Picture:
+    """Return float (0..1) or uint8 pixels (h, w, 3 or 4) as a picture."""
+    if pixels.dtype != np.uint8:
+        pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "PNG", optimize=False, compress_level=9)
+    return Picture(title, caption, data.getvalue(), pixels.shape[1], pixels.shape[0])
+
+
+def hatch(shape: tuple[int, int], period: int = 9) -> FloatArray:
+    """Opacity (h, w) of diagonal stripes, with soft edges."""
+    row, column = np.mgrid[: shape[0], : shape[1]]
+    wave = np.sin(2 * np.pi * (row + column) / period)
+    opacity: FloatArray = 0.28 + 0.72 / (1 + np.exp(-6 * (wave - 0.1)))
+    return opacity
+
+
+def surface_colour(number: int) -> str:
+    """Return the CSS colour of surface `number` (from 1); grey for 0, which is none."""
+    return "#c9c9c6" if number <= 0 else _SURFACES[(number - 1) % len(_SURFACES)]
+
+
+def segment_pixels(owner: NDArray[np.int32], valid: BoolArray) -> FloatArray:
+    """Colour (h, w, 4) of the surface that each pixel belongs to; see-through where nothing came back."""
+    numbers = range(int(owner.max(initial=0)) + 1)
+    palette = np.array([[int(surface_colour(k)[i : i + 2], 16) for i in (1, 3, 5)] for k in numbers]) / 255
+    return np.dstack([palette[owner], valid.astype(np.float64)])
+
+
+def shrink(pixels: NDArray[Any], most: int = 640) -> NDArray[Any]:
+    """Return every k-th pixel so that neither side exceeds `most`."""
+    step = max(1, -(-max(pixels.shape[:2]) // most))
+    return pixels[::step, ::step]
+
+
+def _data_uri(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

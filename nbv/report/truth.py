@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""Truth: how a completion compares with the true surface, where that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from completion.model import Completion
+from nbv.measurement import measured_samples
+from nbv.samples import SurfaceSamples
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh import LabelledMesh
+from scenes.range_image import RangeImage
+
+UNKNOWN, INFERRED, MEASURED = 0, 1, 2
+CLOSE_M = 0.02  # inferred surface this near to the true one counts as right
+_NEAREST = 8  # triangles that are tried for each point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """What a few scans and the completion give of the true surface.
+
+    Attributes
+    ----------
+    samples : SurfaceSamples
+        Points of the true surface.
+    state : (n,) int8
+        `MEASURED` by some scan at any incidence, `INFERRED` within 2 cm, or `UNKNOWN`.
+    within_close : float
+        Share of the inferred area that lies within 2 cm of the true surface; 1 where nothing was inferred.
+    median_m : float
+        Median distance of inferred area from the true surface, metres; 0 where nothing was inferred.
+    """
+
+    samples: SurfaceSamples
+    state: NDArray[np.int8]
+    within_close: float
+    median_m: float
+
+    def share(self, state: int, where: BoolArray | None = None) -> float:
+        """Share of the true area in `state`, of all of it or of the samples at `where`."""
+        area = self.samples.areas if where is None else self.samples.areas * where
+        return float(area[self.state == state].sum() / area.sum())
+
+
+def compare(
+    completion: Completion, scans: Sequence[RangeImage], truth: LabelledMesh, samples: SurfaceSamples
+) -> Comparison:
+    """Compare a completion of `scans` with the true mesh, on samples of it."""
+    state = np.full(len(samples), UNKNOWN, np.int8)
+    for scan in scans:
+        state[measured_samples(scan, samples)[0]] = MEASURED
+    mesh = completion.hypothesised
+    if not len(mesh.faces):
+        return Comparison(samples, state, 1.0, 0.0)
+    corners = completion.world_from_reference.apply(mesh.vertices)[mesh.faces]
+    open_ = np.flatnonzero(state == UNKNOWN)
+    state[open_[distances(samples.points[open_], corners) <= CLOSE_M]] = INFERRED
+    off = distances(corners.mean(axis=1), truth.corners)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    order = np.argsort(off)
+    middle = int(np.searchsorted(np.cumsum(area[order]), area.sum() / 2))
+    return Comparison(
+        samples, state, float(area[off <= CLOSE_M].sum() / area.sum()), float(off[order][middle])
+    )
+
+
+def distances(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """Distance (n,) of points from triangles (m, 3, 3), of which those with the nearest centres are tried.
+
+    Up to 64 triangles are all tried, so that large ones are not missed; more should be of similar size.
+    """
+    if len(corners) <= 64:
+        tried = np.broadcast_to(np.arange(len(corners)), (len(points), len(corners)))
+    else:
+        found = cKDTree(corners.mean(axis=1)).query(points, k=min(_NEAREST, len(corners)))[1]
+        tried = found.reshape(len(points), -1)
+    nearest = np.full(len(points), np.inf)
+    for column in range(tried.shape[1]):
+        foot = trimesh.triangles.closest_point(corners[tried[:, column]], points)
+        nearest = np.minimum(nearest, np.linalg.norm(foot - points, axis=1))
+    return nearest

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Visibility: which samples are seen from where, and at which cosine of incidence.
+
+Faces are two-sided: the cosine is |cos|, and the line of sight starts on the viewer's side of the face. For
+closed bodies and for rooms with viewpoints in free space this is the same as one-sided faces, because the
+back is hidden by the body itself; and many meshes in the wild are not consistently oriented. A surface
+modelled as a single sheet counts as one surface, whichever side is seen.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from nbv.requirement import SightLimits
+from nbv.samples import SurfaceSamples
+from nbv.sensor import Sensor
+from nbv.view import View
+from scenes.checks import BoolArray, FloatArray
+from scenes.raycast import RayCaster
+
+Progress = Callable[[str, int, int], None]
+
+_LIFT = 1e-6  # of the distance, or of the mesh's extent where that is larger: Embree works in float32
+
+
+def lines_of_sight(
+    caster: RayCaster,
+    position: FloatArray,
+    samples: SurfaceSamples,
+    limits: SightLimits,
+    among: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return which samples `among` are seen from `position` (3,) within `limits`, and their cosines."""
+    towards = position - samples.points[among]
+    distance = np.linalg.norm(towards, axis=1)
+    slope = np.einsum("ij,ij->i", towards, samples.normals[among])
+    in_range = (distance >= limits.min_range_m) & (distance <= limits.max_range_m) & (distance > 0)
+    keep = in_range & (np.abs(slope) >= (limits.min_cosine - 1e-12) * distance)
+    among, distance, slope = among[keep], distance[keep], slope[keep]
+    if not len(among):
+        return among, distance
+    lift = np.copysign(_LIFT * np.maximum(distance, samples.extent_m), slope)
+    starts = samples.points[among] + samples.normals[among] * lift[:, None]
+    if samples.tolerance_m > 0:
+        starts = starts + towards[keep] * np.minimum(samples.tolerance_m / distance, 0.5)[:, None]
+    seen = ~caster.blocked(starts, np.broadcast_to(position, starts.shape))
+    return among[seen], np.abs(slope[seen]) / distance[seen]
+
+
+def visible_from_positions(
+    caster: RayCaster,
+    positions: FloatArray,
+    samples: SurfaceSamples,
+    limits: SightLimits,
+    *,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> csr_array:
+    """Cosines (n_positions, n_samples), sparse, of the samples seen from each position in any direction.
+
+    Parameters
+    ----------
+    caster : RayCaster
+        The mesh.
+    positions : (p, 3) float
+        World coordinates, metres.
+    samples : SurfaceSamples
+        What to see.
+    limits : SightLimits
+        Which lines of sight count.
+    n_threads : int, optional
+        Threads; all cores when not given. The result does not depend on it.
+    progress : callable, optional
+        Called with ("visibility", done, total).
+    """
+    everything = np.arange(len(samples))
+    rows = []
+    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+        seen = pool.map(lambda p: lines_of_sight(caster, p, samples, limits, everything), positions)
+        for done, row in enumerate(seen, start=1):
+            rows.append(row)
+            if progress is not None:
+                progress("visibility", done, len(positions))
+    return stack_rows(rows, len(samples))
+
+
+def visible_from_view(
+    caster: RayCaster, view: View, samples: SurfaceSamples, limits: SightLimits
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the samples that a view sees inside its aperture and `limits`, and their cosines."""
+    pose = view.world_from_sensor
+    local = (samples.points - pose.translation) @ pose.rotation
+    among = np.flatnonzero(view.sensor.sees(local))
+    return lines_of_sight(caster, pose.translation, samples, limits, among)
+
+
+def orient(
+    visible: csr_array, positions: FloatArray, rotations: FloatArray, points: FloatArray, sensor: Sensor
+) -> csr_array:
+    """Split each position's row into one row for each of its orientations, by the sensor's aperture.
+
+    Parameters
+    ----------
+    visible : (p, n) csr
+        Cosines from `visible_from_positions`.
+    positions : (p, 3) float
+        Metres.
+    rotations : (d, 3, 3) or (p, d, 3, 3) float
+        World from sensor; the same for all positions, or each position's own.
+    points : (n, 3) float
+        The samples.
+    sensor : Sensor
+        Its aperture.
+
+    Returns
+    -------
+    (p * d, n) csr
+        Row i * d + j belongs to position i and orientation j.
+    """
+    rows = []
+    for i, position in enumerate(positions):
+        start, end = visible.indptr[i], visible.indptr[i + 1]
+        index, cosine = visible.indices[start:end], visible.data[start:end]
+        offset = points[index] - position
+        for rotation in rotations if rotations.ndim == 3 else rotations[i]:
+            inside = sensor.sees(offset @ rotation)
+            rows.append((index[inside], cosine[inside]))
+    return stack_rows(rows, visible.shape[1])
+
+
+def any_orientation_sees(offsets: FloatArray, rotations: FloatArray, sensor: Sensor) -> BoolArray:
+    """Tell which world-frame `offsets` (n, 3) lie in the aperture of some orientation (d, 3, 3)."""
+    inside = np.zeros(len(offsets), dtype=np.bool_)
+    for rotation in rotations:
+        open_ones = np.flatnonzero(~inside)
+        if not len(open_ones):
+            break
+        inside[open_ones] = sensor.sees(offsets[open_ones] @ rotation)
+    return inside
+
+
+def stack_rows(rows: Sequence[tuple[NDArray[np.int64], FloatArray]], n_columns: int) -> csr_array:
+    """Return the sparse matrix whose rows are given as (sorted columns, values)."""
+    ends = np.cumsum([0] + [len(index) for index, _ in rows])
+    index = np.concatenate([index for index, _ in rows]) if rows else np.zeros(0, np.int64)
+    data = np.concatenate([values for _, values in rows]) if rows else np.zeros(0)
+    return csr_array((data, index.astype(np.int32), ends), shape=(len(rows), n_columns))

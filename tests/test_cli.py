@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: MIT
+"""Command line: every command on a small case, its exit codes, one-line errors and pure JSON."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from nbv.cli import app
+
+ROOT = Path(__file__).resolve().parent.parent
+TINY = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 70.0\nwidth = 72\nheight = 72\n'
+CHAIR = "builtin:chair_before_wall"
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def succeed(*arguments):
+    result = run(*arguments)
+    assert result.exit_code == 0, result.stderr
+    return result
+
+
+def contents(folder, *leave_out):
+    files = {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
+    return {name: data for name, data in files.items() if not name.endswith(("manifest.json", *leave_out))}
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory):
+    file = tmp_path_factory.mktemp("sensor") / "tiny.toml"
+    file.write_text(TINY)
+    return file
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory, sensor):
+    file = tmp_path_factory.mktemp("scan") / "chair.npz"
+    succeed(
+        "scan", CHAIR, "--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "--sensor", sensor, "-o", file, "--json"
+    )
+    return file
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory, sensor):
+    out = tmp_path_factory.mktemp("plan")
+    arguments = ("--sensor", sensor, "--views", 3, "--threads", 1, "-o", out, "--json")
+    return out, json.loads(succeed("plan", "builtin:two_occluders", *arguments).stdout)
+
+
+def assert_fails_in_one_line(result, *words):
+    assert result.exit_code == 1, result.output
+    assert result.stdout == ""
+    assert len(result.stderr.strip().splitlines()) == 1
+    for word in words:
+        assert word in result.stderr
+
+
+def test_help_names_the_commands_and_only_those_that_work():
+    text = succeed("--help").stdout
+    for command in ("demo", "scan", "plan", "coverage", "complete", "texture", "info"):
+        assert command in text
+    assert "\n  fit" not in text
+    assert "\n  study" not in text
+
+
+def test_unseen_alone_shows_the_three_jobs():
+    text = succeed().stdout
+    for line in ("unseen plan", "unseen complete", "unseen coverage"):
+        assert line in text
+
+
+def test_the_command_line_itself_imports_nothing_slow():
+    program = (
+        "import sys, types\n"
+        "package = types.ModuleType('nbv'); package.__path__ = ['nbv']; sys.modules['nbv'] = package\n"
+        "import nbv.cli\n"
+        "slow = {'numpy', 'scipy', 'trimesh', 'numba', 'matplotlib', 'cv2', 'jinja2'} & set(sys.modules)\n"
+        "assert not slow, slow\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nonsense",),
+        ("scan", CHAIR),
+        ("scan", CHAIR, "--at", "1,2", "--look", "0,0,0"),
+        ("scan", CHAIR, "--at", "1,2,nan", "--look", "0,0,0"),
+        ("plan", CHAIR, "--method", "best"),
+        ("plan", CHAIR, "--time-budget", "3"),
+        ("plan", CHAIR, "--views", "0"),
+        ("plan", CHAIR, "--max-memory", "lots"),
+        ("plan", CHAIR, "--max-memory", "0GB"),
+        ("coverage", CHAIR),
+        ("coverage", CHAIR, "--plan", "a", "--scans", "b"),
+        ("complete",),
+        ("complete", "a.npz", "--intrinsics", "1,2,3"),
+        ("complete", "a.npz", "--mode", "wild"),
+        ("texture", "a.png"),
+        ("texture", "a.png", "--grow", "12"),
+        ("texture", "a.png", "--grow", "12x9", "--mask", "b.png"),
+        ("info", "a", "--up", "w"),
+        ("info", "a", "--threads", "0"),
+    ],
+)
+def test_wrong_usage_exits_with_2(arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("info", "missing.glb"), "missing.glb"),
+        (("scan", "builtin:castle", "--at", "0,0,1", "--look", "1,0,1"), "castle"),
+        (("scan", CHAIR, "--at", "0,0,1", "--look", "0,0,1"), "same point"),
+        (("scan", CHAIR, "--at", "0,0,1", "--look", "1,0,1", "--sensor", "huge9"), "huge9"),
+        (("scan", CHAIR, "--at", "0,0,1", "--look", "1,0,1", "--noise", "loud"), "loud"),
+        (("plan", "missing.glb"), "missing.glb"),
+        (("plan", "builtin:two_occluders", "--target", "1.5"), "target"),
+        (("plan", "builtin:two_occluders", "--candidates", "missing.npz"), "missing.npz"),
+        (("coverage", "builtin:two_occluders", "--plan", "missing.json"), "missing.json"),
+        (("coverage", "builtin:two_occluders", "--scans", "missing.npz"), "missing.npz"),
+        (("complete", "missing.e57"), "missing.e57"),
+        (("texture", "missing.png", "--grow", "4x4"), "missing.png"),
+    ],
+)
+def test_unusable_input_exits_with_1_and_one_line(arguments, word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_fails_in_one_line(run(*arguments), f"unseen {arguments[0]}: ", word)
+
+
+def test_a_folder_given_as_a_file_and_a_file_given_as_a_folder(tmp_path, scan):
+    assert_fails_in_one_line(run("info", tmp_path), str(tmp_path))
+    assert_fails_in_one_line(run("plan", tmp_path), "folder")
+    at = ("--at", "0,-1,1", "--look", "0,1,1")
+    assert_fails_in_one_line(run("scan", CHAIR, *at, "-o", tmp_path), "folder")
+    assert_fails_in_one_line(run("scan", CHAIR, *at, "-o", tmp_path / "no" / "a.npz"), "no folder")
+    assert_fails_in_one_line(run("scan", CHAIR, *at, "-o", tmp_path / "a.docx"), "docx")
+    occupied = tmp_path / "occupied"
+    occupied.write_text("a file")
+    assert_fails_in_one_line(run("complete", scan, "-o", occupied), "occupied")
+
+
+def test_scan_writes_the_file_and_its_manifest(scan):
+    held = json.loads(scan.with_name("chair.npz.manifest.json").read_text())
+    assert held["command"] == "scan"
+    assert held["options"]["sensor"]["width"] == 72
+    assert held["options"]["noise"] == "none"
+    assert [record["name"] for record in held["outputs"]] == ["chair.npz"]
+    assert held["inputs"][0] == {"input": CHAIR}
+    assert "sha256" in held["inputs"][1]
+
+
+def test_scan_options_each_change_something(tmp_path, sensor):
+    base = ("scan", CHAIR, "--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "--sensor", sensor)
+    changes = {
+        "plain": (),
+        "moved": ("--at", "0.2,-1.6,1.1"),
+        "turned": ("--look", "0.1,1,0.8"),
+        "noise": ("--noise", "gaussian-2mm"),
+        "seeded": ("--noise", "gaussian-2mm", "--seed", 1),
+        "other": ("--sensor", "kinect_v1"),
+    }
+    for name, change in changes.items():
+        succeed(*base, *change, "-o", tmp_path / f"{name}.npz", "--quiet")
+    assert len({(tmp_path / f"{name}.npz").read_bytes() for name in changes}) == len(changes)
+
+
+def test_quiet_prints_nothing(tmp_path, sensor):
+    arguments = (
+        "scan",
+        CHAIR,
+        "--at",
+        "0,-1,1",
+        "--look",
+        "0,1,1",
+        "--sensor",
+        sensor,
+        "-o",
+        tmp_path / "a.ply",
+    )
+    result = succeed(*arguments, "--quiet")
+    assert result.output == ""
+
+
+def test_info_as_a_table_as_json_and_as_a_file(scan, tmp_path):
+    assert "chair_before_wall" in succeed("info", CHAIR).stdout
+    described = json.loads(succeed("info", scan, "--json").stdout)
+    assert described["scans"][0]["rows"] == 72
+    succeed("info", scan, "-o", tmp_path / "info.json")
+    assert json.loads((tmp_path / "info.json").read_text())["count"] == 1
+    assert (tmp_path / "info.json.manifest.json").exists()
+
+
+def test_plan_writes_what_the_contract_names(plan):
+    out, summary = plan
+    assert set(contents(out)) == {"plan.json", "coverage.json", "report.html"}
+    written = json.loads((out / "plan.json").read_text())
+    assert set(written) == {
+        "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",
+        "stopped_because",
+    }  # fmt: skip
+    assert written["seed"] == 0
+    assert summary["views"] == len(written["views"]) <= 3
+    assert summary["coverage"] == written["coverage"]
+    assert json.loads((out / "manifest.json").read_text())["options"]["max_incidence_deg"] == 60.0
+
+
+def test_plan_is_the_same_for_any_number_of_threads(plan, sensor, tmp_path):
+    arguments = ("--sensor", sensor, "--views", 3, "--threads", 2, "-o", tmp_path, "--quiet")
+    succeed("plan", "builtin:two_occluders", *arguments)
+    assert contents(tmp_path) == contents(plan[0])
+
+
+def test_coverage_of_a_plan_agrees_with_the_plan(plan, tmp_path):
+    out, summary = plan
+    arguments = ("--plan", out / "plan.json", "-o", tmp_path, "--json")
+    found = json.loads(succeed("coverage", "builtin:two_occluders", *arguments).stdout)
+    assert found["coverage"]["met"] == pytest.approx(summary["coverage"]["met"], abs=1e-12)
+    assert set(contents(tmp_path)) == {"coverage.json", "coverage.csv", "coverage.ply", "report.html"}
+    rows = (tmp_path / "coverage.csv").read_text().splitlines()
+    assert rows[0].startswith("id,name,area_m2,met")
+    assert len(rows) == 1 + len(json.loads((tmp_path / "coverage.json").read_text())["surfaces"])
+    stricter = json.loads(
+        succeed("coverage", "builtin:two_occluders", *arguments, "--max-incidence", 30).stdout
+    )
+    assert stricter["coverage"]["met"] < found["coverage"]["met"]
+
+
+def test_coverage_of_scans(scan, tmp_path):
+    arguments = ("--scans", scan, "-o", tmp_path, "--json")
+    found = json.loads(succeed("coverage", CHAIR, *arguments).stdout)
+    assert found["stations"] == 1
+    assert 0 < found["coverage"]["met"] < 1
+
+
+@pytest.fixture(scope="module")
+def completed(tmp_path_factory, scan):
+    out = tmp_path_factory.mktemp("complete")
+    return out, json.loads(succeed("complete", scan, "--threads", 1, "-o", out, "--json").stdout)
+
+
+def test_complete_writes_what_the_contract_names(completed):
+    out, summary = completed
+    names = {"completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "report.html"}
+    assert set(contents(out)) == names
+    assert summary["hypothesised_m2"] > 0
+    record = json.loads((out / "completion.json").read_text())
+    assert len(record["surfaces"]) == summary["surfaces"]
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert {output["name"] for output in manifest["outputs"]} == names
+    assert manifest["options"]["resolved"]["mode"] == "standard"
+    assert len(manifest["inputs"][0]["sha256"]) == 64
+
+
+def test_complete_is_the_same_for_any_number_of_threads(completed, scan, tmp_path):
+    succeed("complete", scan, "--threads", 2, "-o", tmp_path, "--quiet")
+    assert contents(tmp_path) == contents(completed[0])
+
+
+def test_complete_options_each_change_something(completed, scan, tmp_path):
+    changes = {
+        "conservative": ("--mode", "conservative"),
+        "sigma": ("--sigma", 0.01),
+        "plain": ("--no-texture",),
+        "millimetres": ("--units", "mm"),
+    }
+    for name, change in changes.items():
+        out = tmp_path / name
+        succeed("complete", scan, *change, "-o", out, "--quiet")
+        assert contents(out, "report.html") != contents(completed[0], "report.html"), name
+    succeed("complete", scan, "--seed", 5, "-o", tmp_path / "seed", "--quiet")
+    assert (tmp_path / "seed" / "completed.glb").read_bytes() != (completed[0] / "completed.glb").read_bytes()
+
+
+def test_scans_without_poses_are_refused_with_the_cure(scan, tmp_path, sensor):
+    at_origin = tmp_path / "frame"
+    (at_origin / "depth").mkdir(parents=True)
+    for number in (1, 2):
+        depth = np.full((24, 32), 1000 + number, np.uint16)
+        Image.fromarray(depth).save(at_origin / "depth" / f"{number}.png")
+    camera = ("--intrinsics", "30,30,15.5,11.5", "--depth-scale", 1000)
+    assert_fails_in_one_line(run("complete", at_origin, *camera, "-o", tmp_path / "a"), "--poses")
+    both = (f"{at_origin}#1", f"{at_origin}#2")
+    assert_fails_in_one_line(run("complete", *both, *camera, "-o", tmp_path / "b"), "--poses", "2 scans")
+    poses = tmp_path / "poses.txt"
+    poses.write_text("0 0 0 0 0 0 1\n0.1 0 0 0 0 0 1\n")
+    arguments = (*both, *camera, "--poses", poses, "-o", tmp_path / "c", "--json")
+    assert json.loads(succeed("complete", *arguments).stdout)["scans"] == 2
+    poses.write_text("0 0 0 0 0 0 1\n" * 3)
+    assert_fails_in_one_line(
+        run("complete", *both, *camera, "--poses", poses, "-o", tmp_path / "d"), "3 poses"
+    )
+
+
+@pytest.fixture(scope="module")
+def image(tmp_path_factory):
+    file = tmp_path_factory.mktemp("image") / "checks.png"
+    rng = np.random.default_rng(0)
+    checks = np.kron(np.indices((10, 10)).sum(axis=0) % 2, np.ones((3, 3)))[..., None] * [200, 150, 90]
+    Image.fromarray((checks + rng.integers(0, 30, checks.shape)).astype(np.uint8)).save(file)
+    mask = np.zeros((30, 30), np.uint8)
+    mask[12:18, 10:20] = 7
+    Image.fromarray(mask).save(file.with_name("mask.png"))
+    return file
+
+
+def test_texture_fills_and_keeps_what_is_known(image, tmp_path):
+    out = tmp_path / "filled.png"
+    summary = json.loads(
+        succeed("texture", image, "--mask", image.with_name("mask.png"), "-o", out, "--json").stdout
+    )
+    before, after = np.array(Image.open(image)), np.array(Image.open(out))
+    hole = np.array(Image.open(image.with_name("mask.png"))) > 0
+    assert summary["filled"] == hole.sum()
+    assert (before[~hole] == after[~hole]).all()
+    with np.load(f"{out}.provenance.npz") as provenance:
+        rows, columns = provenance["source_rows"], provenance["source_cols"]
+    assert (after == before[rows, columns]).all()
+    assert Path(f"{out}.manifest.json").exists()
+
+
+def test_texture_options_each_change_something(image, tmp_path):
+    changes = {
+        "plain": (),
+        "seed": ("--seed", 3),
+        "window": ("--window", 5),
+        "order": ("--order", "window"),
+        "size": ("--grow", "14x12"),
+    }
+    for name, change in changes.items():
+        succeed("texture", image, "--grow", "16x12", *change, "-o", tmp_path / f"{name}.png", "--quiet")
+    assert len({(tmp_path / f"{name}.png").read_bytes() for name in changes}) == len(changes)
+    assert Image.open(tmp_path / "size.png").size == (12, 14)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".webp", ".tif", ".jpg"])
+def test_texture_keeps_alpha_where_the_format_can(suffix, tmp_path):
+    rng = np.random.default_rng(1)
+    Image.fromarray(rng.integers(0, 255, (12, 12, 4)).astype(np.uint8)).save(tmp_path / "in.png")
+    out = tmp_path / f"out{suffix}"
+    succeed("texture", tmp_path / "in.png", "--grow", "8x8", "--window", 3, "-o", out, "--quiet")
+    assert Image.open(out).mode == ("RGB" if suffix == ".jpg" else "RGBA")
+
+
+def test_texture_refuses_what_it_cannot_use(image, tmp_path):
+    small = tmp_path / "small.png"
+    Image.fromarray(np.zeros((4, 4), np.uint8)).save(small)
+    out = ("-o", tmp_path / "a.png")
+    assert_fails_in_one_line(run("texture", image, "--mask", small, *out), "shape")
+    assert_fails_in_one_line(run("texture", image, "--grow", "4x4", "--window", 4, *out), "odd")
+    assert_fails_in_one_line(run("texture", image, "--grow", "4x4", "-o", tmp_path / "a.txt"), ".txt")
+    broken = tmp_path / "broken.png"
+    broken.write_bytes(image.read_bytes()[:60])
+    assert_fails_in_one_line(run("texture", broken, "--grow", "4x4", *out), "broken.png")
+    deep = tmp_path / "deep.png"
+    Image.fromarray(np.full((9, 9), 40_000, np.uint16)).save(deep)
+    assert_fails_in_one_line(run("texture", deep, "--grow", "4x4", *out), "8 bits")
+    everything = tmp_path / "all.png"
+    Image.fromarray(np.full((30, 30), 255, np.uint8)).save(everything)
+    assert_fails_in_one_line(run("texture", image, "--mask", everything, *out), "sample")
