@@ -13,7 +13,7 @@ from completion.pipeline import CompletionOptions, complete
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, read_request
 from nbv.report.completion_report import completion_page
-from nbv.report.page import percent, square_metres
+from nbv.report.page import square_metres
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
 
@@ -61,7 +61,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
 def lines_of(completion: Completion) -> list[str]:
     """Return the headline numbers for people."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
-    share = f" (+{percent(inferred / observed)} %)" if observed > 0 else ""
+    share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
     return [
         f"measured  {square_metres(observed)} m2 on {len(completion.patches)} surfaces",
         f"inferred  {square_metres(inferred)} m2{share}",

@@ -75,9 +75,7 @@ def aside_cameras(scan: RangeImage) -> list[Camera]:
     mirrored = bool(np.linalg.det(np.stack([across, downward, forward])) < 0)
     points = scan.points()[scan.valid]
     pivot = scan.origin + forward * float(np.quantile((points - scan.origin) @ forward, 0.6))
-    tangent = np.tan(np.radians(30.0)) * np.array([1.0, rows / columns])
-    if scan.projection.kind == "pinhole":
-        tangent = np.abs([_tangent(rays[rows // 2, -1], forward), _tangent(rays[-1, columns // 2], forward)])
+    tangent = np.array([_tangent(rays[rows // 2, -1], forward), _tangent(rays[-1, columns // 2], forward)])
     slope = np.minimum(tangent * 1.12, 1.0)
     cameras = []
     for yaw, pitch in np.radians(ASIDE_DEG):

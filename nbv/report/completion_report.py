@@ -28,16 +28,17 @@ from nbv.report.page import (
     Table,
     Text,
     count,
-    percent,
     square_metres,
 )
 from nbv.report.picture import Picture, picture_of, segment_pixels, shrink, surface_colour
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import Appearance, LabelledMesh
+from scenes.projection import SphericalProjection
 from scenes.range_image import RangeImage
 
 _WIDTH, _TRIAL_WIDTH = 760, 96
 _MOST_SCANS = 3  # of which pictures are shown
+_CAMERA_LIKE = np.radians(110.0)  # field of view up to which a step aside shows what a scan saw
 _INFERRED = 1  # surface of inferred faces in the mesh for display
 
 
@@ -74,7 +75,7 @@ def _summary(completion: Completion) -> str:
     scans = count(len(completion.observations), "scan")
     if not completion.patches:
         return f"No surface was recognised in {scans}, so nothing was inferred."
-    share = f" (+{percent(inferred / observed)} %)" if observed > 0 else ""
+    share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
     text = (
         f"{scans[0].upper()}{scans[1:]} measured {square_metres(observed)} m\u00b2 on "
         f"{count(len(completion.patches), 'surface')}; "
@@ -142,7 +143,13 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
 
 
 def _is_single_camera(scans: list[RangeImage]) -> bool:
-    return len(scans) == 1 and scans[0].projection.kind == "pinhole"
+    """Tell whether there is one scan, and that of no more than a camera would see."""
+    if len(scans) != 1:
+        return False
+    projection = scans[0].projection
+    if isinstance(projection, SphericalProjection):
+        return max(np.ptp(projection.azimuths), np.ptp(projection.elevations)) <= _CAMERA_LIKE
+    return True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
