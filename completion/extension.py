@@ -19,7 +19,7 @@ from completion.merging import MergedSurface
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 
-_MAX_CELLS = 400_000
+_MAX_CELLS = 200_000
 
 
 class Provenance(IntEnum):

@@ -87,7 +87,8 @@ def limit(
     """Bound the continuation of surface `index`.
 
     It ends at planes that enclose the room and at planes that it visibly meets in a crease with all of it
-    on one side. Within those, a wall or floor may run on to the next enclosing plane; any other surface
+    on one side. Within those, a wall or floor may run on to the next enclosing plane, by no more than its
+    own length unless `mode` is bold; any other surface
     stays within the rectangle of what was measured of it, its straight edges continued until they meet.
     A cylinder may run along its axis to an enclosing plane, and around its back where at least 90 degrees
     of it were seen.
@@ -219,8 +220,11 @@ def _run_to_cuts(
     *,
     bold: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """Move each side of the rectangle out to the cut that lies beyond it, within all that was measured."""
-    low, high = low.copy(), high.copy()
+    """Move each side of the rectangle out to the cut that lies beyond it, within all that was measured.
+
+    Unless `bold`, no further than the surface was measured along that axis.
+    """
+    low, high, measured = low.copy(), high.copy(), high - low
     cloud_low, cloud_high = np.quantile(cloud_uv, 0.001, axis=0), np.quantile(cloud_uv, 0.999, axis=0)
     for axis in (0, 1) if isinstance(chart, Plane) else (1,):
         for sign in (-1.0, 1.0):
@@ -234,7 +238,9 @@ def _run_to_cuts(
             if ends:
                 nearest = min(ends, key=lambda end: sign * end)
                 margin = 0.05 * abs(furthest - side[axis]) + 0.1
-                side[axis] = nearest if sign * (nearest - furthest) <= margin else side[axis]
+                supported = bold or abs(nearest - side[axis]) <= measured[axis]
+                if supported and sign * (nearest - furthest) <= margin:
+                    side[axis] = nearest
             elif bold and sign * (furthest - side[axis]) > 0:
                 side[axis] = furthest
     return low, high

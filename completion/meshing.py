@@ -64,8 +64,7 @@ def mesh_cells(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], *, merg
     corner = np.concatenate(polygons)
     size = np.array([len(polygon) for polygon in polygons])
     start = np.concatenate([[0], np.cumsum(size)[:-1]])
-    places, index = np.unique(corner.round(6), axis=0, return_inverse=True)
-    index = index.ravel()
+    places, index = _distinct(corner)
     fans = [
         np.stack([start[size > k + 1], start[size > k + 1] + k, start[size > k + 1] + k + 1], axis=1)
         for k in range(1, int(size.max()) - 1)
@@ -79,6 +78,15 @@ def mesh_cells(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], *, merg
     proper &= triangles[:, 0] != triangles[:, 2]
     vertices = grid.surface.from_uv(grid.uv_of(places[:, 0], places[:, 1]))
     return ChartMesh(vertices, triangles[proper], places, (row * grid.shape[1] + column)[proper])
+
+
+def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Distinct places (k, 2) among cell coordinates to 1e-5 of a cell, and the place of each."""
+    fine = np.rint(corner * 1e5).astype(np.int64)
+    _, first, index = np.unique(
+        fine[:, 0] * (fine[:, 1].max() + 1) + fine[:, 1], return_index=True, return_inverse=True
+    )
+    return corner[first], index
 
 
 def _corner_heights(grid: ChartGrid, cuts: Sequence[Plane]) -> FloatArray:

@@ -33,8 +33,8 @@ class TexturingOptions:
         Side of the Efros-Leung window in texels, odd.
     """
 
-    max_texels: int = 6000
-    max_sample: int = 30_000
+    max_texels: int = 4000
+    max_sample: int = 20_000
     window: int = 9
 
 

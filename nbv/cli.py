@@ -40,7 +40,10 @@ Threads = Annotated[
     typer.Option("--threads", min=1, help="Threads; results do not depend on it.", show_default="all cores"),
 ]
 MaxMemory = Annotated[
-    str | None, typer.Option("--max-memory", metavar="SIZE", help="Like 2GB.", show_default="no limit")
+    str | None,
+    typer.Option(
+        "--max-memory", metavar="SIZE", help="Like 2GB; recorded, not enforced.", show_default="no limit"
+    ),
 ]
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]
 SensorOption = Annotated[str, typer.Option("--sensor", help="A profile by name, or a TOML file.")]

@@ -38,7 +38,7 @@ from scenes.range_image import RangeImage
 
 _WIDTH, _TRIAL_WIDTH = 760, 96
 _MOST_SCANS = 3  # of which pictures are shown
-_CAMERA_LIKE = np.radians(110.0)  # field of view up to which a step aside shows what a scan saw
+_CAMERA_LIKE = np.radians(80.0)  # field of view up to which a step aside shows what a scan saw
 _INFERRED = 1  # surface of inferred faces in the mesh for display
 
 
@@ -148,7 +148,8 @@ def _is_single_camera(scans: list[RangeImage]) -> bool:
         return False
     projection = scans[0].projection
     if isinstance(projection, SphericalProjection):
-        return max(np.ptp(projection.azimuths), np.ptp(projection.elevations)) <= _CAMERA_LIKE
+        spans = np.ptp(projection.azimuths), np.ptp(projection.elevations)
+        return bool(max(spans) <= _CAMERA_LIKE)
     return True
 
 
@@ -201,8 +202,8 @@ class _Stage:
 
 
 def _inner(bounds: FloatArray) -> FloatArray:
-    """Return a box 3 % smaller, so that its own walls hide nothing in it."""
-    inner: FloatArray = bounds.mean(axis=0) + 0.97 * (bounds - bounds.mean(axis=0))
+    """Return a box 1 % smaller, so that its own walls hide nothing in it."""
+    inner: FloatArray = bounds.mean(axis=0) + 0.99 * (bounds - bounds.mean(axis=0))
     return inner
 
 

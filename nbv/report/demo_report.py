@@ -55,8 +55,8 @@ def demo_page(
     alone, never = percent(coverage.met), percent(coverage.unreachable)
     summary = (
         f"A scanner alone needs {len(plan.views)} views to measure {alone} % of this room well, and no view "
-        f"reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; completion "
-        f"infers {percent(inferred)} % more from them, and of all that it inferred "
+        f"reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; "
+        f"completion infers {percent(inferred)} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
     poses = [view.world_from_sensor for view in plan.views]
