@@ -8,7 +8,7 @@ from .fitting import SurfaceFit as SurfaceFit
 from .fitting import fit_cylinder as fit_cylinder
 from .fitting import fit_plane as fit_plane
 from .growing import SegmentationOptions as SegmentationOptions
-from .model import Completion as Completion
+from .pipeline import Completion as Completion
 from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
 from .texturing import TexturingOptions as TexturingOptions

@@ -19,7 +19,7 @@ from completion.boundary import find_openings, trace_boundary
 from completion.extension import CONFIDENCE, Patch, Provenance
 from completion.fitting import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
-from completion.model import Completion, LabelledPoints, to_8_bits
+from completion.model import CompletedModel, LabelledPoints, to_8_bits
 from completion.texturing import ChartTexture
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
@@ -31,7 +31,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 _OBSERVED_GREY, _HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 
 
-def save_completion(completion: Completion, folder: str | PathLike[str]) -> None:
+def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> None:
     """Write completed.glb, observed.ply, hypothesised.ply and completion.json to an existing or new folder.
 
     Raises
@@ -52,7 +52,7 @@ def save_completion(completion: Completion, folder: str | PathLike[str]) -> None
     write_json(target / "completion.json", completion_record(completion))
 
 
-def completion_record(completion: Completion) -> dict[str, Any]:
+def completion_record(completion: CompletedModel) -> dict[str, Any]:
     """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
     return {
         "surfaces": [
@@ -104,7 +104,7 @@ def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
     }
 
 
-def completed_glb(completion: Completion) -> bytes:
+def completed_glb(completion: CompletedModel) -> bytes:
     """The completed model as binary glTF, y up by its root node; one node for each surface and state.
 
     Nodes are called `observed ...` and `hypothesised ...`: a hypothesis can never pass for a measurement.
@@ -135,7 +135,7 @@ def completed_glb(completion: Completion) -> bytes:
     return data
 
 
-def remainder_mesh(completion: Completion) -> LabelledPoints:
+def remainder_mesh(completion: CompletedModel) -> LabelledPoints:
     """Measured points of all scans that belong to no completed surface, as one mesh, working frame."""
     points = completion.observed_mesh()
     free = (points.surface == 0)[points.faces].any(axis=1)
@@ -150,12 +150,14 @@ def remainder_mesh(completion: Completion) -> LabelledPoints:
     )
 
 
-def display_mesh(completion: Completion, *, hypothesised: bool = True, mark: bool = False) -> LabelledMesh:
-    """The model as one textured mesh in world coordinates, for pictures; surface 0 observed, 1 hypothesised.
+def display_mesh(
+    completion: CompletedModel, *, hypothesised: bool = True, mark: bool = False
+) -> LabelledMesh:
+    """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
     Parameters
     ----------
-    completion : Completion
+    completion : CompletedModel
         What to show.
     hypothesised : bool
         Whether inferred area is shown.

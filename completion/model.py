@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Completion: the completed model, in which what was measured and what was inferred are never mixed up."""
+"""Completed model: the result, in which what was measured and what was inferred are never mixed up."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,7 @@ class LabelledPoints:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Completion:
+class CompletedModel:
     """What `complete` found.
 
     Attributes
@@ -103,12 +102,6 @@ class Completion:
         return _joined(
             [_scan_mesh(seen, owner) for seen, owner in zip(self.observations, self.owners, strict=True)]
         )
-
-    def save(self, folder: str | PathLike[str]) -> None:
-        """Write completed.glb, observed.ply, hypothesised.ply and completion.json, in world coordinates."""
-        from completion.export import save_completion  # the core touches no file
-
-        save_completion(self, folder)
 
 
 def mesh_area(vertices: FloatArray, faces: NDArray[np.int32]) -> float:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from typing import TypeVar
 
 import numpy as np
@@ -13,11 +14,12 @@ from numpy.typing import NDArray
 
 from completion.audit import audit
 from completion.evidence import EvidenceOptions
+from completion.export import save_completion
 from completion.extension import Patch, extend
 from completion.growing import SegmentationOptions
 from completion.limits import Mode, find_enclosing, find_touching, limit
 from completion.merging import MergedSurface, merge
-from completion.model import Completion, hypothesised_mesh
+from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
 from completion.segmentation import segment, tolerance_image
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
@@ -61,6 +63,22 @@ class CompletionOptions:
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
+
+
+class Completion(CompletedModel):
+    """What `complete` found: the completed model, and the way to save it."""
+
+    __slots__ = ()
+
+    def save(self, folder: str | PathLike[str]) -> None:
+        """Write completed.glb, observed.ply, hypothesised.ply and completion.json, in world coordinates.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be made or written.
+        """
+        save_completion(self, folder)
 
 
 def complete(

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from completion.limits import Mode
-from completion.model import Completion
-from completion.pipeline import CompletionOptions, complete
+from completion.pipeline import Completion, CompletionOptions, complete
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, read_request
 from nbv.report.completion_report import completion_page

@@ -11,7 +11,7 @@ import numpy as np
 
 from completion.export import display_mesh
 from completion.extension import Patch
-from completion.model import Completion
+from completion.pipeline import Completion
 from nbv.plots import range_colours
 from nbv.report.camera import Camera, aside_cameras, overview_cameras
 from nbv.report.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.model import Completion
+from completion.pipeline import Completion
 from nbv.coverage import Coverage
 from nbv.plan import Plan
 from nbv.report import picture

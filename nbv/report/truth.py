@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.model import Completion
+from completion.pipeline import Completion
 from nbv.measurement import measured_samples
 from nbv.samples import SurfaceSamples
 from scenes.checks import BoolArray, FloatArray
