@@ -14,7 +14,7 @@ from nbv.report.camera import aim, aside_cameras, overview_cameras
 from nbv.report.coverage_report import coverage_page, outline_of
 from nbv.report.drawing import Canvas, passes_hidden
 from nbv.report.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text, percent
-from nbv.report.picture import hatch, picture_of, segment_pixels, shrink, surface_colour
+from nbv.report.picture import hatch, picture_of, segment_pixels, surface_colour, upright
 from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
 from nbv.scanner import scan_scene
@@ -23,6 +23,7 @@ from nbv.view import View
 from scenes.builtin import builtin_scene
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
+from scenes.projection import PinholeProjection, SphericalProjection
 
 EVIL = "<script>alert('x')</script>"
 
@@ -121,9 +122,7 @@ def test_segments_have_the_colours_of_the_table():
     assert surface_colour(0) == surface_colour(-1)
 
 
-def test_shrink_and_hatch():
-    assert max(shrink(np.zeros((1300, 700))).shape) <= 640
-    assert shrink(np.zeros((20, 30))).shape == (20, 30)
+def test_hatch_is_half_transparent():
     assert 0 < hatch((40, 40)).min() < 0.4 < hatch((40, 40)).max() <= 1
 
 
@@ -190,3 +189,16 @@ def test_the_nearest_sample_is_one_of_the_same_face(coverage):
     found = nearest_samples(samples, samples.points + 0.01, samples.face.astype(np.int64))
     assert (samples.face[found] == samples.face).all()
     assert len(nearest_samples(samples, np.zeros((0, 3)), np.zeros(0, np.int64))) == 0
+
+
+def test_panoramas_are_drawn_upright_with_equal_angles_and_camera_images_as_they_are():
+    height = np.broadcast_to(np.linspace(-1.0, 0.5, 30)[:, None], (30, 21))
+    upwards = SphericalProjection(np.linspace(0.75, -0.75, 21), np.linspace(-1.0, 0.5, 30))
+    drawn = upright(height, upwards, most=60)
+    assert drawn.shape == (60, 60)
+    assert drawn[0, 0] > drawn[-1, 0]
+    sideways = np.broadcast_to(upwards.azimuths, (30, 21))
+    assert upright(sideways, upwards, most=60)[0, 0] < upright(sideways, upwards, most=60)[0, -1]
+    camera = PinholeProjection.from_fov(21, 30, 60)
+    np.testing.assert_array_equal(upright(height, camera, most=60), height)
+    assert upright(height, camera, most=10).shape == (10, 7)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from nbv.report.page import (
     count,
     square_metres,
 )
-from nbv.report.picture import Picture, picture_of, segment_pixels, shrink, surface_colour
+from nbv.report.picture import Picture, picture_of, segment_pixels, surface_colour, upright
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import Appearance, LabelledMesh
 from scenes.projection import SphericalProjection
@@ -108,14 +109,15 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
     pairs = list(zip(completion.observations, completion.owners, strict=True))
     for seen, owner in pairs[:_MOST_SCANS]:
         pictures = []
+        view = partial(upright, projection=seen.scan.projection)
         name = "" if len(pairs) == 1 else f"{seen.scan.name}: "
         if seen.scan.colour is not None:
-            colour = np.nan_to_num(shrink(seen.scan.colour))
+            colour = np.nan_to_num(view(seen.scan.colour))
             pictures.append(picture_of(colour, f"{name}Colour"))
-        colours, low, high = range_colours(shrink(seen.scan.ranges))
+        colours, low, high = range_colours(view(seen.scan.ranges))
         scale = f"{low:.2f} m (yellow) to {high:.2f} m (violet); empty where nothing came back."
         pictures.append(picture_of(colours, f"{name}Range", scale))
-        segments = segment_pixels(shrink(owner), shrink(seen.valid))
+        segments = segment_pixels(view(owner), view(seen.valid))
         pictures.append(
             picture_of(segments, f"{name}Surfaces", "Coloured as in the table below; grey belongs to none.")
         )
