@@ -15,7 +15,7 @@ from scenes.checks import InputError
 from scenes.files import SCAN_SUFFIXES, Intrinsics, ScanSource, Units, in_metres, open_scans, split_index
 from scenes.formats.header import FORMAT
 from scenes.loading import open_scene, units_doubt
-from scenes.orientation import Axis, suggest_up
+from scenes.orientation import Axis, axis_in_file, suggest_up
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.range_image import RangeImage
 from scenes.scene import Scene
@@ -88,10 +88,8 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
     extent = bounds[1] - bounds[0]
     appearance = mesh.appearance
     suggested = suggest_up(mesh, scene.mode)
-    in_file = None if suggested is None else _axis_in_file(suggested, up)
+    in_file = None if suggested is None else axis_in_file(suggested, up)
     warnings = list(scene.warnings)
-    if suggested not in (None, "z"):
-        warnings.append(f"the geometry suggests that {in_file} is up, not {up}; give --up {in_file} if so")
     kinds = [surface.kind for surface in scene.surfaces if surface is not None]
     return {
         "kind": "scene",
@@ -113,16 +111,6 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
         "suggested_up": in_file,
         "warnings": warnings,
     }
-
-
-def _axis_in_file(axis: Axis, up: Axis) -> Axis:
-    """Which axis of the file became this axis of the world when `up` became z."""
-    order: dict[Axis, tuple[Axis, Axis, Axis]] = {
-        "x": ("y", "z", "x"),
-        "y": ("x", "z", "y"),
-        "z": ("x", "y", "z"),
-    }
-    return order[up]["xyz".index(axis)]
 
 
 def _describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:

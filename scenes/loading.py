@@ -16,7 +16,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.files import METRES_PER_UNIT, Units
 from scenes.formats.guard import MAX_BYTES, check_file, reading
 from scenes.mesh import LabelledMesh
-from scenes.orientation import Axis, decide_mode, world_from_file_up
+from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
 from scenes.scene import Mode, Scene
 
 _ARCHIVES = {"zip", "tar", "gz", "bz2", "xz", "7z"}
@@ -77,14 +77,8 @@ def load_scene(
             mesh.face_surface,
             mesh.appearance,
         )
-        return Scene(
-            mesh,
-            (None,) * len(names),
-            names,
-            file.stem,
-            decide_mode(mesh) if mode is None else mode,
-            tuple(_warnings(mesh)),
-        )
+        kind = decide_mode(mesh) if mode is None else mode
+        return Scene(mesh, (None,) * len(names), names, file.stem, kind, tuple(_warnings(mesh, kind, up)))
 
 
 def _check_mesh_file(path: Path) -> Path:
@@ -169,7 +163,7 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
     return tuple(unique)
 
 
-def _warnings(mesh: LabelledMesh) -> list[str]:
+def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
     """What a user should know before scanning."""
     found = []
     flat = int((mesh.face_areas() <= 0).sum())
@@ -177,6 +171,10 @@ def _warnings(mesh: LabelledMesh) -> list[str]:
         found.append(f"{flat} of {len(mesh.faces)} faces have no area; no ray can hit them")
     diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
     doubt = units_doubt(diagonal)
+    suggested = suggest_up(mesh, mode)
+    if suggested not in (None, "z"):
+        axis = axis_in_file(suggested, up)
+        found.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
     return [*found, doubt] if doubt else found
 
 

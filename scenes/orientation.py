@@ -145,3 +145,13 @@ def _lopsided(mesh: LabelledMesh, axis: int) -> float:
     share, _ = np.histogram(height, bins=20, range=(0.0, 1.0), weights=mesh.face_areas())
     difference = np.abs(share - share[::-1]).sum() / (2 * share.sum())
     return float(min(1.0, difference / 0.05))
+
+
+def axis_in_file(axis: Axis, up: Axis) -> Axis:
+    """Which axis of the file became this axis of the world when `up` became z."""
+    order: dict[Axis, tuple[Axis, Axis, Axis]] = {
+        "x": ("y", "z", "x"),
+        "y": ("x", "z", "y"),
+        "z": ("x", "y", "z"),
+    }
+    return order[up]["xyz".index(axis)]
