@@ -13,6 +13,13 @@ _N_PAIRS = 200
 _N_SCORED = 600
 _MAX_ANGLE = np.radians(20.0)
 _LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set
+_NAMES = {
+    "plane": "a plane",
+    "sphere": "a sphere",
+    "cylinder": "a cylinder",
+    "cone": "a cone",
+    "elliptic-cylinder": "an elliptic cylinder",
+}
 _MINIMAL = {  # points in a set, sets drawn
     "plane": (1, 200),
     "sphere": (2, 400),
@@ -149,7 +156,7 @@ def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, toler
         )
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
     if n_agree < 0.2 * len(points):
-        raise FitError(f"only {n_agree} of {len(points)} points agree on a {shape.replace('-', ' ')}")
+        raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")
     return best
 
 

@@ -15,7 +15,7 @@ from completion.quadrics import fit_by_quadric
 from completion.robust import fit_robust
 from completion.selection import Selection, weigh
 from scenes.checks import BoolArray, FloatArray, InputError, check_points, check_vectors
-from scenes.surfaces import Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
 __all__ = [
     "FitError",
@@ -137,7 +137,7 @@ def fit_euclidean(
 def _check_not_a_layer(found: SurfaceFit, what: str) -> None:
     """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
     surface = found.surface
-    if isinstance(surface, Sphere | Cylinder | EllipticCylinder):
+    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder):
         least = surface.radii[1] if isinstance(surface, EllipticCylinder) else surface.radius
         if least < _LEAST_RADIUS * found.rms:
             raise FitError(

@@ -13,7 +13,7 @@ from completion.fitting_charts import chart_of
 from completion.fitting_polish import Cloud, normal_equations, polished
 from completion.fitting_result import FitError, SurfaceFit
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Surface
+from scenes.surfaces import Plane, Surface
 
 _N_SAMPLE = 1_500  # points that take part in the consensus
 _N_TREE = 50_000
@@ -111,6 +111,9 @@ def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: 
     """The fit with the M-estimator's covariance: mean psi^2 / (mean psi')^2 times (J'J)^-1."""
     kept = points[inliers]
     cloud = replace(_weighted_cloud(points, inliers.astype(np.float64), surface.kind), weights=None)
+    if isinstance(surface, Plane):  # its chart's origin: the point nearest to the centroid
+        height = float(surface.distance(cloud.centre[None])[0])
+        surface = Plane(cloud.centre - height * surface.normal_direction, surface.normal_direction)
     chart = chart_of(surface, cloud.centre, cloud.scale)
     normal = normal_equations(chart, cloud)
     n, k = len(kept), chart.n_parameters

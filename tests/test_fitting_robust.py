@@ -103,3 +103,11 @@ def test_covariances_of_natural_parameters_have_their_shapes() -> None:
         assert found.degrees_of_freedom == 200 - len(found.covariance)
         assert found.converged
         assert set(found.parameter_deviations()) - {"offset"} <= set(found.parameters())
+
+
+def test_a_robust_plane_has_its_point_amid_the_points() -> None:
+    points = sampled("plane", np.random.default_rng(2), 500)
+    plain, robust = fit(points, "plane"), fit(points, "plane", robust=True)
+    assert np.linalg.norm(plain.surface.point - robust.surface.point) < 0.1  # type: ignore[attr-defined]
+    ratio = robust.parameter_deviations()["offset"] / plain.parameter_deviations()["offset"]
+    assert ratio == pytest.approx(1 / np.sqrt(0.95), rel=0.1)
