@@ -11,6 +11,7 @@ from completion.fitting_charts import Chart, ConeChart, CylinderChart, chart_of
 from completion.fitting_polish import Cloud, Normal, full_step, polished
 from completion.fitting_result import FitError, SurfaceFit, inflated, surface_parameters
 from completion.fitting_starts import cones_along, starts
+from completion.moments import centroid
 from completion.quadrics import fit_by_quadric
 from completion.robust import fit_robust
 from completion.selection import Selection, weigh
@@ -147,7 +148,7 @@ def _check_not_a_layer(found: SurfaceFit, what: str) -> None:
 
 def normalised(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
     """The points with their centroid and RMS radius."""
-    centre = points.mean(axis=0)
+    centre = centroid(points)
     offset = points[:: max(1, len(points) // _SUBSAMPLE)] - centre
     scale = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
     return Cloud(points, centre, scale or 1.0, weights)
@@ -263,10 +264,8 @@ def fit(
     if shape != "auto" and shape not in LEAST_POINTS:
         raise InputError(f"shape must be auto or one of {', '.join(LEAST_POINTS)}, got {shape!r}")
     cloud = check_vectors("points", points)
-    with np.errstate(all="ignore"):
-        total = float(cloud.sum())
-    if not np.isfinite(total):
-        cloud = check_points("points", cloud)
+    if not np.isfinite(centroid(cloud)).all():
+        cloud = check_points("points", cloud)  # says which are not finite
     if shape == "auto":
         selection = select(cloud, robust=robust)
         if selection.shape is None:

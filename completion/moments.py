@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from scenes.checks import FloatArray, check_point, check_points
+from scenes.checks import FloatArray, check_point, check_points, check_vectors
 
 _SQUARES = ((2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1))
 MONOMIALS = (*_SQUARES, (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
@@ -87,16 +87,30 @@ class Moments:
 
 def moments(points: object, centre: object | None = None) -> Moments:
     """Sum the monomials of `points` (n, 3) in one pass; about their centroid unless `centre` is given."""
-    cloud = check_points("points", points)
-    about = cloud.mean(axis=0) if centre is None else check_point("centre", centre)
-    gram = np.zeros((10, 10))
+    cloud = check_vectors("points", points)
+    mean = centroid(cloud)
+    if not np.isfinite(mean).all():
+        cloud = check_points("points", cloud)  # says which are not finite
+    about = mean if centre is None else check_point("centre", centre)
+    gram, buffer = np.zeros((10, 10)), np.ones((10, min(_CHUNK, len(cloud))))
     for first in range(0, len(cloud), _CHUNK):
-        x, y, z = (cloud[first : first + _CHUNK] - about).T
-        rows = np.stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z, np.ones_like(x)])
+        chunk = cloud[first : first + _CHUNK]
+        rows = buffer[:, : len(chunk)]
+        np.subtract(chunk.T, about[:, None], out=rows[6:9])
+        x, y, z = rows[6:9]
+        np.multiply(rows[6:9], rows[6:9], out=rows[:3])
+        np.multiply(x, rows[7:9], out=rows[3:5])
+        np.multiply(y, z, out=rows[5])
         gram += rows @ rows.T
     sums = np.zeros(len(EXPONENTS))
     sums[_PAIRS.ravel()] = gram.ravel()
     return Moments(about, sums)
+
+
+def centroid(points: FloatArray) -> FloatArray:
+    """The mean (3,) of points (n, 3) by one product, several times as fast as numpy's mean of rows."""
+    with np.errstate(all="ignore"):
+        return np.asarray(np.ones(len(points)) @ points / max(len(points), 1), dtype=np.float64)
 
 
 def _linear() -> list[int]:

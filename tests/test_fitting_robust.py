@@ -4,7 +4,9 @@
 import numpy as np
 import pytest
 
-from completion.fitting import FitError, fit, select
+from completion.fitting import FitError, fit, normalised, select
+from completion.fitting_charts import chart_of
+from completion.fitting_polish import normal_equations
 from completion.robust import tukey_weights
 from scenes.checks import FloatArray
 from scenes.surfaces import surfaces_close
@@ -111,3 +113,13 @@ def test_a_robust_plane_has_its_point_amid_the_points() -> None:
     assert np.linalg.norm(plain.surface.point - robust.surface.point) < 0.1  # type: ignore[attr-defined]
     ratio = robust.parameter_deviations()["offset"] / plain.parameter_deviations()["offset"]
     assert ratio == pytest.approx(1 / np.sqrt(0.95), rel=0.1)
+
+
+def test_many_points_converge_on_a_part_and_end_on_all() -> None:
+    """50 000 points are polished on 20 000 and get two full steps: another step is nothing to u."""
+    points = arc(50_000, 90, 0.5, np.random.default_rng(4))
+    found_fit, cloud = fit(points, "cylinder"), normalised(points)
+    chart = chart_of(found_fit.surface, cloud.centre, cloud.scale)
+    step = normal_equations(chart, cloud).solved(0.0, "these points")
+    u = found_fit.parameter_deviations()["radius"] / cloud.scale
+    assert np.abs(step).max() < 1e-3 * u
