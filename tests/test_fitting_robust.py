@@ -9,7 +9,9 @@ from completion.fitting_charts import chart_of
 from completion.fitting_polish import normal_equations
 from completion.robust import tukey_weights
 from scenes.checks import FloatArray
+from scenes.files import read_scan
 from scenes.surfaces import surfaces_close
+from tests.data_paths import data_path, requires_data
 from tests.test_fitting_laws import SURFACES, sampled
 
 
@@ -123,3 +125,14 @@ def test_many_points_converge_on_a_part_and_end_on_all() -> None:
     step = normal_equations(chart, cloud).solved(0.0, "these points")
     u = found_fit.parameter_deviations()["radius"] / cloud.scale
     assert np.abs(step).max() < 1e-3 * u
+
+
+@requires_data
+def test_the_pipe_of_a_real_scan_has_its_known_radius() -> None:
+    """pumpA.e57: 87.7 mm within 0.8 mm, the axis free, clutter around; plain least squares is 7 mm off."""
+    pytest.importorskip("pye57")
+    window = read_scan(data_path("range/e57/pumpA.e57")).points()[721:1000, 227:240].reshape(-1, 3)
+    found = fit(window[np.isfinite(window).all(axis=1)], "cylinder", robust=True)
+    assert found.surface.radius == pytest.approx(0.0877, abs=0.0008)  # type: ignore[attr-defined]
+    assert 1e-4 < found.parameter_deviations()["radius"] < 5e-4
+    assert abs(found.surface.direction[2]) > 0.999  # type: ignore[attr-defined]
