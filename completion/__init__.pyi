@@ -5,8 +5,10 @@ from .extension import Patch as Patch
 from .extension import Provenance as Provenance
 from .fitting import FitError as FitError
 from .fitting import SurfaceFit as SurfaceFit
+from .fitting import fit as fit
 from .fitting import fit_cylinder as fit_cylinder
 from .fitting import fit_plane as fit_plane
+from .fitting import select as select
 from .growing import SegmentationOptions as SegmentationOptions
 from .pipeline import Completion as Completion
 from .pipeline import CompletionOptions as CompletionOptions

@@ -1,17 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""Consensus: the cylinder that most oriented points agree with, from minimal sets of two."""
+"""Consensus: the surface that most oriented points agree with, from minimal sets."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from completion.fitting import FitError
-from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder
+from completion.fitting_result import FitError
+from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
 _N_PAIRS = 200
 _N_SCORED = 600
 _MAX_ANGLE = np.radians(20.0)
+_LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set
+_NAMES = {
+    "plane": "a plane",
+    "sphere": "a sphere",
+    "cylinder": "a cylinder",
+    "cone": "a cone",
+    "elliptic-cylinder": "an elliptic cylinder",
+}
+_MINIMAL = {  # points in a set, sets drawn
+    "plane": (1, 200),
+    "sphere": (2, 400),
+    "cylinder": (2, 600),
+    "cone": (3, 1500),
+    "elliptic-cylinder": (7, 1500),
+}
 
 
 def consensus_cylinder(
@@ -98,3 +113,124 @@ def _costs(
     agrees = cosine >= np.cos(_MAX_ANGLE)
     distance = np.where(agrees, np.minimum(np.abs(length - radii), tolerance), tolerance)
     return np.asarray(np.square(distance).sum(axis=0), dtype=np.float64)
+
+
+def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, tolerance: float) -> Surface:
+    """Find the surface of one shape with the least truncated squared distance (MSAC), from minimal sets.
+
+    Minimal sets of oriented points: one for a plane, two for a sphere or cylinder, three for a cone (its apex
+    is where three tangent planes meet); two for an elliptic cylinder's axis, and five points for its section.
+    Normals need no side: they count as lines. The sets are drawn with a fixed seed.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float
+        Metres and unit vectors; some hundreds to thousands are enough.
+    shape : {"plane", "sphere", "cylinder", "cone", "elliptic-cylinder"}
+        What to look for.
+    tolerance : float
+        Distance in metres beyond which a point counts as an outlier.
+
+    Raises
+    ------
+    FitError
+        No minimal set spans such a surface, or a fifth of the points agree with none.
+    """
+    rng = np.random.default_rng(0)
+    n_drawn, n_sets = _MINIMAL[shape]
+    sample = np.unique(np.linspace(0, len(points) - 1, _N_SCORED).astype(np.int64))
+    best: Surface | None = None
+    least, n_spanned = np.inf, 0
+    for drawn in rng.integers(0, len(points), (n_sets, n_drawn)):
+        surface = _spanned(shape, points[drawn], normals[drawn])
+        if surface is None:
+            continue
+        n_spanned += 1
+        distance = np.minimum(np.abs(surface.distance(points[sample])), tolerance)
+        cost = float(distance @ distance)
+        if cost < least:
+            best, least = surface, cost
+    if best is None:
+        raise FitError(
+            f"none of {n_sets} sets of {n_drawn} oriented points spans a {shape.replace('-', ' ')}"
+        )
+    n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
+    if n_agree < 0.2 * len(points):
+        raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")
+    return best
+
+
+def _spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
+    """The surface through a minimal set, None where the set is degenerate."""
+    try:
+        if shape == "plane":
+            return Plane(points[0], normals[0])
+        if shape == "cone":
+            return _spanned_cone(points, normals)
+        if shape == "sphere":
+            return _spanned_sphere(points, normals)
+        return _spanned_cylinder(shape, points, normals)
+    except (np.linalg.LinAlgError, InputError):
+        return None
+
+
+def _spanned_sphere(points: FloatArray, normals: FloatArray) -> Sphere | None:
+    """The centre is nearest to both normals."""
+    across = np.eye(3)[None] - normals[:, :, None] * normals[:, None, :]
+    if abs(float(normals[0] @ normals[1])) > np.cos(_LEAST_ANGLE):
+        return None
+    centre = np.linalg.solve(across.sum(axis=0), np.einsum("kij,kj->i", across, points))
+    radii = np.linalg.norm(points - centre, axis=1)
+    return Sphere(centre, float(radii.mean())) if np.ptp(radii) < 0.3 * radii.mean() else None
+
+
+def _spanned_cylinder(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
+    axis = np.cross(normals[0], normals[1])
+    sine = float(np.linalg.norm(axis))
+    if sine < np.sin(_LEAST_ANGLE):
+        return None
+    axis = axis / sine
+    frame = np.stack([normals[0], np.cross(axis, normals[0]), axis])
+    if shape == "elliptic-cylinder":
+        return _spanned_ellipse(points, frame)
+    flat, direction = (points[:2] - points[0]) @ frame[:2].T, normals[:2] @ frame[:2].T
+    along = np.linalg.solve(np.column_stack([direction[0], -direction[1]]), flat[1])
+    radii = np.abs(along)
+    if np.ptp(radii) > 0.3 * radii.mean():
+        return None
+    return Cylinder(points[0] + along[0] * normals[0], axis, float(radii.mean()))
+
+
+def _spanned_ellipse(points: FloatArray, frame: FloatArray) -> EllipticCylinder | None:
+    x, y = (points[2:] - points[2]) @ frame[0], (points[2:] - points[2]) @ frame[1]
+    basis = np.column_stack([x * x - y * y, 2 * x * y, x, y, np.ones(5)])
+    a, b, *linear, constant = np.linalg.solve(basis, x * x + y * y)
+    form = np.array([[1 - a, -b], [-b, 1 + a]])
+    values, vectors = np.linalg.eigh(form)
+    if values[0] < 0.01 * values[1]:
+        return None
+    centre = np.linalg.solve(form, np.array(linear) / 2)
+    level = float(constant + centre @ form @ centre)
+    if level <= 0:
+        return None
+    radii = np.sqrt(level / values)
+    place = points[2] + centre @ frame[:2]
+    return EllipticCylinder(place, frame[2], (float(radii[0]), float(radii[1])), vectors[:, 0] @ frame[:2])
+
+
+def _spanned_cone(points: FloatArray, normals: FloatArray) -> Cone | None:
+    """The apex lies in all tangent planes; the rays from it to the points make one angle with the axis."""
+    apex = np.linalg.solve(normals, np.einsum("ij,ij->i", normals, points))
+    rays = points - apex
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    axis = np.linalg.solve(rays, np.ones(3))
+    axis = axis / np.linalg.norm(axis)
+    cosine = float(rays[0] @ axis)
+    height = float(((points - apex) @ axis).mean())
+    if not 0.01 < cosine < 0.99999 or height <= 0:
+        return None
+    half_angle = float(np.arccos(cosine))
+    agrees = np.abs(normals @ axis) - np.sin(half_angle)
+    if np.abs(agrees).max() > 0.2:
+        return None
+    return Cone(apex + height * axis, axis, height * float(np.tan(half_angle)), half_angle)

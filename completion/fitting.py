@@ -1,79 +1,43 @@
 # SPDX-License-Identifier: MIT
-"""Fits: orthogonal-distance least squares of plane and circular cylinder, with covariance."""
+"""Fits: orthogonal-distance least squares of plane, sphere, cylinder, cone, with covariance and no guess."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal, cast
 
 import numpy as np
 
-from scenes.checks import BoolArray, FloatArray, check_points
-from scenes.surfaces import Cylinder, Plane, Surface, perpendicular
+from completion.fitting_charts import Chart, ConeChart, CylinderChart, chart_of
+from completion.fitting_polish import Cloud, Normal, full_step, polished
+from completion.fitting_result import FitError, SurfaceFit, inflated, surface_parameters
+from completion.fitting_starts import cones_along, starts
+from completion.moments import centroid
+from completion.quadrics import fit_by_quadric
+from completion.robust import fit_robust
+from completion.selection import Selection, weigh
+from scenes.checks import BoolArray, FloatArray, InputError, check_points, check_vectors
+from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
-_SUBSAMPLE = 20_000  # points that a cylinder converges on before its last two full steps
-_N_STEPS = 30
+__all__ = [
+    "FitError",
+    "SurfaceFit",
+    "fit",
+    "fit_cylinder",
+    "fit_plane",
+    "inflated",
+    "select",
+    "surface_parameters",
+]
 
+Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"]
+Metric = Literal["euclidean", "taubin", "algebraic"]
 
-class FitError(ValueError):
-    """Points that determine no surface; the message says why in numbers."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceFit:
-    """A surface fitted to points.
-
-    Attributes
-    ----------
-    surface : Plane or Cylinder
-        The fit; its normals point to the side the scanner looked from.
-    rms : float
-        Root mean square orthogonal distance over the degrees of freedom, metres.
-    covariance : (k, k) float
-        Of the chart's parameters: for a plane the offset along the normal and the slopes along u and v
-        (k = 3); for a cylinder the two shifts and two tilts of its axis, and the radius (k = 5).
-    n : int
-        Number of points.
-    """
-
-    surface: Surface
-    rms: float
-    covariance: FloatArray
-    n: int
-
-    def standard_deviation(self, points: FloatArray) -> FloatArray:
-        """Predicted standard deviation (n,) of the surface along its normal at `points`, metres."""
-        gradient = _gradient(self.surface, points)
-        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
-
-    def parameters(self) -> dict[str, object]:
-        """The parameters by name, in the order that files use."""
-        return surface_parameters(self.surface)
-
-    def parameter_deviations(self) -> dict[str, float]:
-        """Standard deviations of offset and direction (radians), or of axis, direction and radius."""
-        sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        if isinstance(self.surface, Plane):
-            return {"offset": float(sd[0]), "normal": float(np.hypot(sd[1], sd[2]))}
-        return {
-            "point": float(np.hypot(sd[0], sd[1])),
-            "direction": float(np.hypot(sd[2], sd[3])),
-            "radius": float(sd[4]),
-        }
-
-
-def surface_parameters(surface: Surface) -> dict[str, object]:
-    """The parameters of a plane or cylinder by name, in the order that files use."""
-    if isinstance(surface, Plane):
-        return {"point": surface.point.tolist(), "normal": surface.normal_direction.tolist()}
-    if isinstance(surface, Cylinder):
-        return {
-            "point": surface.point.tolist(),
-            "direction": surface.direction.tolist(),
-            "radius": surface.radius,
-            "concave": surface.concave,
-        }
-    raise TypeError(f"no parameters are known for a {type(surface).__name__}")
+LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7}
+_ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}
+_SUBSAMPLE = 20_000  # points that a fit converges on before its last two full steps
+_START_SAMPLE = 2_000  # points on which starts compete
+_LEAST_RADIUS = 4.0  # times the residuals' rms
+_FLAT = 1e-9  # singular values below this part of the greatest count as zero
 
 
 def fit_plane(points: object, towards: FloatArray | None = None) -> SurfaceFit:
@@ -95,35 +59,32 @@ def fit_plane(points: object, towards: FloatArray | None = None) -> SurfaceFit:
     if len(cloud) < 3:
         raise FitError(f"a plane needs 3 points, got {len(cloud)}")
     centre = cloud.mean(axis=0)
-    _, spread, axes = np.linalg.svd(
-        np.linalg.qr(cloud - centre, mode="r") if len(cloud) > 3 else cloud - centre
-    )
-    if spread[1] <= 1e-9 * max(spread[0], 1e-300):
-        raise FitError(f"{len(cloud)} points lie on one line: singular values {spread.tolist()}")
+    spread, axes = _principal(cloud, centre)
+    _check_spread(len(cloud), spread, centre, 1)
     normal = axes[2]
     if towards is not None and (towards - centre) @ normal < 0:
         normal = -normal
     plane = Plane(centre, normal, axes[0])
     uv = plane.to_uv(cloud)
     residual = plane.distance(cloud)
-    freedom = max(len(cloud) - 3, 1)
-    rms = float(np.sqrt(residual @ residual / freedom))
+    rms = float(np.sqrt(residual @ residual / max(len(cloud) - 3, 1)))
     gradient = np.column_stack([np.ones(len(uv)), uv])
     covariance = rms**2 * np.linalg.inv(gradient.T @ gradient)
+    if len(cloud) == 3:
+        covariance = np.full((3, 3), np.nan)
     return SurfaceFit(plane, rms, covariance, len(cloud))
 
 
 def fit_cylinder(points: object, start: Cylinder) -> SurfaceFit:
-    """Fit a circular cylinder by Gauss-Newton on orthogonal distances, in a chart that moves along.
+    """Fit a circular cylinder by Gauss-Newton on orthogonal distances from a start near by.
 
-    After each step the frame is turned so that the current axis is z again and the origin is the axis point
-    nearest to the centroid: the charts of the least-squares geometric elements library (NPL). Residual
-    f = sqrt(x^2 + y^2) - r with gradient (-ux, -uy, -z ux, -z uy, -1), u the unit radial.
+    Steps are not damped: points from which Gauss-Newton runs away in 30 steps are not near this cylinder,
+    and region growing wants to know. `fit` needs no start and damps.
 
     Parameters
     ----------
     points : (n, 3) float
-        At least five; metres.
+        At least six; metres.
     start : Cylinder
         Where to begin; `concave` is kept.
 
@@ -132,90 +93,212 @@ def fit_cylinder(points: object, start: Cylinder) -> SurfaceFit:
     FitError
         Too few points, a singular system (a line or a plane), or no convergence.
     """
-    cloud = check_points("points", points)
-    if len(cloud) < 6:
-        raise FitError(f"a cylinder with covariance needs 6 points, got {len(cloud)}")
-    stride = max(1, len(cloud) // _SUBSAMPLE)
-    point, axis, radius = start.point, start.direction, start.radius
-    sample, before = cloud[::stride], np.inf
-    for _ in range(_N_STEPS):
-        point, axis, radius, moved, _, _ = _cylinder_step(sample, point, axis, radius)
-        if moved < 1e-10 or (moved < 1e-6 and moved >= 0.99 * before):
-            break
-        before = moved
+    return fit_euclidean(check_points("points", points), "cylinder", start, n_steps=30, damped=False)
+
+
+def fit_euclidean(
+    points: FloatArray,
+    shape: str,
+    start: Surface | None = None,
+    weights: FloatArray | None = None,
+    *,
+    n_steps: int = 300,
+    damped: bool = True,
+) -> SurfaceFit:
+    """Fit one shape by orthogonal distances to checked points, from `start` or from a search of its own."""
+    name = _ARTICLE.get(shape, f"a {shape}")
+    if len(points) < LEAST_POINTS[shape]:
+        more = " with covariance" if shape == "cylinder" else ""
+        raise FitError(f"{name}{more} needs {LEAST_POINTS[shape]} points, got {len(points)}")
+    if shape == "plane":
+        return fit_plane(points)
+    cloud = normalised(points, weights)
+    what = f"{len(points)} points determine no {shape.replace('-', ' ')}"
+    if start is None:
+        chart = _searched(shape, cloud, what)
     else:
-        raise FitError(f"no convergence after {_N_STEPS} steps: the last moved {moved:.3g} of the radius")
-    for _ in range(2 if stride > 1 else 1):
-        point, axis, radius, _, rms, inverse = _cylinder_step(cloud, point, axis, radius)
-    surface = Cylinder(point, axis, radius, None, start.concave)
-    return SurfaceFit(surface, rms, rms**2 * inverse, len(cloud))
+        chart = chart_of(start, cloud.centre, cloud.scale)
+        _check_off_axis(chart, cloud)
+    sample = cloud.thinned(_SUBSAMPLE)
+    chart, normal, converged = polished(chart, sample, what, n_steps, damped)
+    if not converged:
+        raise FitError(f"no convergence: {what}; the last radius is {chart.size() * cloud.scale:.3g} m")
+    if len(sample.points) < len(points):
+        for _ in range(2):
+            chart, normal = full_step(chart, cloud, what)
+    elif isinstance(chart, ConeChart) and chart.phi > 0:
+        chart = chart.growing()
+        chart, normal = full_step(chart, cloud, what)
+    found = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
+    if damped:
+        _check_not_a_layer(found, what)
+    return found
 
 
-def _cylinder_step(
-    cloud: FloatArray, point: FloatArray, axis: FloatArray, radius: float
-) -> tuple[FloatArray, FloatArray, float, float, float, FloatArray]:
-    """One Gauss-Newton step: point, axis, radius, its move / radius, RMS before, inverse normal matrix."""
-    origin = point + axis * ((cloud.mean(axis=0) - point) @ axis)
-    frame = _axis_frame(axis)
-    local = (cloud - origin) @ frame.T
-    distance = np.hypot(local[:, 0], local[:, 1])
-    if distance.min() < 1e-9 * radius:
-        raise FitError(f"{int((distance < 1e-9 * radius).sum())} points lie on the cylinder's axis")
-    unit = local[:, :2] / distance[:, None]
-    height = local[:, 2:]
-    gradient = np.hstack([-unit, -height * unit, -np.ones_like(height)])
-    residual = distance - radius
-    normal_matrix = gradient.T @ gradient
-    scale = np.sqrt(np.diag(normal_matrix))
-    scaled = normal_matrix / np.outer(scale, scale)
-    condition = float(np.linalg.cond(scaled))
-    if not np.isfinite(condition) or condition > 1e12:
-        raise FitError(f"{len(cloud)} points determine no cylinder: condition number {condition:.3g}")
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    change = -inverse @ (gradient.T @ residual)
-    new_radius = float(radius + change[4])
-    if not new_radius > 0:
-        raise FitError(
-            f"the radius became {new_radius:.3g} m: these points curve the other way or not at all"
-        )
-    direction = frame.T @ np.array([change[2], change[3], 1.0])
-    moved = float(np.abs(change[[0, 1, 4]]).max() / new_radius + np.abs(change[2:4]).max())
-    rms = float(np.sqrt(residual @ residual / max(len(cloud) - 5, 1)))
-    new_point = origin + frame.T @ np.array([change[0], change[1], 0.0])
-    return new_point, direction / np.linalg.norm(direction), new_radius, moved, rms, inverse
+def _check_not_a_layer(found: SurfaceFit, what: str) -> None:
+    """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
+    surface = found.surface
+    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder):
+        least = surface.radii[1] if isinstance(surface, EllipticCylinder) else surface.radius
+        if least < _LEAST_RADIUS * found.rms:
+            raise FitError(
+                f"{what}: the radius {least:.3g} m is within the noise, {found.rms:.3g} m (a layer or a line)"
+            )
 
 
-def _axis_frame(axis: FloatArray) -> FloatArray:
-    """Rows x, y, z of a frame whose z is the axis."""
-    x_axis = perpendicular(axis)
-    return np.stack([x_axis, np.cross(axis, x_axis), axis])
+def normalised(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
+    """The points with their centroid and RMS radius."""
+    centre = centroid(points)
+    offset = points[:: max(1, len(points) // _SUBSAMPLE)] - centre
+    scale = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
+    return Cloud(points, centre, scale or 1.0, weights)
 
 
-def inflated(fit: SurfaceFit, points: FloatArray, block: float) -> SurfaceFit:
-    """Return the fit with a covariance that allows for residuals that are correlated between neighbours.
+def _result(chart: Chart, normal: Normal, cloud: Cloud, concave: bool, what: str) -> SurfaceFit:
+    """The fit in metres, with the covariance of its chart's parameters."""
+    n, k = len(cloud.points), chart.n_parameters
+    rms = cloud.scale * float(np.sqrt(max(normal.cost, 0.0) / max(n - k, 1)))
+    try:
+        surface = chart.surface(cloud.centre, cloud.scale, concave)
+    except InputError as error:
+        raise FitError(f"{what}: {error}") from error
+    covariance = np.full((k, k), np.nan)
+    if n > k:
+        units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
+        covariance = rms**2 * normal.inverse() * np.outer(units, units)
+    return SurfaceFit(surface, rms, covariance, n)
 
-    Residuals are averaged over chart blocks of side `block` metres; independent ones would average to
-    rms / sqrt(n). The covariance grows by the ratio of the variances, at least one.
+
+def _searched(shape: str, cloud: Cloud, what: str) -> Chart:
+    """The start that polishes best on a sample."""
+    spread, _ = _principal(cloud.thinned(_SUBSAMPLE).points, cloud.centre)
+    _check_spread(len(cloud.points), spread, cloud.centre, 2)
+    sample = cloud.thinned(_START_SAMPLE)
+    n_best = 40 if len(sample.points) <= 50 else 8 if shape == "cone" else 3
+    unit = cloud.thinned(_SUBSAMPLE).unit()
+    best = _best_polished(starts(shape, unit, n_best), sample)
+    if shape == "cone":
+        along = _best_polished(starts("cylinder", unit, min(n_best, 8)), sample)
+        if along is not None and isinstance(along[1], CylinderChart):
+            touching = _best_polished(cones_along(along[1]), sample)
+            best = min((b for b in (best, touching) if b is not None), key=lambda b: b[0], default=None)
+    if best is None:
+        raise FitError(f"{what}: no axis direction gives a start; singular values {spread.tolist()}")
+    return best[1]
+
+
+def _best_polished(candidates: list[Chart], sample: Cloud) -> tuple[float, Chart] | None:
+    """Sum of squares and chart of the candidate that polishes best; None where none does."""
+    best: tuple[float, Chart] | None = None
+    for start in candidates:
+        try:
+            chart, normal, _ = polished(start, sample, "a start", 60)
+        except FitError:
+            continue
+        if best is None or normal.cost < best[0] * (1 - 1e-9):
+            best = normal.cost, chart
+    return best
+
+
+def _principal(cloud: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values (3,) and principal axes (3, 3) of the points about their centroid."""
+    offset = cloud - centre
+    _, spread, axes = np.linalg.svd(np.linalg.qr(offset, mode="r") if len(cloud) > 3 else offset)
+    return spread, axes
+
+
+def _check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> None:
+    """Refuse points in one spot, on one line or, for curved surfaces, in one plane."""
+    rounding = 8 * np.finfo(np.float64).eps * float(np.abs(centre).max()) * np.sqrt(n)
+    floor = max(_FLAT * float(spread[0]), rounding)
+    if spread[0] <= rounding:
+        raise FitError(f"{n} points lie in one spot, at {centre.tolist()}: singular values {spread.tolist()}")
+    if spread[1] <= floor:
+        raise FitError(f"{n} points lie on one line: singular values {spread.tolist()}")
+    if rank > 1 and spread[2] <= floor:
+        raise FitError(f"{n} points lie in one plane: singular values {spread.tolist()}")
+
+
+def _check_off_axis(chart: Chart, cloud: Cloud) -> None:
+    local = chart.frame @ (cloud.unit() - chart.origin).T
+    near: BoolArray = np.hypot(local[0], local[1]) < 1e-9 * chart.size()
+    if near.any():
+        raise FitError(f"{int(near.sum())} points lie on the cylinder's axis")
+
+
+def fit(
+    points: object,
+    shape: Shape,
+    *,
+    metric: Metric = "euclidean",
+    robust: bool = False,
+    start: Surface | None = None,
+) -> SurfaceFit:
+    """Fit a surface to points.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Metres; anywhere: they are centred first.
+    shape : {"auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"}
+        What to fit; "auto" lets the evidence decide, and raises where it does not.
+    metric : {"euclidean", "taubin", "algebraic"}
+        Orthogonal distances (the least-squares fit), or the closed forms, kept for comparison.
+    robust : bool
+        Find consensus first and weigh outliers down (Euclidean only).
+    start : Surface, optional
+        Where to begin; none is needed.
+
+    Raises
+    ------
+    FitError
+        The points determine no such surface; the message says why in numbers.
+
+    Examples
+    --------
+    >>> around = np.linspace(0, 2, 200)
+    >>> post = np.column_stack([0.3 * np.cos(around), 0.3 * np.sin(around), np.sin(9 * around)])
+    >>> round(fit(post, "cylinder").surface.radius, 9)
+    0.3
     """
-    uv = fit.surface.to_uv(points)
-    residual = fit.surface.distance(points)
-    cell = np.floor((uv - uv.min(axis=0)) / max(block, 1e-12)).astype(np.int64)
-    _, which = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)
-    count = np.bincount(which).astype(np.float64)
-    full: BoolArray = count >= 5
-    if full.sum() < 8 or fit.rms == 0:
-        return fit
-    mean = np.bincount(which, residual)[full] / count[full]
-    excess = float(np.mean(mean**2 * count[full]) / fit.rms**2)
-    return SurfaceFit(fit.surface, fit.rms, fit.covariance * max(excess, 1.0), fit.n)
+    if shape != "auto" and shape not in LEAST_POINTS:
+        raise InputError(f"shape must be auto or one of {', '.join(LEAST_POINTS)}, got {shape!r}")
+    cloud = check_vectors("points", points)
+    if not np.isfinite(centroid(cloud)).all():
+        cloud = check_points("points", cloud)  # says which are not finite
+    if shape == "auto":
+        selection = select(cloud, robust=robust)
+        if selection.shape is None:
+            raise FitError(f"{selection.summary()}; name the shape")
+        shape, start = cast("Shape", selection.shape), None
+        if metric == "euclidean":
+            return selection.fits[shape]
+    if robust:
+        if metric != "euclidean":
+            raise InputError(f"a robust fit is Euclidean; drop robust or metric={metric!r}")
+        return fit_robust(cloud, shape, start)
+    if metric not in ("euclidean", "taubin", "algebraic"):
+        raise InputError(f"metric must be euclidean, taubin or algebraic, got {metric!r}")
+    if metric != "euclidean" and shape != "plane":  # a plane's three metrics are one
+        return fit_by_quadric(cloud, shape, metric)
+    return fit_euclidean(cloud, shape, start)
 
 
-def _gradient(surface: Surface, points: FloatArray) -> FloatArray:
-    """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
-    if isinstance(surface, Plane):
-        return np.column_stack([np.ones(len(points)), surface.to_uv(points)])
-    if isinstance(surface, Cylinder):
-        local = (points - surface.point) @ _axis_frame(surface.direction).T
-        unit = local[:, :2] / np.maximum(np.hypot(local[:, 0], local[:, 1]), 1e-12)[:, None]
-        return np.column_stack([-unit, -local[:, 2:] * unit, -np.ones(len(points))])
-    raise TypeError(f"no gradient is known for a {type(surface).__name__}")
+def select(points: object, *, robust: bool = False) -> Selection:
+    """Fit every shape to points (n, 3) and weigh the evidence; see `Selection`.
+
+    Residuals count as independent; where they are not (a wall that bends a little), the ratios overstate.
+    """
+    cloud = check_points("points", points)
+    fits: dict[str, SurfaceFit] = {}
+    failures: dict[str, str] = {}
+    for shape in LEAST_POINTS:
+        try:
+            fits[shape] = fit_robust(cloud, shape) if robust else fit_euclidean(cloud, shape)
+        except FitError as error:
+            failures[shape] = str(error)
+    residuals = {shape: found.surface.distance(cloud) for shape, found in fits.items()}
+    size = np.abs(cloud).max(initial=0.0)
+    spread = np.abs(cloud - cloud[:1]).max(initial=0.0)
+    extent = float(spread + 1e-3 * size)  # rounding grows with the distance from the origin
+    return weigh(fits, residuals, failures, extent)

@@ -288,6 +288,35 @@ def texture(
 
 
 @app.command()
+def fit(
+    points: Annotated[str, typer.Argument(metavar="POINTS", help="A file of points or scans; PATH#k.")],
+    shape: Annotated[
+        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"],
+        typer.Option("--shape", help="What to fit; auto chooses by evidence."),
+    ] = "auto",
+    metric: Annotated[
+        Literal["euclidean", "taubin", "algebraic"],
+        typer.Option("--metric", help="What is least: distances, or a stand-in for them."),
+    ] = "euclidean",
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Many points may belong to something else.")
+    ] = False,
+    units: UnitsOption = "m",
+    out: Out = None,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    threads: Threads = None,
+    max_memory: MaxMemory = None,
+) -> None:
+    """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
+    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    from nbv.commands.fit import run_fit
+
+    run_fit(shared, points, shape=shape, metric=metric, robust=robust, units=units)
+
+
+@app.command()
 def info(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
     up: UpOption = "z",

@@ -19,7 +19,10 @@ from .range_image import ScanTruth as ScanTruth
 from .raycast import Hits as Hits
 from .raycast import RayCaster as RayCaster
 from .scene import Scene as Scene
+from .surfaces import Cone as Cone
 from .surfaces import Cylinder as Cylinder
+from .surfaces import EllipticCylinder as EllipticCylinder
 from .surfaces import Plane as Plane
+from .surfaces import Sphere as Sphere
 from .surfaces import Surface as Surface
 from .surfaces import surfaces_close as surfaces_close

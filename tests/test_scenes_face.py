@@ -7,7 +7,9 @@ import scenes
 
 NAMES = [
     "Appearance",
+    "Cone",
     "Cylinder",
+    "EllipticCylinder",
     "Hits",
     "InputError",
     "LabelledMesh",
@@ -20,6 +22,7 @@ NAMES = [
     "ScanTruth",
     "Scene",
     "SphericalProjection",
+    "Sphere",
     "Surface",
     "builtin_names",
     "builtin_scene",

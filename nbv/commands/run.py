@@ -72,6 +72,12 @@ class Run:
         lines: Sequence[str],
     ) -> None:
         """Write the manifest; print `summary` as JSON, or `lines` for people."""
+        where = self.keep(inputs, options)
+        written = [str(file) for file in [*self.outputs, where]]
+        self.say({**summary, "files": written}, [*lines, f"written to {self.out}"])
+
+    def keep(self, inputs: Sequence[str], options: Mapping[str, Any]) -> Path:
+        """Write the manifest and return its path."""
         from nbv.manifest import manifest_path, write_manifest
 
         where = manifest_path(self.out, is_folder=self.is_folder)
@@ -85,8 +91,7 @@ class Run:
             outputs=self.outputs,
             times=self.watch.record(),
         )
-        written = [str(file) for file in [*self.outputs, where]]
-        self.say({**summary, "files": written}, [*lines, f"written to {self.out}"])
+        return where
 
     def say(self, summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Print `summary` as one JSON object, or `lines` for people, or nothing when quiet."""

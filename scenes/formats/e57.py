@@ -64,6 +64,16 @@ def read_e57(path: Path, index: int) -> RangeImage:
     return _grid(points, row, column, _colours(data, kept), pose, description, name)
 
 
+def read_e57_points(path: Path, index: int) -> FloatArray:
+    """Return all valid points (n, 3) of scan `index` (from 0) in the world, structured or not."""
+    with import_extra("pye57", "e57").E57(str(path)) as file:
+        header = file.get_header(index)
+        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        pose = _read_pose(header)
+    points, kept = _points(data)
+    return pose.apply(np.asarray(points[kept], dtype=np.float64))
+
+
 def _grid(
     points: FloatArray,
     row: Any,

@@ -73,6 +73,39 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     return _placed_scan(points, colour, _viewpoint(cloud.metadata.viewpoint), header, intrinsics, path.stem)
 
 
+def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
+    """Return points (n, 3) in the world, normals where the file has them, and warnings.
+
+    Organised clouds are read as scans where a projection explains them; others are moved by VIEWPOINT.
+    """
+    header = _read_header(path)
+    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    values, pose = cloud.pc_data, _viewpoint(cloud.metadata.viewpoint)
+    missing = {"x", "y", "z"} - set(values.dtype.names)
+    if missing:
+        raise InputError(f"has the fields {', '.join(values.dtype.names)}; x, y, z are needed")
+    points = np.stack([values[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    normal_fields = ("normal_x", "normal_y", "normal_z")
+    normals = None
+    if set(normal_fields) <= set(values.dtype.names):
+        normals = np.stack([values[axis] for axis in normal_fields], axis=-1).astype(np.float64)
+    kept = np.isfinite(points).all(axis=1)
+    if header.height > 1:  # an organised cloud says "nothing came back" by NaN or by zeros
+        kept &= (points != 0).any(axis=1)
+        points, normals = points[kept], None if normals is None else normals[kept]
+    if np.allclose(pose.matrix, np.eye(4)):
+        return points, normals, ()
+    try:
+        scan = read_pcd(path) if header.height > 1 and normals is None else None
+    except InputError:
+        scan = None
+    if scan is not None:  # knows whether the points are already in the world
+        return scan.points()[scan.valid], None, ()
+    moved = pose.apply(points)
+    turned = None if normals is None else normals @ pose.rotation.T
+    return moved, turned, ("moved from the sensor's frame to the world by VIEWPOINT",)
+
+
 def _placed_scan(
     points: FloatArray,
     colour: Any,

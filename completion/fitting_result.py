@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: MIT
+"""What a fit gives: the surface, its residual, and the covariance of every parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from completion.fitting_charts import chart_of
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+
+
+class FitError(ValueError):
+    """Points that determine no surface; the message says why in numbers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceFit:
+    """A surface fitted to points.
+
+    Attributes
+    ----------
+    surface : Surface
+        The fit; a plane's normal points to the side the scanner looked from, where that was given.
+    rms : float
+        Root mean square orthogonal distance over the degrees of freedom, metres.
+    covariance : (k, k) float
+        Of the chart's parameters: for a plane the offset along the normal and the slopes along u and v
+        (k = 3); for a sphere its centre and radius (4); else the two shifts and two tilts of the axis and
+        the radius (cylinder, 5), the radius and half angle (cone, 6), or the mean radius, half the difference
+        of the radii and the turn times it (elliptic cylinder, 7). NaN where the points leave no degree of
+        freedom, and for the algebraic metrics, which predict none.
+    n : int
+        Number of points that took part.
+    inflation : float
+        By how much `covariance` exceeds that of independent residuals, at least one; see `inflated`.
+    converged : bool
+        False where the last steps still moved the surface by more than rounding explains.
+    inliers : (m,) bool or None
+        Robust fits: which of all the points given took part.
+    metric : str
+        "euclidean", "taubin" or "algebraic".
+    """
+
+    surface: Surface
+    rms: float
+    covariance: FloatArray
+    n: int
+    inflation: float = 1.0
+    converged: bool = True
+    inliers: BoolArray | None = None
+    metric: str = "euclidean"
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Points less parameters."""
+        return self.n - len(self.covariance)
+
+    @property
+    def covariance_independent(self) -> FloatArray:
+        """The covariance for independent residuals (k, k), whatever `covariance` was inflated by."""
+        return np.asarray(self.covariance / self.inflation, dtype=np.float64)
+
+    def standard_deviation(self, points: FloatArray) -> FloatArray:
+        """Predicted standard deviation (n,) of the surface along its normal at `points`, metres."""
+        gradient = _gradient(self.surface, points)
+        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
+
+    def parameters(self) -> dict[str, object]:
+        """The parameters by name, in the order that files use."""
+        return surface_parameters(self.surface)
+
+    def parameter_covariances(self) -> dict[str, FloatArray]:
+        """Covariance of each natural parameter: (3, 3) of points and directions, (1, 1) of numbers.
+
+        In metres and radians; a cone's apex, which is derived, included.
+        """
+        return {
+            name: np.atleast_2d(jacobian @ self.covariance @ jacobian.T)
+            for name, jacobian in _natural_jacobians(self.surface).items()
+        }
+
+    def parameter_deviations(self) -> dict[str, float]:
+        """Standard deviations of the parameters in `parameters()`; vectors by their total, angles in radians.
+
+        Points move across the axis or along the normal only. Names ending in `_deg` are in degrees.
+        """
+        total = {
+            name: float(np.sqrt(np.trace(covariance)))
+            for name, covariance in self.parameter_covariances().items()
+        }
+        if isinstance(self.surface, Plane):
+            return {"offset": total["point"], "normal": total["normal"]}
+        if isinstance(self.surface, Cone):
+            apex, half_angle = total.pop("apex"), total.pop("half_angle")
+            return total | {"half_angle_deg": float(np.degrees(half_angle)), "apex": apex}
+        return total
+
+
+def surface_parameters(surface: Surface) -> dict[str, object]:
+    """The parameters of a surface by name, in the order that files use."""
+    if isinstance(surface, Plane):
+        return {"point": surface.point.tolist(), "normal": surface.normal_direction.tolist()}
+    if isinstance(surface, Sphere):
+        return {"centre": surface.centre.tolist(), "radius": surface.radius, "concave": surface.concave}
+    if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
+        raise TypeError(f"no parameters are known for a {type(surface).__name__}")
+    axis = {"point": surface.point.tolist(), "direction": surface.direction.tolist()}
+    if isinstance(surface, Cylinder):
+        return axis | {"radius": surface.radius, "concave": surface.concave}
+    if isinstance(surface, Cone):
+        half_angle = {"half_angle_deg": float(np.degrees(surface.half_angle)), "apex": surface.apex.tolist()}
+        return axis | {"radius": surface.radius} | half_angle | {"concave": surface.concave}
+    radii = {"greater_radius": surface.radii[0], "smaller_radius": surface.radii[1]}
+    return axis | radii | {"zero_direction": surface.zero_direction.tolist(), "concave": surface.concave}
+
+
+def inflated(fit: SurfaceFit, points: FloatArray, block: float) -> SurfaceFit:
+    """Return the fit with a covariance that allows for residuals that are correlated between neighbours.
+
+    Residuals are averaged over chart blocks of side `block` metres; independent ones would average to
+    rms / sqrt(n). The covariance grows by the ratio of the variances, at least one; `inflation` keeps it.
+    """
+    uv = fit.surface.to_uv(points)
+    residual = fit.surface.distance(points)
+    cell = np.floor((uv - uv.min(axis=0)) / max(block, 1e-12)).astype(np.int64)
+    _, which = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)
+    count = np.bincount(which).astype(np.float64)
+    full: BoolArray = count >= 5
+    if full.sum() < 8 or fit.rms == 0:
+        return fit
+    mean = np.bincount(which, residual)[full] / count[full]
+    excess = max(float(np.mean(mean**2 * count[full]) / fit.rms**2), 1.0)
+    return replace(fit, covariance=fit.covariance * excess, inflation=fit.inflation * excess)
+
+
+def _gradient(surface: Surface, points: FloatArray) -> FloatArray:
+    """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
+    chart = chart_of(surface, _chart_origin(surface), 1.0)
+    local = chart.frame @ (points - _chart_origin(surface)).T
+    return np.ascontiguousarray(chart.linearise(local)[1].T)
+
+
+def _chart_origin(surface: Surface) -> FloatArray:
+    if isinstance(surface, Sphere):
+        return surface.centre
+    point: FloatArray = surface.point  # type: ignore[attr-defined]
+    return point
+
+
+def _natural_jacobians(surface: Surface) -> dict[str, FloatArray]:
+    """Derivatives of the natural parameters by those of the chart, each (3, k) or (1, k)."""
+    if isinstance(surface, Plane):
+        across = np.stack([surface.u_direction, surface.v_direction])
+        zero = np.zeros((3, 1))
+        point = np.column_stack([surface.normal_direction, np.zeros((3, 2))])
+        return {"point": point, "normal": np.column_stack([zero, -across.T])}
+    if isinstance(surface, Sphere):
+        return {"centre": np.eye(4)[:3], "radius": np.eye(4)[3:]}
+    if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
+        raise TypeError(f"no parameters are known for a {type(surface).__name__}")
+    k = {Cylinder: 5, Cone: 6, EllipticCylinder: 7}[type(surface)]
+    frame = chart_of(surface, surface.point, 1.0).frame
+    unit = np.eye(k)
+    natural = {"point": frame[:2].T @ unit[:2], "direction": frame[:2].T @ unit[2:4]}
+    if isinstance(surface, Cylinder):
+        return natural | {"radius": unit[4:]}
+    if isinstance(surface, EllipticCylinder):
+        return natural | {"greater_radius": unit[4:5] + unit[5:6], "smaller_radius": unit[4:5] - unit[5:6]}
+    tangent = np.tan(surface.half_angle)
+    height = -surface.radius / tangent
+    # phi = -half angle; height = radius / tan(phi).
+    by_height = -unit[4:5] / tangent - surface.radius / np.sin(surface.half_angle) ** 2 * unit[5:6]
+    apex = natural["point"] + height * natural["direction"] + np.outer(frame[2], by_height[0])
+    return natural | {"radius": unit[4:5], "half_angle": unit[5:], "apex": apex}

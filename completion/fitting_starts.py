@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: MIT
+"""Starts without a guess: closed-form circular errors over all axis directions, from one pass of moments.
+
+For a direction W the algebraic circular fit is linear least squares in the moments, so that its error G(W)
+costs the same for any number of points (Eberly, Fitting 3D data with a cylinder). The hemisphere is searched
+at about 600 Fibonacci directions and the best are refined. A cone adds height and its square to the
+regressors of the squared radius or, where it is blunt, has the squared height for dependent variable; an
+elliptic cylinder adds the section's two other quadratic forms.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from completion.fitting_charts import (
+    Chart,
+    ConeChart,
+    CylinderChart,
+    EllipticChart,
+    SphereChart,
+    axis_frame,
+    turned_frame,
+)
+from completion.moments import moments
+from scenes.checks import FloatArray
+
+_N_DIRECTIONS = 600
+_N_ZOOMS = 6
+_HALF_ANGLES_DEG = (0.0, 5.0, 20.0, 40.0, 60.0, 72.0, 80.0, 85.0)
+_RIDGE = 1e-13  # of the diagonal: directions across which nothing is spread stay finite
+
+
+def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
+    """Charts to polish from, best first, for points (n, 3) near the unit ball."""
+    gram = moments(unit, np.zeros(3)).gram() / len(unit)
+    if shape == "sphere":
+        return _spheres(gram)
+    searched = "cylinder" if shape == "elliptic-cylinder" else shape
+    axes = _best_axes(gram, searched, n_best)
+    found: list[Chart] = []
+    for axis in axes:
+        frame = axis_frame(axis)
+        if shape == "cone":
+            found.extend(_cones(gram, frame))
+        elif shape == "cylinder":
+            found.extend(_cylinders(gram, frame))
+        else:
+            found.extend(_ellipses(gram, frame))
+    if shape == "elliptic-cylinder":
+        for axis in _best_axes(gram, "ellipse", n_best):
+            found.extend(_ellipses(gram, axis_frame(axis)))
+    if shape == "cone":
+        for axis in _best_axes(gram, "blunt", n_best):
+            found.extend(_blunt_cones(gram, axis_frame(axis)))
+    return found
+
+
+def _spheres(gram: FloatArray) -> list[Chart]:
+    basis = np.eye(10)[6:]
+    q = np.array([1.0, 1, 1, 0, 0, 0, 0, 0, 0, 0])
+    solution = _regress(gram, q[None], basis[None])[0][0]
+    centre = solution[:3] / 2
+    radius2 = float(solution[3] + centre @ centre)
+    return [SphereChart(centre, float(np.sqrt(radius2)))] if radius2 > 0 else []
+
+
+def _cylinders(gram: FloatArray, frame: FloatArray) -> list[Chart]:
+    q, basis = _section(frame[None], "cylinder")
+    solution = _regress(gram, q, basis)[0][0]
+    centre = solution[:2] / 2
+    radius2 = float(solution[2] + centre @ centre)
+    return [CylinderChart(centre @ frame[:2], frame, float(np.sqrt(radius2)))] if radius2 > 0 else []
+
+
+def _cones(gram: FloatArray, frame: FloatArray) -> list[Chart]:
+    """Squared radius A + B z + C z^2: the slope from B, and from C where that has the right sign."""
+    q, basis = _section(frame[None], "cone")
+    solution = _regress(gram, q, basis)[0][0]
+    centre = solution[:2] / 2
+    radius2 = float(solution[2] + centre @ centre)
+    slopes = []
+    if radius2 > 1e-12:
+        slopes.append(float(solution[3]) / (2 * np.sqrt(radius2)))
+    if solution[4] > 0:
+        slopes.append(float(np.copysign(np.sqrt(solution[4]), solution[3])))
+    radius = float(np.sqrt(max(radius2, 1e-6)))
+    found: list[Chart] = [
+        ConeChart(centre @ frame[:2], frame, radius, float(-np.arctan(slope))) for slope in slopes
+    ]
+    if solution[4] > 0 and abs(solution[3]) > 1e-12:  # the apex condition: B = 2 s k
+        slope = float(np.sqrt(solution[4]))
+        radius = abs(float(solution[3])) / (2 * slope)
+        phi = -float(np.arctan(np.copysign(slope, solution[3])))
+        found.append(ConeChart(centre @ frame[:2], frame, radius, phi))
+    return found
+
+
+def cones_along(chart: CylinderChart) -> list[Chart]:
+    """Cones that touch a cylinder along the generator through the points and curve there as it does.
+
+    A cone of half angle alpha with radius r there has the normal curvature cos(alpha) / r.
+    """
+    away = -chart.origin / max(float(np.linalg.norm(chart.origin)), 1e-300)
+    touch = chart.origin + chart.radius * away
+    found: list[Chart] = []
+    for alpha in np.radians(_HALF_ANGLES_DEG):
+        radius = chart.radius * np.cos(alpha)
+        for generator in (chart.frame[2], -chart.frame[2]):
+            axis = np.cos(alpha) * generator - np.sin(alpha) * away
+            level = np.cos(alpha) * away + np.sin(alpha) * generator
+            point = touch - radius * level
+            along = -float(point @ axis)
+            grown = float(radius + along * np.tan(alpha))
+            found.append(ConeChart(point + along * axis, axis_frame(axis), grown, -float(alpha)))
+    return found
+
+
+def _blunt_cones(gram: FloatArray, frame: FloatArray) -> list[Chart]:
+    """(z - z0)^2 = t^2 ((x - cx)^2 + (y - cy)^2): the form for cones so blunt that z is the dependent one."""
+    q, basis = _section(frame[None], "blunt")
+    solution = _regress(gram, q, basis)[0][0]
+    apex, steepness2 = float(solution[3]) / 2, float(solution[4])
+    if not steepness2 > 1e-12:
+        return []
+    centre, steepness = -solution[:2] / (2 * steepness2), float(np.sqrt(steepness2))
+    phi = float(np.copysign(np.arctan(1 / steepness), apex))
+    return [ConeChart(centre @ frame[:2], frame, abs(apex) / steepness, phi)]
+
+
+def _ellipses(gram: FloatArray, frame: FloatArray) -> list[Chart]:
+    q, basis = _section(frame[None], "ellipse")
+    a, b, *linear, constant = _regress(gram, q, basis)[0][0][[3, 4, 0, 1, 2]]
+    form = np.array([[1 - a, -b], [-b, 1 + a]])
+    found: list[Chart] = []
+    values, vectors = np.linalg.eigh(form)
+    if values[0] > 1e-6:
+        centre = np.linalg.solve(form, np.array(linear) / 2)
+        level = float(constant + centre @ form @ centre)
+        if level > 0:
+            greater, smaller = np.sqrt(level / values)
+            turned = turned_frame(frame[2], vectors[:, 0] @ frame[:2])
+            found.append(EllipticChart(centre @ frame[:2], turned, float(greater), float(smaller)))
+    for chart in _cylinders(gram, frame):
+        assert isinstance(chart, CylinderChart)
+        found.append(EllipticChart(chart.origin, frame, 1.0001 * chart.radius, chart.radius))
+    return found
+
+
+def _best_axes(gram: FloatArray, shape: str, n_best: int) -> FloatArray:
+    """Refined directions (k, 3) of least error, at least 12 degrees apart before refinement."""
+    directions = _hemisphere()
+    order = np.argsort(_errors(gram, directions, shape), kind="stable")
+    chosen: list[int] = []
+    for candidate in order:
+        if all(abs(float(directions[candidate] @ directions[c])) < np.cos(np.radians(12.0)) for c in chosen):
+            chosen.append(int(candidate))
+        if len(chosen) == n_best:
+            break
+    axes = directions[chosen]
+    spread, steps = np.radians(4.0), np.linspace(-1, 1, 5)
+    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
+    for _ in range(_N_ZOOMS):
+        frames = np.stack([axis_frame(axis) for axis in axes])
+        around = axes[:, None] + spread * np.einsum("gi,kij->kgj", grid, frames[:, :2])
+        around /= np.linalg.norm(around, axis=2, keepdims=True)
+        error = _errors(gram, around.reshape(-1, 3), shape).reshape(around.shape[:2])
+        axes = around[np.arange(len(axes)), np.argmin(error, axis=1)]
+        spread *= 0.4
+    error = _errors(gram, axes, shape)
+    return np.asarray(axes[np.argsort(error, kind="stable")], dtype=np.float64)
+
+
+def _errors(gram: FloatArray, directions: FloatArray, shape: str) -> FloatArray:
+    """Mean squared algebraic error (m,) over that of its gradient, for each axis direction."""
+    first = _perpendiculars(directions)
+    frames = np.stack([first, np.cross(directions, first), directions], axis=1)
+    q, basis = _section(frames, shape)
+    solution, error = _regress(gram, q, basis)
+    shift = solution[:, 3:4] if shape == "blunt" else solution[:, :2]
+    mean_q = np.einsum("mi,i->m", q, gram[9])
+    radius2 = mean_q + np.einsum("mi,mi->m", shift, shift) / 4  # the centroid is the origin
+    return np.asarray(np.maximum(error, 0.0) / radius2, dtype=np.float64)
+
+
+def _section(frames: FloatArray, shape: str) -> tuple[FloatArray, FloatArray]:
+    """Coefficients over the ten monomials of the squared radius (m, 10) and its regressors (m, p, 10)."""
+    u, v, w = frames[:, 0], frames[:, 1], frames[:, 2]
+    q = _form(u, u) + _form(v, v)
+    zero = np.zeros((len(frames), 6))
+    linear = [np.column_stack([zero, row, zero[:, :1]]) for row in (u, v)]
+    rows = [*linear, np.broadcast_to(np.eye(10)[9], q.shape)]
+    if shape == "cone":
+        rows += [np.column_stack([zero, w, zero[:, :1]]), _form(w, w)]
+    if shape == "blunt":
+        rows += [np.column_stack([zero, w, zero[:, :1]]), q]
+        q = _form(w, w)
+    if shape == "ellipse":
+        rows += [_form(u, u) - _form(v, v), 2 * _form(u, v)]
+    return q, np.stack(rows, axis=1)
+
+
+def _form(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Coefficients (m, 10) of (u . x) (v . x)."""
+    square = u * v
+    mixed = [u[:, i] * v[:, j] + u[:, j] * v[:, i] for i, j in ((0, 1), (0, 2), (1, 2))]
+    return np.column_stack([square, *mixed, np.zeros((len(u), 4))])
+
+
+def _regress(gram: FloatArray, q: FloatArray, basis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least squares of q by the basis under the moments: coefficients (m, p) and mean squared error (m,)."""
+    weighted = basis @ gram
+    matrix = weighted @ basis.transpose(0, 2, 1)
+    right = np.einsum("mpi,mi->mp", weighted, q)
+    diagonal = np.einsum("mpp->mp", matrix)
+    matrix = matrix + _RIDGE * np.eye(matrix.shape[1]) * np.maximum(diagonal, 1e-12)[:, None, :]
+    solution = np.linalg.solve(matrix, right[..., None])[..., 0]
+    error = np.einsum("mi,ij,mj->m", q, gram, q) - np.einsum("mp,mp->m", right, solution)
+    return solution, error
+
+
+def _perpendiculars(directions: FloatArray) -> FloatArray:
+    smallest = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
+    across = np.cross(directions, smallest)
+    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True), dtype=np.float64)
+
+
+@cache
+def _hemisphere() -> FloatArray:
+    """Fibonacci directions (600, 3) with z > 0."""
+    index = np.arange(_N_DIRECTIONS) + 0.5
+    z = index / _N_DIRECTIONS
+    turn = np.pi * (1 + np.sqrt(5.0)) * index
+    level = np.sqrt(1 - z * z)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])

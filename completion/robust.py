@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""Robust fits: consensus of oriented points, then Tukey's weights with an annealed scale."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.consensus import consensus_surface
+from completion.fitting_charts import chart_of
+from completion.fitting_polish import Cloud, normal_equations, polished
+from completion.fitting_result import FitError, SurfaceFit
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Plane, Surface
+
+_N_SAMPLE = 1_500  # points that take part in the consensus
+_N_TREE = 50_000
+_N_NEIGHBOURS = 24
+_CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
+_TUKEY = 4.685
+_N_FINAL = 20
+_LEAST_RADIUS = 4.0  # times the residuals' rms
+
+
+def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> SurfaceFit:
+    """Fit a shape to points of which up to about half are outliers.
+
+    MSAC from minimal sets of oriented points (normals by local principal components), then iteratively
+    reweighted least squares with Tukey's weights, its cut annealed from 20 to 4.685 sigma. Tukey's weights
+    from a least-squares start would not be robust.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Checked, metres.
+    shape : str
+        As for `fit`, "auto" excepted.
+    start : Surface, optional
+        Instead of the consensus.
+
+    Returns
+    -------
+    SurfaceFit
+        `inliers` are the points with a weight; `rms` is theirs; the covariance is the M-estimator's.
+
+    Raises
+    ------
+    FitError
+        Too few points, no consensus, or too few points left with a weight.
+    """
+    if len(points) < _N_NEIGHBOURS:
+        raise FitError(f"a robust fit needs {_N_NEIGHBOURS} points, got {len(points)}")
+    sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
+    normals, sigma = oriented(sample, points)
+    surface = start if start is not None else consensus_surface(sample, normals, shape, 3 * sigma)
+    for cut in _CUTS:
+        surface, sigma = _reweighted(points, surface, cut, sigma)
+    inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
+    for _ in range(_N_FINAL):
+        surface, sigma = _reweighted(points, surface, _TUKEY, sigma)
+        before, inliers = inliers, np.abs(surface.distance(points)) < _TUKEY * sigma
+        if (before == inliers).all():
+            break
+    return _robust_result(points, surface, sigma, inliers)
+
+
+def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+    """Normals (m, 3), without a side, of sample points by their neighbours, and the typical roughness."""
+    thinned = points[:: max(1, len(points) // _N_TREE)]
+    _, nearest = cKDTree(thinned).query(sample, k=min(_N_NEIGHBOURS, len(thinned)))
+    around = thinned[nearest]
+    around = around - around.mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", around, around) / (around.shape[1] - 3))
+    extent = float(np.sqrt(np.einsum("ij,ij->", sample - sample.mean(axis=0), sample - sample.mean(axis=0))))
+    roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0.0))))
+    return vectors[:, :, 0], max(roughness, 1e-9 * extent / np.sqrt(len(sample)))
+
+
+def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
+    """Tukey's biweights (n,): (1 - (r / cut)^2)^2 within the cut, 0 beyond."""
+    return np.asarray(np.maximum(1 - (residual / cut) ** 2, 0.0) ** 2, dtype=np.float64)
+
+
+def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) -> tuple[Surface, float]:
+    """The surface after a weighted fit, and the scale of its residuals within the cut."""
+    weights = tukey_weights(surface.distance(points), cut * sigma)
+    cloud = _weighted_cloud(points, weights, surface.kind)
+    what = f"{len(cloud.points)} of {len(points)} points left with a weight determine no {surface.kind}"
+    chart, _, _ = polished(chart_of(surface, cloud.centre, cloud.scale), cloud, what, 12)
+    moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    residual = np.abs(moved.distance(points))
+    within = residual < cut * sigma
+    # Of normal residuals within 4.685 sigma, 1.4826 times the median size is sigma.
+    scale = 1.4826 * float(np.median(residual[within])) if within.any() else sigma
+    return moved, max(min(scale, sigma * 2), 1e-12 * cloud.scale)
+
+
+def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud:
+    kept = weights > 0
+    if kept.sum() < 8:
+        raise FitError(f"only {int(kept.sum())} of {len(points)} points are near any {kind}")
+    near = points[kept]
+    centre = near.mean(axis=0)
+    scale = float(np.sqrt(np.einsum("ij,ij->", near - centre, near - centre) / len(near)))
+    return Cloud(near, centre, scale or 1.0, weights[kept])
+
+
+def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray) -> SurfaceFit:
+    """The fit with the M-estimator's covariance: mean psi^2 / (mean psi')^2 times (J'J)^-1."""
+    kept = points[inliers]
+    cloud = replace(_weighted_cloud(points, inliers.astype(np.float64), surface.kind), weights=None)
+    if isinstance(surface, Plane):  # its chart's origin: the point nearest to the centroid
+        height = float(surface.distance(cloud.centre[None])[0])
+        surface = Plane(cloud.centre - height * surface.normal_direction, surface.normal_direction)
+    chart = chart_of(surface, cloud.centre, cloud.scale)
+    normal = normal_equations(chart, cloud)
+    n, k = len(kept), chart.n_parameters
+    residual = surface.distance(kept)
+    u2 = (residual / (_TUKEY * sigma)) ** 2
+    psi, slope = residual * (1 - u2) ** 2, float(np.mean((1 - u2) * (1 - 5 * u2)))
+    variance = float(psi @ psi) / max(n - k, 1) / slope**2
+    units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
+    covariance = variance * normal.inverse() * np.outer(units, units)
+    rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
+    least = getattr(surface, "radii", (np.inf, getattr(surface, "radius", np.inf)))[1]
+    if least < _LEAST_RADIUS * rms:
+        raise FitError(f"the radius {least:.3g} m is within the noise, {rms:.3g} m (a layer or a line)")
+    placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    return SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""PLY points: the vertices of any PLY file, ASCII or binary of either byte order, mesh or cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError
+from scenes.formats.guard import MAX_BYTES
+
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_MAX_HEADER = 1 << 22  # bytes
+
+
+@dataclass(slots=True)
+class _Vertices:
+    """Where the vertices stand, from the header."""
+
+    encoding: str = ""
+    n: int = -1
+    names: list[str] = field(default_factory=list)
+    types: list[str] = field(default_factory=list)
+    lines_before: int = 0
+
+
+def read_ply_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
+    """Return points (n, 3) and normals (n, 3), None where the file has none.
+
+    Raises
+    ------
+    InputError
+        No PLY, truncated, vertices without x, y, z, or behind another element in a binary file.
+    """
+    if path.stat().st_size > MAX_BYTES:
+        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
+    data = path.read_bytes()
+    end = data.find(b"end_header", 0, _MAX_HEADER)
+    if not data.startswith(b"ply") or end < 0:
+        raise InputError("not a PLY file: no header from 'ply' to 'end_header'")
+    vertices = _parse_header(data[:end].decode("utf-8", errors="replace"))
+    missing = {"x", "y", "z"} - set(vertices.names)
+    if vertices.n < 0 or missing:
+        raise InputError(f"its vertices have the properties {vertices.names}; x, y, z are needed")
+    start = data.find(b"\n", end) + 1
+    if vertices.encoding == "ascii":
+        column = _read_ascii(data[start:], vertices)
+    else:
+        column = _read_binary(data, start, vertices)
+    points = np.stack([column[axis] for axis in "xyz"], axis=-1)
+    if not {"nx", "ny", "nz"} <= set(vertices.names):
+        return points, None
+    return points, np.stack([column[axis] for axis in ("nx", "ny", "nz")], axis=-1)
+
+
+def _parse_header(text: str) -> _Vertices:
+    """Return the vertex element; what stands before it is only counted."""
+    vertices, element, skipped = _Vertices(), "", 0
+    for line in text.splitlines()[1:]:
+        words = line.split()
+        if words[:1] == ["format"]:
+            vertices.encoding = words[1]
+        elif words[:1] == ["element"]:
+            element = words[1]
+            if element == "vertex":
+                vertices.n, vertices.lines_before = int(words[2]), skipped
+            skipped += int(words[2])
+        elif words[:1] == ["property"] and element == "vertex":
+            if words[1] == "list":
+                raise InputError("its vertices have a list property, which cannot be read")
+            vertices.types.append(_TYPES[words[1]])
+            vertices.names.append(words[2])
+    if vertices.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise InputError(f"has the unknown format {vertices.encoding!r}")
+    return vertices
+
+
+def _read_ascii(data: bytes, vertices: _Vertices) -> dict[str, FloatArray]:
+    lines = data.decode("ascii", errors="replace").splitlines()[vertices.lines_before :][: vertices.n]
+    if len(lines) < vertices.n:
+        raise InputError(f"truncated: {vertices.n} vertices announced, {len(lines)} present")
+    if not lines:
+        return {name: np.zeros(0) for name in vertices.names}
+    table = np.loadtxt(lines, ndmin=2, usecols=range(len(vertices.names)))
+    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(vertices.names)}
+
+
+def _read_binary(data: bytes, start: int, vertices: _Vertices) -> dict[str, FloatArray]:
+    if vertices.lines_before:
+        raise InputError("its vertices are not its first element; save it with vertices first")
+    order = "<" if vertices.encoding == "binary_little_endian" else ">"
+    dtype = np.dtype(
+        [(name, order + kind) for name, kind in zip(vertices.names, vertices.types, strict=True)]
+    )
+    if start + vertices.n * dtype.itemsize > len(data):
+        raise InputError(
+            f"truncated: {vertices.n} vertices take {vertices.n * dtype.itemsize} bytes, "
+            f"{len(data) - start} left"
+        )
+    table = np.frombuffer(data, dtype, vertices.n, start)
+    return {name: table[name].astype(np.float64) for name in vertices.names}

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Point clouds: points of any file that holds some, without grid or sensor position, for fitting."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError, finite_rows, frozen_copy
+from scenes.files import METRES_PER_UNIT, Units, read_scans, split_index
+from scenes.formats.e57 import count_e57, read_e57_points
+from scenes.formats.guard import MAX_BYTES, check_file, import_extra, reading
+from scenes.formats.pcd import read_pcd_points
+from scenes.formats.ply_points import read_ply_points
+from scenes.formats.point_table import read_point_table
+from scenes.formats.ptx import count_ptx, read_ptx_points
+
+TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
+POINT_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".ptx")
+_Raw = tuple[FloatArray, FloatArray | None, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points of a file.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        World coordinates, metres, finite, at least one.
+    normals : (n, 3) float, optional
+        As in the file; rows may be zero where it knows none.
+    name : str
+        The file's name, with #k where one scan was picked.
+    warnings : tuple of str
+        What was left out or assumed while reading.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None = None
+    name: str = ""
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_copy(self.points, np.float64))
+        if self.normals is not None:
+            object.__setattr__(self, "normals", frozen_copy(self.normals, np.float64))
+
+
+def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
+    """Return the points of a file, or of its k-th scan with `PATH#k`.
+
+    Parameters
+    ----------
+    path : str or path
+        `.xyz .txt .csv .pts .asc .ds` (text), `.ply .pcd .las .laz .e57 .npz .ptx`, or an RGB-D folder. Scans
+        give all their valid points in world coordinates, those of several scans one after the other. An
+        `.npz` holds `points` (n, 3) and perhaps `normals`, or a scan.
+    units : "mm", "cm", "m" or "in"
+        Unit of the lengths in the file.
+
+    Raises
+    ------
+    InputError
+        Unusable file: the message names file, line where there are lines, cause and cure.
+    """
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    source, number = split_index(path)
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    if source.is_dir():
+        points, normals, warnings = _from_scans(os.fspath(path))
+    else:
+        points, normals, warnings = _from_file(check_file(source), number)
+    kept = finite_rows(points)
+    if not kept.all():
+        warnings += (f"{int((~kept).sum())} of {len(points)} points are not finite and were left out",)
+        points, normals = points[kept], None if normals is None else normals[kept]
+    if not len(points):
+        raise InputError(f"{source}: holds no finite point")
+    if normals is not None and not np.isfinite(normals).all():
+        normals = np.nan_to_num(normals, nan=0.0, posinf=0.0, neginf=0.0)
+    name = source.name if number is None else f"{source.name}#{number}"
+    return PointCloud(points * METRES_PER_UNIT[units], normals, name, warnings)
+
+
+def _from_file(file: Path, number: int | None) -> _Raw:
+    """Read a file by its suffix."""
+    suffix = file.suffix.lower()
+    if suffix not in POINT_SUFFIXES:
+        raise InputError(
+            f"{file}: cannot read points from {suffix or 'a file without suffix'}; known: "
+            f"{', '.join(POINT_SUFFIXES)}, RGB-D folders"
+        )
+    readers: dict[str, Callable[[], _Raw]] = {
+        ".e57": partial(_from_several, file, number, count_e57, read_e57_points),
+        ".ptx": partial(_from_several, file, number, count_ptx, read_ptx_points),
+        ".npz": partial(_from_npz, file, number),
+    }
+    with reading(file, f"points in {suffix[1:].upper()} format"):
+        if suffix in readers:
+            return readers[suffix]()
+        if number not in (None, 1):
+            raise InputError(f"holds one cloud, so there is no #{number}")
+        if suffix in TEXT_SUFFIXES:
+            table = read_point_table(file)
+            return table.points, table.normals, table.warnings
+        if suffix == ".ply":
+            return *read_ply_points(file), ()
+        if suffix == ".pcd":
+            return read_pcd_points(file)
+        return _from_las(file)
+
+
+def _from_scans(path: str) -> _Raw:
+    """All valid points of organised scans, in the world."""
+    scans = read_scans(path)
+    points = np.concatenate([scan.points()[scan.valid] for scan in scans])
+    return points, None, ()
+
+
+def _from_several(
+    file: Path, number: int | None, count: Callable[[Path], int], read: Callable[[Path, int], FloatArray]
+) -> _Raw:
+    """All valid points of the scans of a file, structured or not, or of the one that is picked."""
+    n_scans = count(file)
+    if number is not None and not 1 <= number <= n_scans:
+        raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
+    wanted = range(n_scans) if number is None else [number - 1]
+    points = [read(file, index) for index in wanted]
+    return np.concatenate([np.zeros((0, 3)), *points]), None, ()
+
+
+def _from_npz(file: Path, number: int | None) -> _Raw:
+    """Arrays `points` and `normals`, or else a scan."""
+    with np.load(file, allow_pickle=False) as arrays:
+        if "points" not in arrays.files:
+            return _from_scans(os.fspath(file) + ("" if number is None else f"#{number}"))
+        if number not in (None, 1):
+            raise InputError(f"holds one cloud, so there is no #{number}")
+        points = np.asarray(arrays["points"], dtype=np.float64)
+        normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
+    if points.ndim < 2 or points.shape[-1] != 3 or (normals is not None and normals.shape != points.shape):
+        shape = "" if normals is None else f" and normals {normals.shape}"
+        raise InputError(
+            f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
+        )
+    return points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3), ()
+
+
+def _from_las(file: Path) -> _Raw:
+    """Points of a LAS or LAZ file, without those marked as withheld."""
+    laspy = import_extra("laspy", "las")
+    with laspy.open(file) as opened:
+        if int(opened.header.point_count) * 24 > MAX_BYTES:
+            raise InputError(f"announces {opened.header.point_count:,} points, which is too many")
+        cloud = opened.read()
+    points = np.asarray(cloud.xyz, dtype=np.float64)
+    withheld = np.asarray(cloud.withheld, dtype=np.bool_)
+    if not withheld.any():
+        return points, None, ()
+    return points[~withheld], None, (f"{int(withheld.sum())} points are marked withheld and were left out",)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: MIT
+"""Points that determine nothing are refused, and the message says why in numbers."""
+
+import numpy as np
+import pytest
+
+from completion.consensus import consensus_surface
+from completion.fitting import FitError, fit, select
+from completion.robust import fit_robust
+from completion.selection import weigh
+from scenes.checks import InputError
+from scenes.surfaces import Cylinder
+
+ALONG = np.linspace(-1, 1, 30)
+LINE = np.outer(ALONG, [1, 2, 3]) + [5, 6, 7]
+POST = Cylinder((0.3, -0.2, 1.0), (0.2, 0.1, 1.0), 0.06)
+SHAPES = ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder"]
+RNG = np.random.default_rng(0)
+FLAT = RNG.uniform(-1, 1, (50, 3)) * [1, 1, 0]
+BLOB = RNG.normal(size=(400, 3))
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ("plane", "a plane needs 3 points, got 2"),
+        ("sphere", "a sphere needs 4 points, got 2"),
+        ("cylinder", "a cylinder with covariance needs 6 points, got 2"),
+        ("cone", "a cone needs 6 points, got 2"),
+        ("elliptic-cylinder", "an elliptic cylinder needs 7 points, got 2"),
+        ("auto", "no shape can be fitted with a degree of freedom to spare"),
+    ],
+)
+def test_too_few_points(shape, message) -> None:
+    with pytest.raises(FitError, match=message):
+        fit(np.eye(2, 3), shape)
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, "auto"])
+def test_no_points_at_all(shape) -> None:
+    with pytest.raises(FitError, match="got 0"):
+        fit(np.zeros((0, 3)), shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("away", [0.0, 1e7])
+def test_collinear_points(shape, away) -> None:
+    with pytest.raises(FitError, match=r"30 points lie on one line: singular values \["):
+        fit(LINE + away, shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_points_that_are_all_equal(shape) -> None:
+    with pytest.raises(FitError, match=r"30 points lie in one spot, at \[5.0, 6.0, 7.0\]"):
+        fit(np.tile([5.0, 6, 7], (30, 1)), shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_points_in_one_plane_are_no_curved_surface(shape) -> None:
+    with pytest.raises(FitError, match="50 points lie in one plane: singular values"):
+        fit(FLAT, shape)
+
+
+def test_one_line_on_a_cylinder() -> None:
+    with pytest.raises(FitError, match="lie on one line"):
+        fit(POST.from_uv(np.column_stack([0 * ALONG, ALONG])), "cylinder")
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, "auto"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_that_are_not_finite(shape, value) -> None:
+    points = BLOB.copy()
+    points[3, 1] = value
+    with pytest.raises(InputError, match=r"1 of 400 points are not finite \(first at row 3\)"):
+        fit(points, shape)
+
+
+def test_wrong_arguments_are_named() -> None:
+    with pytest.raises(InputError, match=r"shape must be auto or one of plane, sphere, .* got 'torus'"):
+        fit(BLOB, "torus")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="metric must be euclidean, taubin or algebraic, got 'l1'"):
+        fit(BLOB, "plane", metric="l1")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="a robust fit is Euclidean"):
+        fit(BLOB, "cylinder", metric="taubin", robust=True)
+    with pytest.raises(InputError, match=r"expected points with shape \(n, 3\), got \(3,\)"):
+        fit(np.ones(3), "plane")
+
+
+def test_a_blob_or_a_layer_of_noise_is_no_round_surface() -> None:
+    layer = RNG.uniform(-1, 1, (2000, 3)) * [1, 1, 0] + RNG.normal(0, 1e-3, (2000, 1)) * [0, 0, 1]
+    with pytest.raises(FitError, match=r"within the noise|no axis direction gives a start"):
+        fit(layer, "elliptic-cylinder")
+    for robust in (False, True):
+        with pytest.raises(
+            FitError, match=r"the radius .* m is within the noise, .* m \(a layer or a line\)"
+        ):
+            fit(BLOB, "cylinder", robust=robust)
+    assert select(layer).shape == "plane"
+
+
+def test_robust_fits_say_what_they_lack() -> None:
+    with pytest.raises(FitError, match="a robust fit needs 24 points, got 5"):
+        fit(np.eye(5, 3), "cylinder", robust=True)
+    with pytest.raises(FitError, match="none of 600 sets of 2 oriented points spans a cylinder"):
+        fit(FLAT, "cylinder", robust=True)
+    with pytest.raises(FitError, match=r"only \d+ of 400 points agree on a sphere"):
+        consensus_surface(BLOB, BLOB / np.linalg.norm(BLOB, axis=1, keepdims=True), "sphere", 1e-6)
+    with pytest.raises(FitError, match=r"only \d+ of 400 points are near any cylinder"):
+        fit_robust(BLOB / 100, "cylinder", Cylinder((1e6, 0, 0), (0, 0, 1), 1.0))
+
+
+def test_a_selection_among_nothing_is_refused() -> None:
+    with pytest.raises(FitError, match=r"no shape can be fitted .*\(plane: why\)"):
+        weigh({}, {}, {"plane": "why"}, 1.0)
