@@ -9,6 +9,7 @@ import numpy as np
 
 from completion.fitting_charts import Chart, ConeChart, CylinderChart, chart_of
 from completion.fitting_polish import Cloud, Normal, full_step, polished
+from completion.fitting_rays import along_rays
 from completion.fitting_result import FitError, SurfaceFit, inflated, surface_parameters
 from completion.fitting_starts import cones_along, starts
 from completion.moments import centroid
@@ -233,6 +234,7 @@ def fit(
     metric: Metric = "euclidean",
     robust: bool = False,
     start: Surface | None = None,
+    rays: object | None = None,
 ) -> SurfaceFit:
     """Fit a surface to points.
 
@@ -248,6 +250,9 @@ def fit(
         Find consensus first and weigh outliers down (Euclidean only).
     start : Surface, optional
         Where to begin; none is needed.
+    rays : (n, 3) float, optional
+        The beam that each point lies on, where the noise is a scanner's range noise: errors are then
+        measured along the rays, and rays that graze or miss are left out (Euclidean, not robust).
 
     Raises
     ------
@@ -271,8 +276,12 @@ def fit(
         if selection.shape is None:
             raise FitError(f"{selection.summary()}; name the shape")
         shape, start = cast("Shape", selection.shape), None
-        if metric == "euclidean":
+        if metric == "euclidean" and rays is None:
             return selection.fits[shape]
+    if rays is not None and (robust or metric != "euclidean"):
+        raise InputError(
+            "errors along rays need the Euclidean metric, not robust; drop rays or those options"
+        )
     if robust:
         if metric != "euclidean":
             raise InputError(f"a robust fit is Euclidean; drop robust or metric={metric!r}")
@@ -281,7 +290,14 @@ def fit(
         raise InputError(f"metric must be euclidean, taubin or algebraic, got {metric!r}")
     if metric != "euclidean" and shape != "plane":  # a plane's three metrics are one
         return fit_by_quadric(cloud, shape, metric)
-    return fit_euclidean(cloud, shape, start)
+    found = fit_euclidean(cloud, shape, start)
+    if rays is None:
+        return found
+    along = check_points("rays", rays)
+    if len(along) != len(cloud):
+        raise InputError(f"{len(along)} rays for {len(cloud)} points; give one a point")
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    return along_rays(found, normalised(cloud), unit, f"{len(cloud)} points determine no {shape} along rays")
 
 
 def select(points: object, *, robust: bool = False) -> Selection:
