@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -128,11 +130,18 @@ def completed_glb(completion: CompletedModel) -> bytes:
             process=False,
         )
         _add(scene, "observed remainder", model)
-    if not scene.geometry:  # glTF needs something to show
-        _add(scene, "nothing", trimesh.Trimesh(np.eye(3), [[0, 1, 2]], process=False))
-    data = scene.export(file_type="glb")
-    assert isinstance(data, bytes)
+    if not scene.geometry:
+        return _empty_glb()
+    data: bytes = scene.export(file_type="glb")
     return data
+
+
+def _empty_glb() -> bytes:
+    """A binary glTF with a scene in which nothing stands (trimesh writes none)."""
+    text = json.dumps({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]}).encode()
+    text += b" " * (-len(text) % 4)
+    chunk = struct.pack("<I4s", len(text), b"JSON") + text
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
 
 
 def remainder_mesh(completion: CompletedModel) -> LabelledPoints:

@@ -95,7 +95,7 @@ class PlaneChart:
         """Offset is a length."""
         return np.array([1.0, 0, 0])
 
-    def surface(self, centre: FloatArray, scale: float, concave: bool) -> Plane:  # noqa: ARG002
+    def surface(self, centre: FloatArray, scale: float, concave: bool) -> Plane:  # noqa: ARG002 - planes have no inside
         """The plane."""
         return Plane(centre + scale * self.origin, self.frame[2], self.frame[0])
 

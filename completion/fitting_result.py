@@ -147,8 +147,9 @@ def _gradient(surface: Surface, points: FloatArray) -> FloatArray:
 def _chart_origin(surface: Surface) -> FloatArray:
     if isinstance(surface, Sphere):
         return surface.centre
-    point: FloatArray = surface.point  # type: ignore[attr-defined]
-    return point
+    if isinstance(surface, Plane | Cylinder | Cone | EllipticCylinder):
+        return surface.point
+    raise TypeError(f"no chart is known for a {type(surface).__name__}")
 
 
 def _natural_jacobians(surface: Surface) -> dict[str, FloatArray]:

@@ -66,7 +66,7 @@ def _spheres(gram: FloatArray) -> list[Chart]:
     return [SphereChart(centre, float(np.sqrt(radius2)))] if radius2 > 0 else []
 
 
-def _cylinders(gram: FloatArray, frame: FloatArray) -> list[Chart]:
+def _cylinders(gram: FloatArray, frame: FloatArray) -> list[CylinderChart]:
     q, basis = _section(frame[None], "cylinder")
     solution = _regress(gram, q, basis)[0][0]
     centre = solution[:2] / 2
@@ -142,10 +142,8 @@ def _ellipses(gram: FloatArray, frame: FloatArray) -> list[Chart]:
             greater, smaller = np.sqrt(level / values)
             turned = turned_frame(frame[2], vectors[:, 0] @ frame[:2])
             found.append(EllipticChart(centre @ frame[:2], turned, float(greater), float(smaller)))
-    for chart in _cylinders(gram, frame):
-        assert isinstance(chart, CylinderChart)
-        found.append(EllipticChart(chart.origin, frame, 1.0001 * chart.radius, chart.radius))
-    return found
+    round_ones = _cylinders(gram, frame)
+    return [*found, *(EllipticChart(c.origin, frame, 1.0001 * c.radius, c.radius) for c in round_ones)]
 
 
 def _best_axes(gram: FloatArray, shape: str, n_best: int) -> FloatArray:

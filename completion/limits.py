@@ -119,9 +119,10 @@ def limit(
         arc = observed_arc(surface.fit.surface, thinned)
         known = surface.fit.parameter_deviations()["radius"] < 0.05 * surface.fit.surface.radius
         full_turn = not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
-    else:
-        assert isinstance(surface.fit.surface, Plane)
+    elif isinstance(surface.fit.surface, Plane):
         chart = _aligned_chart(surface.fit.surface, cuts, thinned)
+    else:
+        raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
     low, high = own_low.copy(), own_high.copy()

@@ -14,7 +14,7 @@ from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane, in
 from completion.growing import Region
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder, Plane, Surface
+from scenes.surfaces import Cylinder, Surface
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _N_BRIDGES = 24
@@ -124,8 +124,7 @@ def _joined_fit(fit: SurfaceFit, group: list[_Part], part: _Part) -> SurfaceFit 
         if isinstance(fit.surface, Cylinder):
             joined = fit_cylinder(points, fit.surface)
         else:
-            joined = fit_plane(points, None)
-            joined = joined if _same_side(fit.surface, joined.surface) else _flipped(joined)
+            joined = _plane_facing_as(fit, points)
     except FitError:
         return None
     for member in (max(group, key=lambda m: m.region.n_pixels), part):
@@ -152,15 +151,10 @@ def _may_agree(fit: SurfaceFit, part: _Part) -> bool:
     return bool(np.median(distance - reach) <= 0) and float(normal[0]) > 0.8
 
 
-def _same_side(first: Surface, second: Surface) -> bool:
-    assert isinstance(first, Plane)
-    assert isinstance(second, Plane)
-    return float(first.normal_direction @ second.normal_direction) > 0
-
-
-def _flipped(fit: SurfaceFit) -> SurfaceFit:
-    assert isinstance(fit.surface, Plane)
-    return SurfaceFit(fit.surface.flipped(), fit.rms, fit.covariance, fit.n)
+def _plane_facing_as(fit: SurfaceFit, points: FloatArray) -> SurfaceFit:
+    """The plane through `points` whose normal points to the side that the plane of `fit` faces."""
+    middle = points.mean(axis=0)
+    return fit_plane(points, middle + fit.surface.normal(middle[None])[0])
 
 
 def _gap_is_closed(
@@ -206,8 +200,7 @@ def _merged(fit: SurfaceFit, group: list[_Part], observations: Sequence[Observat
         if isinstance(fit.surface, Cylinder):
             fit = fit_cylinder(thinned, fit.surface)
         else:
-            refit = fit_plane(thinned, None)
-            fit = refit if _same_side(fit.surface, refit.surface) else _flipped(refit)
+            fit = _plane_facing_as(fit, thinned)
     footprint = float(np.median([np.median(o.scan.ranges[m]) * o.scan.projection.pixel_angle
                                  for o, m in zip(observations, masks, strict=True) if m.any()]))  # fmt: skip
     return MergedSurface(inflated(fit, thinned, 10 * footprint), tuple(masks), len(group))

@@ -93,8 +93,8 @@ def _gradient_gram(gram: FloatArray) -> FloatArray:
         derivative = np.zeros((10, 10))
         for row, exponents in enumerate(MONOMIALS):
             if exponents[axis]:
-                lower = tuple(e - (a == axis) for a, e in enumerate(exponents))
-                derivative[row, place[lower]] = exponents[axis]  # type: ignore[index]
+                x, y, z = (e - (a == axis) for a, e in enumerate(exponents))
+                derivative[row, place[x, y, z]] = exponents[axis]
         total += derivative @ gram @ derivative.T
     return total
 

@@ -186,6 +186,7 @@ class SphericalSensor:
         return _profile_of(self)
 
 
+_ENTRY_TYPES: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float)}
 _KINDS: dict[str, type[PinholeSensor] | type[SphericalSensor]] = {
     "pinhole": PinholeSensor,
     "spherical": SphericalSensor,
@@ -240,8 +241,8 @@ def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> S
     if unknown := sorted(set(given) - set(known)):
         raise InputError(f"{source}: unknown entry {unknown[0]!r}; a {kind} sensor has {', '.join(known)}")
     for key, value in given.items():
-        wanted = {"int": int, "float": (int, float)}.get(str(known[key]), str)
-        if isinstance(value, bool) or not isinstance(value, wanted):  # type: ignore[arg-type]
+        wanted = _ENTRY_TYPES.get(str(known[key]), (str,))
+        if isinstance(value, bool) or not isinstance(value, wanted):
             raise InputError(f"{source}: {key} must be {known[key]}, got {value!r}")
     try:
         return _KINDS[kind](**given)

@@ -204,6 +204,7 @@ def test_empty_scans_give_empty_completions(shape, tmp_path):
     assert found.hypothesised_m2 == found.observed_m2 == found.free_space_violation_m2 == 0
     found.save(tmp_path)
     assert json.loads((tmp_path / "completion.json").read_text())["surfaces"] == []
+    assert not trimesh.load_scene(tmp_path / "completed.glb").geometry
 
 
 def test_options_change_the_result():

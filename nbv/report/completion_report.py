@@ -26,6 +26,7 @@ from nbv.report.page import (
     Page,
     Section,
     Share,
+    State,
     Table,
     Text,
     count,
@@ -92,14 +93,14 @@ def _summary(completion: Completion) -> str:
 
 def area_bar(completion: Completion) -> Bar:
     """Measured against inferred area."""
-    pairs = (("measured", completion.observed_m2), ("inferred", completion.hypothesised_m2))
+    pairs: tuple[tuple[State, float], ...] = (
+        ("measured", completion.observed_m2),
+        ("inferred", completion.hypothesised_m2),
+    )
     total = max(sum(area for _, area in pairs), 1e-12)
     return Bar(
         "",
-        tuple(
-            Share(name, name, area / total, f"{square_metres(area)} m\u00b2")  # type: ignore[arg-type]
-            for name, area in pairs
-        ),
+        tuple(Share(name, name, area / total, f"{square_metres(area)} m\u00b2") for name, area in pairs),
     )
 
 

@@ -25,6 +25,7 @@ from nbv.report.page import (
     Page,
     Section,
     Share,
+    State,
     Table,
     Text,
     count,
@@ -148,7 +149,7 @@ def coverage_headlines(coverage: Coverage) -> tuple[Headline, ...]:
 def coverage_bar(coverage: Coverage) -> Bar:
     """The whole area by state."""
     missed = coverage.reachable - coverage.met
-    parts = (
+    parts: tuple[tuple[str, State, float], ...] = (
         ("measured as required", "measured", coverage.met),
         ("reachable, not measured", "unknown", missed),
         ("out of reach", "unreachable", coverage.unreachable),
@@ -157,7 +158,7 @@ def coverage_bar(coverage: Coverage) -> Bar:
     return Bar(
         "",
         tuple(
-            Share(label, state, share, f"{square_metres(share * total)} m\u00b2")  # type: ignore[arg-type]
+            Share(label, state, share, f"{square_metres(share * total)} m\u00b2")
             for label, state, share in parts
         ),
     )

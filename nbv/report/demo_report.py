@@ -24,6 +24,7 @@ from nbv.report.page import (
     Page,
     Section,
     Share,
+    State,
     Table,
     Text,
     percent,
@@ -32,6 +33,11 @@ from nbv.report.page import (
 from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
 from scenes.scene import Scene
 
+_STATES: tuple[tuple[State, int], ...] = (
+    ("measured", MEASURED),
+    ("inferred", INFERRED),
+    ("unknown", UNKNOWN),
+)
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
@@ -107,12 +113,11 @@ def demo_page(
 
 def _bar(comparison: Comparison) -> Bar:
     total = comparison.samples.total_m2
-    parts = (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN))
     return Bar(
         f"All {square_metres(total)} m\u00b2 of the true surface, undersides of the boxes included",
         tuple(
-            Share(name, name, share, f"{percent(share)} %")  # type: ignore[arg-type]
-            for name, share in ((name, comparison.share(state)) for name, state in parts)
+            Share(name, name, share, f"{percent(share)} %")
+            for name, share in ((name, comparison.share(state)) for name, state in _STATES)
         ),
     )
 
@@ -129,9 +134,9 @@ def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple
         here = ids == surface
         area = float(comparison.samples.areas[here].sum())
         cells = [Cell(scene.surface_names[surface]), Cell(square_metres(area))]
-        for name, state in (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN)):
+        for name, state in _STATES:
             share = comparison.share(state, here)
-            cells.append(Cell(percent(share), share=share, state=name))  # type: ignore[arg-type]
+            cells.append(Cell(percent(share), share=share, state=name))
         rows.append(tuple(cells))
     columns = ("True surface", "#area, m\u00b2", "#measured, %", "#inferred, %", "#unknown, %")
     median = f"{1000 * comparison.median_m:.2g} mm" if comparison.median_m > 1e-5 else "0.01 mm"

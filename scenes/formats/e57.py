@@ -163,10 +163,10 @@ def _points(data: dict[str, Any]) -> tuple[FloatArray, Any]:
 
 
 def _colours(data: dict[str, Any], kept: Any) -> Any:
-    channels = [data.get(f"color{name}") for name in ("Red", "Green", "Blue")]
-    if any(channel is None for channel in channels):
+    names = [f"color{name}" for name in ("Red", "Green", "Blue")]
+    if any(data.get(name) is None for name in names):
         return None
-    return colour_from_bytes(np.stack([channel[kept] for channel in channels], axis=-1))  # type: ignore[index]
+    return colour_from_bytes(np.stack([data[name][kept] for name in names], axis=-1))
 
 
 def content_guid(*parts: bytes) -> str:
