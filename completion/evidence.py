@@ -13,7 +13,7 @@ from scipy.ndimage import convolve1d
 
 from completion.chart import ChartGrid
 from completion.observation import Observation
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, check_options
 from scenes.surfaces import Cylinder, Plane, Surface
 
 
@@ -47,6 +47,10 @@ class EvidenceOptions:
     flatness_m: float = 0.001
     registration_m: float = 0.0
     max_tolerance_m: float = 0.1
+
+    def __post_init__(self) -> None:
+        lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from completion.consensus import consensus_cylinder
 from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane
 from completion.observation import Observation
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, check_options
 from scenes.surfaces import Cylinder
 
 _N_GROWTHS = 15
@@ -46,6 +46,17 @@ class SegmentationOptions:
     min_pixels: int = 80
     min_arc_deg: float = 40.0
     max_regions: int = 150
+
+    def __post_init__(self) -> None:
+        check_options(
+            self,
+            n_sigma=(0.0, np.inf),
+            flatness_m=(0.0, np.inf),
+            max_angle_deg=(0.0, 90.0),
+            min_pixels=(3, np.inf),
+            min_arc_deg=(0.0, 360.0),
+            max_regions=(0, np.inf),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
 from completion.segmentation import segment, tolerance_image
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_options
 from scenes.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
@@ -63,6 +63,12 @@ class CompletionOptions:
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("conservative", "standard", "bold"):
+            raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
+        lengths = ("sigma_m", "registration_m", "max_sd_m")
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), min_share=(0.0, 1.0))
 
 
 class Completion(CompletedModel):
@@ -116,8 +122,6 @@ def complete(
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
         raise InputError("nothing to complete: give at least one scan")
-    if options.mode not in ("conservative", "standard", "bold"):
-        raise InputError(f"mode must be conservative, standard or bold, got {options.mode!r}")
     seed = int(np.random.default_rng(rng).integers(2**63))
     tell = progress or (lambda _stage, _done, _total: None)
     world_from_reference = scans[0].world_from_sensor

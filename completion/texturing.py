@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from completion.extension import Patch
 from completion.observation import Observation
-from scenes.checks import BoolArray
+from scenes.checks import BoolArray, check_options
 from texture import fill
 
 _GREY = 0.62
@@ -36,6 +36,9 @@ class TexturingOptions:
     max_texels: int = 4000
     max_sample: int = 20_000
     window: int = 9
+
+    def __post_init__(self) -> None:
+        check_options(self, max_texels=(1, np.inf), max_sample=(1, np.inf), window=(3, 99))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

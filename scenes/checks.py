@@ -85,6 +85,26 @@ def check_faces(array: object, n_vertices: int) -> NDArray[np.int32]:
     return np.ascontiguousarray(checked, dtype=np.int32)
 
 
+def check_number(name: str, value: float, least: float = 0.0, most: float = np.inf) -> float:
+    """Return `value` as a finite float in `least`..`most`, both included; raise InputError otherwise."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be a number, got {value!r}") from error
+    if not (np.isfinite(number) and least <= number <= most):
+        bounds = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"
+        raise InputError(f"{name} must be {bounds}, got {value!r}")
+    return number
+
+
+def check_options(options: object, **bounds: tuple[float, float]) -> None:
+    """Raise InputError for a field of `options` outside its (least, most); fields that are None may be."""
+    for field, (least, most) in bounds.items():
+        value = getattr(options, field)
+        if value is not None:
+            check_number(field, value, least, most)
+
+
 def frozen_copy(array: Any, dtype: Any = None) -> Any:
     """Return a read-only copy of `array`, so that a value that holds it cannot change."""
     copy = np.array(array, dtype=dtype, copy=True)

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, check_options, frozen_copy
 from scenes.pose import Pose
 from scenes.projection import Projection
+
+_MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +46,8 @@ class RangeImage:
     Parameters
     ----------
     ranges : (rows, columns) float
-        Distance along each pixel's ray, metres; inf (or NaN, or 0 and less) where nothing came back.
+        Distance along each pixel's ray, metres; inf where nothing came back. So do NaN, 0 and less,
+        and what lies beyond 1e9 m: numbers that files write for no return.
     projection : Projection
         Pinhole or spherical geometry of the pixels.
     world_from_sensor : Pose
@@ -66,7 +69,7 @@ class RangeImage:
     Raises
     ------
     InputError
-        Arrays that do not have the projection's shape.
+        Arrays that do not have the projection's shape, a sigma that is negative or not finite.
     """
 
     ranges: FloatArray
@@ -81,10 +84,11 @@ class RangeImage:
 
     def __post_init__(self) -> None:
         ranges = np.array(self.ranges, dtype=np.float64)
+        check_options(self, sigma_m=(0.0, np.inf))
         if ranges.shape != self.projection.shape:
             raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
         with np.errstate(invalid="ignore"):
-            ranges[~(np.isfinite(ranges) & (ranges > 0))] = np.inf
+            ranges[~(np.isfinite(ranges) & (ranges > 0) & (ranges <= _MOST_M))] = np.inf
         if self.truth is not None and self.truth.ranges.shape != ranges.shape:
             raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
         for name, dtype in (("colour", np.float32), ("sensor_points", np.float64)):

@@ -9,6 +9,7 @@ from scenes.checks import (
     check_direction,
     check_faces,
     check_finite,
+    check_number,
     check_point,
     check_points,
     check_vectors,
@@ -114,3 +115,11 @@ def test_a_frozen_copy_is_neither_shared_nor_writable() -> None:
     assert copy.dtype == np.float32
     with pytest.raises(ValueError, match="read-only"):
         copy[0] = 1
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -0.1, 1.1, "much"])
+def test_numbers_outside_their_bounds_are_refused_with_them(bad: object) -> None:
+    assert check_number("share", 0.25, 0.0, 1.0) == 0.25
+    what = "a number, got 'much'" if bad == "much" else f"between 0 and 1, got {bad}"
+    with pytest.raises(InputError, match=f"share must be {what}"):
+        check_number("share", bad, 0.0, 1.0)  # type: ignore[arg-type]

@@ -7,7 +7,15 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import completion
-from completion import Completion, CompletionOptions, EvidenceOptions, Provenance, TexturingOptions, complete
+from completion import (
+    Completion,
+    CompletionOptions,
+    EvidenceOptions,
+    Provenance,
+    SegmentationOptions,
+    TexturingOptions,
+    complete,
+)
 from completion.boundary import find_openings, trace_boundary
 from completion.export import completed_glb, completion_record, display_mesh
 from nbv.scanner import scan_scene
@@ -240,3 +248,22 @@ def test_bad_arguments_are_refused():
 def test_the_face_is_complete():
     assert sorted(completion.__all__) == completion.__all__
     assert all(hasattr(completion, name) for name in completion.__all__)
+
+
+@pytest.mark.parametrize(
+    ("options", "field", "bad"),
+    [
+        (CompletionOptions, "sigma_m", np.nan),
+        (CompletionOptions, "sigma_m", -1.0),
+        (CompletionOptions, "registration_m", np.inf),
+        (CompletionOptions, "max_sd_m", -0.02),
+        (CompletionOptions, "min_share", 1.5),
+        (SegmentationOptions, "min_pixels", 2),
+        (SegmentationOptions, "max_angle_deg", 100.0),
+        (EvidenceOptions, "flatness_m", np.nan),
+        (TexturingOptions, "max_texels", 0),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused_by_name(options, field, bad) -> None:
+    with pytest.raises(InputError, match=f"{field} must be .* or more, got|{field} must be between .* got"):
+        options(**{field: bad})

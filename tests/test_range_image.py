@@ -152,3 +152,14 @@ def test_arrays_of_another_shape_are_refused() -> None:
     face = np.zeros((2, 2), np.int32)
     with pytest.raises(InputError, match=r"truth has shape \(2, 2\), expected \(3, 4\)"):
         RangeImage(ranges, projection, POSE, truth=ScanTruth(face, face, np.ones((2, 2)), np.ones((2, 2))))
+
+
+def test_ranges_beyond_any_scanner_are_no_return() -> None:
+    scan = RangeImage([[1.0, 1e9], [1.1e9, 3.4e38]], PinholeProjection(2, 2, 1, 1, 0.5, 0.5), Pose.identity())
+    assert scan.valid.tolist() == [[True, True], [False, False]]
+
+
+@pytest.mark.parametrize("sigma", [np.nan, np.inf, -1e-3])
+def test_a_sigma_that_is_no_length_is_refused(sigma: float) -> None:
+    with pytest.raises(InputError, match="sigma_m must be 0 or more"):
+        RangeImage([[1.0]], PinholeProjection(1, 1, 1, 1, 0, 0), Pose.identity(), sigma_m=sigma)
