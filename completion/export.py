@@ -19,7 +19,7 @@ from trimesh.visual.texture import TextureVisuals
 
 from completion.boundary import find_openings, trace_boundary
 from completion.extension import CONFIDENCE, Patch, Provenance
-from completion.fitting import surface_parameters
+from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
 from completion.model import CompletedModel, LabelledPoints, to_8_bits
 from completion.texturing import ChartTexture

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from completion.consensus import consensus_cylinder
-from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane
+from completion.fitting.consensus import consensus_cylinder
+from completion.fitting.euclidean import fit_cylinder, fit_plane
+from completion.fitting.result import FitError, SurfaceFit
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray, check_options
 from scenes.surfaces import Cylinder

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.evidence import EvidenceOptions, Label, label_points
-from completion.fitting import FitError, SurfaceFit, fit_cylinder, fit_plane, inflated
+from completion.fitting.euclidean import fit_cylinder, fit_plane
+from completion.fitting.result import FitError, SurfaceFit, inflated
 from completion.growing import Region
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting import FitError, fit_plane
+from completion.fitting.euclidean import fit_plane
+from completion.fitting.result import FitError
 from completion.growing import Region, SegmentationOptions, grow, grow_cylinder, is_curved, refit
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray

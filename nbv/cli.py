@@ -301,6 +301,19 @@ def fit(
     robust: Annotated[
         bool, typer.Option("--robust", help="Many points may belong to something else.")
     ] = False,
+    rays: Annotated[
+        bool,
+        typer.Option("--rays", help="Errors lie along the scanner's rays, as range noise does."),
+    ] = False,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--origin",
+            metavar="X,Y,Z",
+            help="Where the scanner stood, for --rays.",
+            show_default="from the file",
+        ),
+    ] = None,
     units: UnitsOption = "m",
     out: Out = None,
     seed: Seed = 0,
@@ -311,9 +324,10 @@ def fit(
 ) -> None:
     """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
     shared = _shared(out, seed, as_json, quiet, threads, max_memory)
+    stood = None if origin is None else parse_numbers(origin, 3, "--origin")
     from nbv.commands.fit import run_fit
 
-    run_fit(shared, points, shape=shape, metric=metric, robust=robust, units=units)
+    run_fit(shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, units=units)
 
 
 @app.command()

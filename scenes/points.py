@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, finite_rows, frozen_copy
+from scenes.checks import FloatArray, InputError, check_point, finite_rows, frozen_copy
 from scenes.files import METRES_PER_UNIT, Units, read_scans, split_index
 from scenes.formats.e57 import count_e57, read_e57_points
 from scenes.formats.guard import MAX_BYTES, check_file, import_extra, reading
@@ -19,10 +19,10 @@ from scenes.formats.pcd import read_pcd_points
 from scenes.formats.ply_points import read_ply_points
 from scenes.formats.point_table import read_point_table
 from scenes.formats.ptx import count_ptx, read_ptx_points
+from scenes.formats.scan_ply import is_scan_ply
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
 POINT_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".ptx")
-_Raw = tuple[FloatArray, FloatArray | None, tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +35,8 @@ class PointCloud:
         World coordinates, metres, finite, at least one.
     normals : (n, 3) float, optional
         As in the file; rows may be zero where it knows none.
+    origins : (n, 3) float, optional
+        Where the scanner stood that measured each point, metres; None where the file does not tell.
     name : str
         The file's name, with #k where one scan was picked.
     warnings : tuple of str
@@ -43,13 +45,37 @@ class PointCloud:
 
     points: FloatArray
     normals: FloatArray | None = None
+    origins: FloatArray | None = None
     name: str = ""
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen_copy(self.points, np.float64))
-        if self.normals is not None:
-            object.__setattr__(self, "normals", frozen_copy(self.normals, np.float64))
+        for field in ("points", "normals", "origins"):
+            if getattr(self, field) is not None:
+                object.__setattr__(self, field, frozen_copy(getattr(self, field), np.float64))
+
+    def rays(self, origin: object | None = None) -> FloatArray:
+        """The rays (n, 3), metres, from where the scanner stood to the points; `origin` (3,) if it is said.
+
+        Raises
+        ------
+        InputError
+            Neither the file nor `origin` tells where the scanner stood.
+        """
+        start = self.origins if origin is None else check_point("origin", origin)
+        if start is None:
+            raise InputError(f"{self.name} does not tell where the scanner stood; give --origin X,Y,Z")
+        return np.asarray(self.points - start, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Raw:
+    """What a file holds, in its own units; `origins` is one place (3,) or one a point (n, 3)."""
+
+    points: FloatArray
+    normals: FloatArray | None = None
+    origins: FloatArray | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
@@ -74,20 +100,24 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     source, number = split_index(path)
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
-    if source.is_dir():
-        points, normals, warnings = _from_scans(os.fspath(path))
-    else:
-        points, normals, warnings = _from_file(check_file(source), number)
-    kept = finite_rows(points)
-    if not kept.all():
-        warnings += (f"{int((~kept).sum())} of {len(points)} points are not finite and were left out",)
-        points, normals = points[kept], None if normals is None else normals[kept]
-    if not len(points):
-        raise InputError(f"{source}: holds no finite point")
-    if normals is not None and not np.isfinite(normals).all():
-        normals = np.nan_to_num(normals, nan=0.0, posinf=0.0, neginf=0.0)
+    raw = _from_scans(os.fspath(path)) if source.is_dir() else _from_file(check_file(source), number)
     name = source.name if number is None else f"{source.name}#{number}"
-    return PointCloud(points * METRES_PER_UNIT[units], normals, name, warnings)
+    cloud = _cloud(raw, METRES_PER_UNIT[units], name)
+    if not len(cloud.points):
+        raise InputError(f"{source}: holds no finite point")
+    return cloud
+
+
+def _cloud(raw: _Raw, metres: float, name: str) -> PointCloud:
+    """The finite points, in metres."""
+    kept, normals, origins, warnings = finite_rows(raw.points), raw.normals, raw.origins, raw.warnings
+    if not kept.all():
+        warnings += (f"{int((~kept).sum())} of {len(kept)} points are not finite and were left out",)
+    if normals is not None:
+        normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
+    if origins is not None:
+        origins = np.broadcast_to(origins, raw.points.shape)[kept] * metres
+    return PointCloud(raw.points[kept] * metres, normals, origins, name, warnings)
 
 
 def _from_file(file: Path, number: int | None) -> _Raw:
@@ -110,11 +140,13 @@ def _from_file(file: Path, number: int | None) -> _Raw:
             raise InputError(f"holds one cloud, so there is no #{number}")
         if suffix in TEXT_SUFFIXES:
             table = read_point_table(file)
-            return table.points, table.normals, table.warnings
+            return _Raw(table.points, table.normals, None, table.warnings)
         if suffix == ".ply":
-            return *read_ply_points(file), ()
+            if is_scan_ply(file):
+                return _from_scans(os.fspath(file))
+            return _Raw(*read_ply_points(file))
         if suffix == ".pcd":
-            return read_pcd_points(file)
+            return _Raw(*read_pcd_points(file))
         return _from_las(file)
 
 
@@ -122,19 +154,25 @@ def _from_scans(path: str) -> _Raw:
     """All valid points of organised scans, in the world."""
     scans = read_scans(path)
     points = np.concatenate([scan.points()[scan.valid] for scan in scans])
-    return points, None, ()
+    stood = [scan.world_from_sensor.translation for scan in scans]
+    return _Raw(points, None, np.repeat(stood, [int(scan.valid.sum()) for scan in scans], axis=0))
 
 
 def _from_several(
-    file: Path, number: int | None, count: Callable[[Path], int], read: Callable[[Path, int], FloatArray]
+    file: Path,
+    number: int | None,
+    count: Callable[[Path], int],
+    read: Callable[[Path, int], tuple[FloatArray, FloatArray | None]],
 ) -> _Raw:
     """All valid points of the scans of a file, structured or not, or of the one that is picked."""
     n_scans = count(file)
     if number is not None and not 1 <= number <= n_scans:
         raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
     wanted = range(n_scans) if number is None else [number - 1]
-    points = [read(file, index) for index in wanted]
-    return np.concatenate([np.zeros((0, 3)), *points]), None, ()
+    found = [read(file, index) for index in wanted]
+    points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in found)])
+    stood = [np.broadcast_to(origin, one.shape) for one, origin in found if origin is not None]
+    return _Raw(points, None, np.concatenate(stood) if stood and len(stood) == len(found) else None)
 
 
 def _from_npz(file: Path, number: int | None) -> _Raw:
@@ -151,7 +189,7 @@ def _from_npz(file: Path, number: int | None) -> _Raw:
         raise InputError(
             f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
         )
-    return points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3), ()
+    return _Raw(points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3))
 
 
 def _from_las(file: Path) -> _Raw:
@@ -164,5 +202,6 @@ def _from_las(file: Path) -> _Raw:
     points = np.asarray(cloud.xyz, dtype=np.float64)
     withheld = np.asarray(cloud.withheld, dtype=np.bool_)
     if not withheld.any():
-        return points, None, ()
-    return points[~withheld], None, (f"{int(withheld.sum())} points are marked withheld and were left out",)
+        return _Raw(points)
+    warning = f"{int(withheld.sum())} points are marked withheld and were left out"
+    return _Raw(points[~withheld], None, None, (warning,))

@@ -95,7 +95,7 @@ def test_evidence_is_told_and_undecidable_is_an_answer(files, tmp_path):
     result = run(tmp_path / "few.xyz")
     assert result.exit_code == 1
     assert "undecidable" in result.stderr
-    assert "name the shape with --shape" in result.stderr
+    assert "name the shape" in result.stderr
 
 
 def test_correlated_residuals_are_told_apart_from_independent_ones(files, tmp_path):
@@ -216,3 +216,33 @@ def test_certified_cylinders_and_spheres_of_nist(number):
     certified, points = nist("Sphere", f"sph{number}")
     held = fitted(points, "--shape", "sphere", "--units", "mm")
     assert held["parameters"]["radius"] == pytest.approx(certified[3] / 2000, rel=1e-9)
+
+
+def test_errors_along_the_rays_of_a_scan(tmp_path):
+    """Range noise at oblique incidence: along its rays the radius is right, orthogonally it is too small."""
+    angle, height = np.radians(np.linspace(-80, 80, 200)), np.linspace(-0.1, 0.1, 40)
+    angle, height = (grid.ravel() for grid in np.meshgrid(angle, height))
+    points = np.column_stack([0.06 * np.cos(angle), 0.06 * np.sin(angle), height])
+    origin = np.array([3.0, 0, 0])
+    rays = (points - origin) / np.linalg.norm(points - origin, axis=1, keepdims=True)
+    points += rays * np.random.default_rng(2).normal(0, 0.003, (len(points), 1))
+    np.savetxt(tmp_path / "pipe.xyz", points, fmt="%.7f")
+    plain = fitted(tmp_path / "pipe.xyz", "--shape", "cylinder")
+    along = fitted(tmp_path / "pipe.xyz", "--shape", "cylinder", "--origin", "3,0,0")
+    u = along["standard_deviation"]["radius"]
+    assert abs(along["parameters"]["radius"] - 0.06) < 4 * u
+    assert abs(plain["parameters"]["radius"] - 0.06) > 4 * u
+    assert along["rms"] == pytest.approx(0.003, rel=0.05)
+    assert along["options"]["rays"]
+    assert not plain["options"]["rays"]
+    result = run(tmp_path / "pipe.xyz", "--shape", "cylinder", "--rays")
+    assert result.exit_code == 1
+    assert "pipe.xyz does not tell where the scanner stood; give --origin X,Y,Z" in result.stderr
+
+
+@requires_data
+def test_rays_of_a_real_scan_come_from_its_file():
+    pytest.importorskip("pye57")
+    held = fitted(data_path("range/e57/pumpA.e57"), "--shape", "plane", "--robust", "--rays")
+    assert held["options"]["rays"]
+    assert abs(held["parameters"]["normal"][2]) > 0.99  # the floor

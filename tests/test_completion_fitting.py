@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from completion.consensus import consensus_cylinder
 from completion.fitting import FitError, fit_cylinder, fit_plane, inflated, surface_parameters
+from completion.fitting.consensus import consensus_cylinder
 from scenes.pose import Pose
 from scenes.surfaces import Cylinder, Plane, surfaces_close
 

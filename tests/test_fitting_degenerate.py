@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from completion.consensus import consensus_surface
 from completion.fitting import FitError, fit, select
-from completion.robust import fit_robust
-from completion.selection import weigh
+from completion.fitting.consensus import consensus_surface
+from completion.fitting.robust import fit_robust
+from completion.fitting.selection import weigh
 from scenes.checks import InputError
 from scenes.surfaces import Cylinder
 
@@ -71,7 +71,7 @@ def test_one_line_on_a_cylinder() -> None:
 def test_points_that_are_not_finite(shape, value) -> None:
     points = BLOB.copy()
     points[3, 1] = value
-    with pytest.raises(InputError, match=r"1 of 400 points are not finite \(first at row 3\)"):
+    with pytest.raises(FitError, match=r"1 of 400 points are not finite \(first at row 3\)"):
         fit(points, shape)
 
 
@@ -80,7 +80,7 @@ def test_wrong_arguments_are_named() -> None:
         fit(BLOB, "torus")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="metric must be euclidean, taubin or algebraic, got 'l1'"):
         fit(BLOB, "plane", metric="l1")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="a robust fit is Euclidean"):
+    with pytest.raises(InputError, match="robust fits and errors along rays are Euclidean; drop"):
         fit(BLOB, "cylinder", metric="taubin", robust=True)
     with pytest.raises(InputError, match=r"expected points with shape \(n, 3\), got \(3,\)"):
         fit(np.ones(3), "plane")
@@ -96,6 +96,31 @@ def test_a_blob_or_a_layer_of_noise_is_no_round_surface() -> None:
         ):
             fit(BLOB, "cylinder", robust=robust)
     assert select(layer).shape == "plane"
+
+
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_noise_on_a_plane_is_no_curved_surface(shape, robust) -> None:
+    """A cone of 89.9 deg, or a cylinder of 400 m, is what least squares makes of it."""
+    reasons = "as well|within the noise|agree on|spans|positive|no convergence|left no surface|gives a start"
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        layer = np.column_stack([rng.uniform(-1, 1, (3000, 2)), rng.normal(0, 1e-3, 3000)])
+        with pytest.raises(FitError, match=reasons):
+            fit(layer, shape, robust=robust)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cylinder"])
+def test_a_bend_is_seen_as_soon_as_it_exceeds_the_noise(shape) -> None:
+    """Sag d = 0.5 / R in noise s: chi squared is about n (d / s)^2 times a factor of the shape's form."""
+    rng = np.random.default_rng(3)
+    u, v = rng.uniform(-1, 1, (2, 2000))
+    height = (u**2 + v**2 if shape == "sphere" else u**2) / 2
+    noise = rng.normal(0, 1e-3, 2000)
+    flat, bent = (np.column_stack([u, v, height / radius + noise]) for radius in (1e6, 500.0))
+    assert fit(bent, shape).surface.radius == pytest.approx(500, rel=0.2)  # type: ignore[attr-defined]
+    with pytest.raises(FitError, match=r"as well \(chi squared .* for \d more|no convergence"):
+        fit(flat, shape)
 
 
 def test_robust_fits_say_what_they_lack() -> None:

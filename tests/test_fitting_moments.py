@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from completion.fitting import FitError, fit
-from completion.moments import EXPONENTS, moments
-from completion.quadrics import Quadric, fit_quadric, read_surface
+from completion.fitting.moments import EXPONENTS, moments
+from completion.fitting.quadrics import Quadric, fit_quadric, read_surface
 from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Sphere, surfaces_close
 from tests.strategies import law, seeds
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from completion.fitting import fit
-from completion.fitting_result import FitError
+from completion.fitting.result import FitError
 from scenes.checks import InputError
 from scenes.cone import Cone
 from scenes.surfaces import Cylinder, Plane, Sphere, surfaces_close
@@ -55,6 +55,23 @@ def test_range_noise_leaves_no_bias_and_the_predicted_spread(arc_deg, sigma):
     assert radii.std(ddof=1) / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
 
 
+def test_robust_fits_along_rays_leave_outliers_out_and_predict_their_spread():
+    rng = np.random.default_rng(7)
+    n_trials, fits = 30, []
+    for _ in range(n_trials):
+        points, rays = scanned(90, 0.3, 2000, rng)
+        points = np.where(
+            rng.random((2000, 1)) < 0.2, points + rng.uniform(-20, 20, (2000, 1)) * rays, points
+        )
+        fits.append(fit(points, "cylinder", rays=rays, robust=True))
+    radii = np.array([found.surface.radius for found in fits])
+    u = np.mean([found.parameter_deviations()["radius"] for found in fits])
+    assert abs(radii.mean() - TRUE.radius) < 4 * u / np.sqrt(n_trials)
+    assert radii.std(ddof=1) / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
+    assert all(found.inliers.sum() == found.n for found in fits)
+    assert 0.75 < np.mean([found.n for found in fits]) / 2000 < 0.85
+
+
 def test_the_direction_of_the_rays_does_not_matter_and_their_length_neither():
     points, rays = scanned(90, 0.3, 1000, np.random.default_rng(2))
     one, other = fit(points, "cylinder", rays=rays), fit(points, "cylinder", rays=-3.0 * rays)
@@ -68,7 +85,7 @@ def test_grazing_rays_are_left_out():
 
 def test_steps_that_do_not_settle_are_said(monkeypatch):
     points, rays = scanned(90, 0.3, 200, np.random.default_rng(5))
-    monkeypatch.setattr("completion.fitting_rays._N_STEPS", 1)
+    monkeypatch.setattr("completion.fitting.rays._N_STEPS", 1)
     with pytest.raises(FitError, match="no convergence along the rays: 200 points determine no cylinder"):
         fit(points, "cylinder", rays=rays)
 
@@ -77,8 +94,10 @@ def test_rays_are_checked():
     points, rays = scanned(90, 0.1, 100, np.random.default_rng(4))
     with pytest.raises(InputError, match="99 rays for 100 points"):
         fit(points, "cylinder", rays=rays[1:])
-    with pytest.raises(InputError, match="errors along rays need the Euclidean metric"):
-        fit(points, "cylinder", rays=rays, robust=True)
+    with pytest.raises(InputError, match="robust fits and errors along rays are Euclidean; drop"):
+        fit(points, "cylinder", rays=rays, metric="taubin")
+    with pytest.raises(InputError, match=r"1 of 100 rays have no length; is a point at the scanner\?"):
+        fit(points, "cylinder", rays=np.where(np.arange(100)[:, None] == 7, 0.0, rays))
     with pytest.raises(FitError, match="of 100 rays meet it"):
         fit(points, "cylinder", rays=np.broadcast_to([0.0, 0, 1], points.shape))
     with pytest.raises(InputError, match="1 of 100 rays are not finite"):

@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 
-from completion.fitting import FitError, fit, normalised, select
-from completion.fitting_charts import chart_of
-from completion.fitting_polish import normal_equations
-from completion.robust import tukey_weights
+from completion.fitting import FitError, fit, select
+from completion.fitting.charts import chart_of
+from completion.fitting.euclidean import normalised
+from completion.fitting.polish import normal_equations
+from completion.fitting.robust import tukey_weights
 from scenes.checks import FloatArray
 from scenes.files import read_scan
 from scenes.surfaces import surfaces_close

@@ -271,6 +271,8 @@ def test_scans_give_all_valid_points_in_the_world(tmp_path: Path, suffix: str, k
     order, wanted = np.lexsort(cloud.points.round(5).T), np.lexsort(expected.round(5).T)
     tolerance = 2e-6 if suffix == ".pcd" else 1e-8
     assert np.abs(np.sort(cloud.points[order], axis=0) - np.sort(expected[wanted], axis=0)).max() < tolerance
+    np.testing.assert_allclose(cloud.origins, np.tile(scan.world_from_sensor.translation, (len(expected), 1)))
+    np.testing.assert_allclose(cloud.rays(), cloud.points - scan.world_from_sensor.translation)
 
 
 def test_one_scan_of_several(tmp_path: Path) -> None:
@@ -282,6 +284,9 @@ def test_one_scan_of_several(tmp_path: Path) -> None:
     assert second.name == "two.e57#2"
     assert len(second.points) == int(expected.valid.sum())
     assert len(both.points) == len(second.points) + int(scans[0].valid.sum())
+    assert both.origins is not None
+    assert len(np.unique(both.origins.round(9), axis=0)) == 2
+    np.testing.assert_allclose(both.origins[-1], expected.world_from_sensor.translation)
     with pytest.raises(InputError, match="there is no #3: there are 2 scans, counted from 1"):
         read_points(f"{tmp_path / 'two.e57'}#3")
 
@@ -304,6 +309,10 @@ def test_unorganised_pcd_is_moved_by_its_viewpoint(tmp_path: Path) -> None:
     assert cloud.normals is not None
     np.testing.assert_allclose(cloud.normals, NORMALS, atol=1e-6)
     assert cloud.warnings == ()
+    assert cloud.origins is None  # the default viewpoint
+    with pytest.raises(InputError, match=r"c\.pcd does not tell where the scanner stood; give --origin"):
+        cloud.rays()
+    np.testing.assert_allclose(cloud.rays([0, 0, 1.0]), cloud.points - [0, 0, 1])
     write_unorganised_pcd(tmp_path / "c.pcd", "1 2 3 0 0 0 1", "x y z normal_x normal_y normal_z")
     moved = read_points(tmp_path / "c.pcd")
     turned = Pose.from_parts(np.diag([-1.0, -1.0, 1.0]), np.array([1.0, 2.0, 3.0]))
@@ -311,6 +320,7 @@ def test_unorganised_pcd_is_moved_by_its_viewpoint(tmp_path: Path) -> None:
     assert moved.normals is not None
     np.testing.assert_allclose(moved.normals, NORMALS * [-1, -1, 1], atol=1e-6)
     assert "by VIEWPOINT" in moved.warnings[0]
+    np.testing.assert_allclose(moved.origins, np.tile([1.0, 2.0, 3.0], (3, 1)))
     write_unorganised_pcd(tmp_path / "c.pcd", "0 0 0 1 0 0 0", "a y z")
     with pytest.raises(InputError, match="has the fields a, y, z; x, y, z are needed"):
         read_points(tmp_path / "c.pcd")

@@ -107,7 +107,7 @@ class Run:
 @contextmanager
 def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> Iterator[Run]:
     """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1."""
-    from completion.fitting import FitError
+    from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
 

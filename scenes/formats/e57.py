@@ -64,14 +64,20 @@ def read_e57(path: Path, index: int) -> RangeImage:
     return _grid(points, row, column, _colours(data, kept), pose, description, name)
 
 
-def read_e57_points(path: Path, index: int) -> FloatArray:
-    """Return all valid points (n, 3) of scan `index` (from 0) in the world, structured or not."""
+def read_e57_points(path: Path, index: int) -> tuple[FloatArray, FloatArray | None]:
+    """Return all valid points (n, 3) of scan `index` (from 0) in the world, and where the scanner stood (3,).
+
+    Structured or not; a scan without pose and grid may have been merged from several, so that its place is
+    None.
+    """
     with import_extra("pye57", "e57").E57(str(path)) as file:
         header = file.get_header(index)
         data = file.read_scan_raw(index, ignore_unsupported_fields=True)
         pose = _read_pose(header)
+        is_one_scan = header.has_pose() or "rowIndex" in data
     points, kept = _points(data)
-    return pose.apply(np.asarray(points[kept], dtype=np.float64))
+    world = pose.apply(np.asarray(points[kept], dtype=np.float64))
+    return world, pose.translation if is_one_scan else None
 
 
 def _grid(

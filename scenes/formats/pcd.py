@@ -73,10 +73,11 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     return _placed_scan(points, colour, _viewpoint(cloud.metadata.viewpoint), header, intrinsics, path.stem)
 
 
-def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
-    """Return points (n, 3) in the world, normals where the file has them, and warnings.
+def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, FloatArray | None, tuple[str, ...]]:
+    """Return points (n, 3) in the world, normals, where the sensor stood (3,), and warnings.
 
     Organised clouds are read as scans where a projection explains them; others are moved by VIEWPOINT.
+    Normals and place are None where the file does not tell; without a grid a default VIEWPOINT says nothing.
     """
     header = _read_header(path)
     cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
@@ -94,16 +95,17 @@ def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, tuple[st
         kept &= (points != 0).any(axis=1)
         points, normals = points[kept], None if normals is None else normals[kept]
     if np.allclose(pose.matrix, np.eye(4)):
-        return points, normals, ()
+        return points, normals, pose.translation if header.height > 1 else None, ()
     try:
         scan = read_pcd(path) if header.height > 1 and normals is None else None
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
-        return scan.points()[scan.valid], None, ()
+        return scan.points()[scan.valid], None, scan.world_from_sensor.translation, ()
     moved = pose.apply(points)
     turned = None if normals is None else normals @ pose.rotation.T
-    return moved, turned, ("moved from the sensor's frame to the world by VIEWPOINT",)
+    warning = "moved from the sensor's frame to the world by VIEWPOINT"
+    return moved, turned, pose.translation, (warning,)
 
 
 def _placed_scan(

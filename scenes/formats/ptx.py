@@ -64,13 +64,16 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     return organised_scan(points, fit_grid(points), found.pose @ SCANNER_FROM_SENSOR, colour, name)
 
 
-def read_ptx_points(path: Path, index: int) -> FloatArray:
-    """Return all points (n, 3) of scan `index` (from 0) in the world; no projection is needed."""
+def read_ptx_points(path: Path, index: int) -> tuple[FloatArray, FloatArray]:
+    """Return all points (n, 3) of scan `index` (from 0) in the world, and where the scanner stood (3,).
+
+    No projection is needed.
+    """
     with path.open(encoding="utf-8", errors="replace") as file:
         found = list(_scans(file, wanted=index))[index]
     assert found is not None  # the wanted one is parsed
     points = found.table[..., :3].reshape(-1, 3)
-    return found.pose.apply(points[(points != 0).any(axis=1)])
+    return found.pose.apply(points[(points != 0).any(axis=1)]), found.pose.translation
 
 
 def _scans(file: TextIO, wanted: int | None = None) -> Iterator[_PtxScan | None]:

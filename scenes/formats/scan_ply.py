@@ -42,6 +42,12 @@ def write_scan_ply(scan: RangeImage, path: Path) -> None:
     write_mesh_ply(path, scan.points().reshape(-1, 3), None, properties, to_comments(scan_header(scan)))
 
 
+def is_scan_ply(path: Path) -> bool:
+    """Tell whether a PLY file keeps a scan's grid and pose in its comments."""
+    with path.open("rb") as file:
+        return b"comment unseen " in file.read(4096)
+
+
 def read_scan_ply(path: Path) -> RangeImage:
     """Return the scan that `write_scan_ply` wrote.
 
@@ -51,9 +57,8 @@ def read_scan_ply(path: Path) -> RangeImage:
         Any other PLY file: it does not say where the sensor stood.
     """
     cure = "; a scan needs its grid and sensor pose: use .e57, .pcd (organised), .npz or an RGB-D folder"
-    with path.open("rb") as file:
-        if b"comment unseen " not in file.read(4096):
-            raise InputError("is a PLY without sensor position and pixel grid" + cure)
+    if not is_scan_ply(path):
+        raise InputError("is a PLY without sensor position and pixel grid" + cure)
     cloud = read_mesh_ply(path)
     header = from_comments(cloud.comments)
     if header is None or "range" not in cloud.vertex_properties:

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from completion.fitting_charts import (
+from completion.fitting.charts import (
     Chart,
     ConeChart,
     CylinderChart,
@@ -23,12 +23,13 @@ from completion.fitting_charts import (
     axis_frame,
     turned_frame,
 )
-from completion.moments import moments
+from completion.fitting.moments import moments
 from scenes.checks import FloatArray
 
 _N_DIRECTIONS = 600
 _N_ZOOMS = 6
 _HALF_ANGLES_DEG = (0.0, 5.0, 20.0, 40.0, 60.0, 72.0, 80.0, 85.0)
+_LEAST_CURVATURE = 1e-6  # in units of the points' inverse RMS radius
 _RIDGE = 1e-13  # of the diagonal: directions across which nothing is spread stay finite
 
 
@@ -36,10 +37,12 @@ def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
     """Charts to polish from, best first, for points (n, 3) near the unit ball."""
     gram = moments(unit, np.zeros(3)).gram() / len(unit)
     if shape == "sphere":
-        return _spheres(gram)
+        return [*_spheres(gram), *_shallow(unit, shape)]
     searched = "cylinder" if shape == "elliptic-cylinder" else shape
     axes = _best_axes(gram, searched, n_best)
-    found: list[Chart] = []
+    found: list[Chart] = [] if shape == "cone" else _shallow(unit, "cylinder")
+    if shape == "elliptic-cylinder":
+        found = [_nearly_round(chart) for chart in found if isinstance(chart, CylinderChart)]
     for axis in axes:
         frame = axis_frame(axis)
         if shape == "cone":
@@ -64,6 +67,31 @@ def _spheres(gram: FloatArray) -> list[Chart]:
     centre = solution[:3] / 2
     radius2 = float(solution[3] + centre @ centre)
     return [SphereChart(centre, float(np.sqrt(radius2)))] if radius2 > 0 else []
+
+
+def _shallow(unit: FloatArray, shape: str) -> list[Chart]:
+    """The sphere or cylinder that osculates a paraboloid over the points' plane.
+
+    Over a small arc the squared radius says little and noise biases it; heights over the plane do not care.
+    """
+    _, vectors = np.linalg.eigh(unit.T @ unit)
+    x, y, z = vectors[:, 2] @ unit.T, vectors[:, 1] @ unit.T, vectors[:, 0] @ unit.T
+    basis = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
+    level, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(basis, z, rcond=None)[0]
+    curvatures, turns = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    normal = vectors @ np.array([1.0, -slope_y, -slope_x])
+    normal = normal / np.linalg.norm(normal)
+    foot = level * vectors[:, 0]
+    if shape == "sphere":
+        radius = 1 / max(abs(float(curvatures.mean())), _LEAST_CURVATURE)
+        return [SphereChart(foot + np.copysign(radius, curvatures.mean()) * normal, radius)]
+    bent = int(np.argmax(np.abs(curvatures)))
+    radius = 1 / max(abs(float(curvatures[bent])), _LEAST_CURVATURE)
+    axis = vectors[:, [2, 1]] @ turns[:, 1 - bent]
+    axis = axis - normal * (normal @ axis)
+    axis = axis / np.linalg.norm(axis)
+    centre = foot + np.copysign(radius, curvatures[bent]) * normal
+    return [CylinderChart(centre - axis * (centre @ axis), axis_frame(axis), radius)]
 
 
 def _cylinders(gram: FloatArray, frame: FloatArray) -> list[CylinderChart]:
@@ -142,8 +170,12 @@ def _ellipses(gram: FloatArray, frame: FloatArray) -> list[Chart]:
             greater, smaller = np.sqrt(level / values)
             turned = turned_frame(frame[2], vectors[:, 0] @ frame[:2])
             found.append(EllipticChart(centre @ frame[:2], turned, float(greater), float(smaller)))
-    round_ones = _cylinders(gram, frame)
-    return [*found, *(EllipticChart(c.origin, frame, 1.0001 * c.radius, c.radius) for c in round_ones)]
+    return [*found, *(_nearly_round(chart) for chart in _cylinders(gram, frame))]
+
+
+def _nearly_round(chart: CylinderChart) -> EllipticChart:
+    """An ellipse of which the section is nearly a circle: exactly round ones have no axes to turn."""
+    return EllipticChart(chart.origin, chart.frame, 1.0001 * chart.radius, chart.radius)
 
 
 def _best_axes(gram: FloatArray, shape: str, n_best: int) -> FloatArray:

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.consensus import consensus_surface
-from completion.fitting_charts import chart_of
-from completion.fitting_polish import Cloud, normal_equations, polished
-from completion.fitting_result import FitError, SurfaceFit
+from completion.fitting.charts import chart_of
+from completion.fitting.consensus import consensus_surface
+from completion.fitting.degeneracy import check_layer
+from completion.fitting.polish import Cloud, normal_equations, polished
+from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane, Surface
 
@@ -19,9 +20,8 @@ _N_SAMPLE = 1_500  # points that take part in the consensus
 _N_TREE = 50_000
 _N_NEIGHBOURS = 24
 _CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
-_TUKEY = 4.685
+TUKEY = 4.685  # sigma
 _N_FINAL = 20
-_LEAST_RADIUS = 4.0  # times the residuals' rms
 
 
 def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> SurfaceFit:
@@ -59,8 +59,8 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
         surface, sigma = _reweighted(points, surface, cut, sigma)
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
     for _ in range(_N_FINAL):
-        surface, sigma = _reweighted(points, surface, _TUKEY, sigma)
-        before, inliers = inliers, np.abs(surface.distance(points)) < _TUKEY * sigma
+        surface, sigma = _reweighted(points, surface, TUKEY, sigma)
+        before, inliers = inliers, np.abs(surface.distance(points)) < TUKEY * sigma
         if (before == inliers).all():
             break
     return _robust_result(points, surface, sigma, inliers)
@@ -91,10 +91,22 @@ def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) 
     chart, _, _ = polished(chart_of(surface, cloud.centre, cloud.scale), cloud, what, 12)
     moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     residual = np.abs(moved.distance(points))
-    within = residual < cut * sigma
-    # Of normal residuals within 4.685 sigma, 1.4826 times the median size is sigma.
-    scale = 1.4826 * float(np.median(residual[within])) if within.any() else sigma
-    return moved, max(min(scale, sigma * 2), 1e-12 * cloud.scale)
+    return moved, max(scale_within(residual[residual < cut * sigma], sigma), 1e-12 * cloud.scale)
+
+
+def scale_within(size: FloatArray, sigma: float) -> float:
+    """The scale of residuals of these sizes, at most twice `sigma`, the one before; that where none is left.
+
+    Of normal residuals within 4.685 sigma, 1.4826 times the median size is sigma.
+    """
+    return min(1.4826 * float(np.median(size)), 2 * sigma) if len(size) else sigma
+
+
+def tukey_variance(residual: FloatArray, sigma: float, n_parameters: int) -> float:
+    """Variance factor of the M-estimator: mean psi^2 / (mean psi')^2, to be multiplied by (J'J)^-1."""
+    u2 = (residual / (TUKEY * sigma)) ** 2
+    psi, slope = residual * (1 - u2) ** 2, float(np.mean((1 - u2) * (1 - 5 * u2)))
+    return float(psi @ psi) / max(len(residual) - n_parameters, 1) / slope**2
 
 
 def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud:
@@ -108,7 +120,7 @@ def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud
 
 
 def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray) -> SurfaceFit:
-    """The fit with the M-estimator's covariance: mean psi^2 / (mean psi')^2 times (J'J)^-1."""
+    """The fit with the M-estimator's covariance."""
     kept = points[inliers]
     cloud = replace(_weighted_cloud(points, inliers.astype(np.float64), surface.kind), weights=None)
     if isinstance(surface, Plane):  # its chart's origin: the point nearest to the centroid
@@ -118,14 +130,11 @@ def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: 
     normal = normal_equations(chart, cloud)
     n, k = len(kept), chart.n_parameters
     residual = surface.distance(kept)
-    u2 = (residual / (_TUKEY * sigma)) ** 2
-    psi, slope = residual * (1 - u2) ** 2, float(np.mean((1 - u2) * (1 - 5 * u2)))
-    variance = float(psi @ psi) / max(n - k, 1) / slope**2
+    variance = tukey_variance(residual, sigma, k)
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     covariance = variance * normal.inverse() * np.outer(units, units)
     rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
-    least = getattr(surface, "radii", (np.inf, getattr(surface, "radius", np.inf)))[1]
-    if least < _LEAST_RADIUS * rms:
-        raise FitError(f"the radius {least:.3g} m is within the noise, {rms:.3g} m (a layer or a line)")
     placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
-    return SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)
+    found = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)
+    check_layer(found)
+    return found

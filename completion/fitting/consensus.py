@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.fitting_result import FitError
+from completion.fitting.result import FitError
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
@@ -151,9 +151,7 @@ def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, toler
         if cost < least:
             best, least = surface, cost
     if best is None:
-        raise FitError(
-            f"none of {n_sets} sets of {n_drawn} oriented points spans a {shape.replace('-', ' ')}"
-        )
+        raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {_NAMES[shape]}")
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
     if n_agree < 0.2 * len(points):
         raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")

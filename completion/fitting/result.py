@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from completion.fitting_charts import chart_of
-from scenes.checks import BoolArray, FloatArray
+from completion.fitting.charts import chart_of
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
+Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"]
+Metric = Literal["euclidean", "taubin", "algebraic"]
 
-class FitError(ValueError):
+
+class FitError(InputError):
     """Points that determine no surface; the message says why in numbers."""
 
 
@@ -39,7 +43,7 @@ class SurfaceFit:
     converged : bool
         False where the last steps still moved the surface by more than rounding explains.
     inliers : (m,) bool or None
-        Robust fits: which of all the points given took part.
+        Robust fits and fits along rays: which of all the points given took part.
     metric : str
         "euclidean", "taubin" or "algebraic".
     """
@@ -118,19 +122,31 @@ def surface_parameters(surface: Surface) -> dict[str, object]:
     return axis | radii | {"zero_direction": surface.zero_direction.tolist(), "concave": surface.concave}
 
 
-def inflated(fit: SurfaceFit, points: FloatArray, block: float) -> SurfaceFit:
-    """Return the fit with a covariance that allows for residuals that are correlated between neighbours.
+def inflated(fit: SurfaceFit, points: FloatArray, block: float | None = None) -> SurfaceFit:
+    """Return the fit with a covariance that allows for residuals that are alike between neighbours.
 
-    Residuals are averaged over chart blocks of side `block` metres; independent ones would average to
-    rms / sqrt(n). The covariance grows by the ratio of the variances, at least one; `inflation` keeps it.
+    Residuals are averaged over chart blocks of side `block`; independent ones would average to rms / sqrt(n).
+    The covariance grows by the ratio of the variances, at least one; `inflation` keeps it.
+
+    Parameters
+    ----------
+    fit : SurfaceFit
+        Of these points, or robustly of some of them.
+    points : (n, 3) float
+        All that were given to the fit, metres.
+    block : float, optional
+        Metres; by default so large that about sqrt(n) points lie in a block.
     """
-    uv = fit.surface.to_uv(points)
-    residual = fit.surface.distance(points)
+    used = points if fit.inliers is None else points[fit.inliers]
+    uv = fit.surface.to_uv(used)
+    residual = fit.surface.distance(used)
+    if block is None:
+        block = float(np.sqrt(np.prod(np.ptp(uv, axis=0)) / np.sqrt(len(used))))
     cell = np.floor((uv - uv.min(axis=0)) / max(block, 1e-12)).astype(np.int64)
     _, which = np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1], return_inverse=True)
     count = np.bincount(which).astype(np.float64)
     full: BoolArray = count >= 5
-    if full.sum() < 8 or fit.rms == 0:
+    if full.sum() < 8 or fit.rms == 0 or block <= 0:
         return fit
     mean = np.bincount(which, residual)[full] / count[full]
     excess = max(float(np.mean(mean**2 * count[full]) / fit.rms**2), 1.0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting_charts import Chart
-from completion.fitting_result import FitError
+from completion.fitting.charts import Chart
+from completion.fitting.result import FitError
 from scenes.checks import FloatArray
 
 _CHUNK = 8192  # points at a time: a chunk's rows stay in the cache
@@ -39,11 +39,12 @@ class Cloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Normal:
-    """Normal equations at a chart: J'J, J'f and f'f."""
+    """Normal equations at a chart: J'J, J'f and f'f, J by the changes that are the columns of `basis`."""
 
     matrix: FloatArray
     gradient: FloatArray
     cost: float
+    basis: FloatArray
 
     def solved(self, damping: float, what: str) -> FloatArray:
         """The step (k,); raises FitError where the points determine nothing."""
@@ -54,23 +55,25 @@ class Normal:
             condition = values[-1] / max(values[0], 1e-300)
             raise FitError(f"{what}: condition number {condition:.3g}")
         change = vectors @ ((vectors.T @ (self.gradient / scale)) / (values + damping))
-        return np.asarray(-change / scale, dtype=np.float64)
+        return np.asarray(self.basis @ (-change / scale), dtype=np.float64)
 
     def inverse(self) -> FloatArray:
-        """The inverse of J'J."""
+        """The inverse of J'J, for the chart's own parameters."""
         scale = np.sqrt(np.diag(self.matrix))
-        return np.asarray(np.linalg.inv(self.matrix / np.outer(scale, scale)) / np.outer(scale, scale))
+        inverse = np.linalg.inv(self.matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+        return np.asarray(self.basis @ inverse @ self.basis.T)
 
 
 def normal_equations(chart: Chart, cloud: Cloud) -> Normal:
     """Accumulate the normal equations over the points, chunk by chunk."""
-    k = chart.n_parameters
+    k, basis = chart.n_parameters, chart.basis()
     matrix, gradient, cost = np.zeros((k, k)), np.zeros(k), 0.0
     turn, shift = chart.frame / cloud.scale, (chart.frame @ chart.origin)[:, None]
     for first in range(0, len(cloud.points), _CHUNK):
         local = turn @ (cloud.points[first : first + _CHUNK] - cloud.centre).T
         local -= shift
-        residual, jacobian = chart.linearise(local)
+        residual, gradient_rows = chart.linearise(local)
+        jacobian = basis.T @ gradient_rows
         weighted = jacobian
         if cloud.weights is not None:
             weighted = jacobian * cloud.weights[first : first + _CHUNK]
@@ -79,7 +82,7 @@ def normal_equations(chart: Chart, cloud: Cloud) -> Normal:
             cost += float(residual @ residual)
         matrix += weighted @ jacobian.T
         gradient += weighted @ residual
-    return Normal(matrix, gradient, cost)
+    return Normal(matrix, gradient, cost, basis)
 
 
 def polished(

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import eigh
 
-from completion.fitting_result import FitError, SurfaceFit
-from completion.moments import MONOMIALS, Moments, moments
+from completion.fitting.moments import MONOMIALS, Moments, moments
+from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
 from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Sphere, Surface, perpendicular
 

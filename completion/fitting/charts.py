@@ -8,6 +8,7 @@ formulation of NPL's least-squares geometric elements. No chart holds a redundan
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
@@ -37,6 +38,14 @@ class Chart(Protocol):
         """Residuals (n,) and gradient (k, n) at points given in the chart, shape (3, n)."""
         ...
 
+    def basis(self) -> FloatArray:
+        """Parameter changes (k, k), one a column, in which the normal equations are well conditioned.
+
+        On a shallow arc a greater radius and an axis farther away look alike. A radius that grows about the
+        place where the points are does not look like any other change.
+        """
+        ...
+
     def moved(self, change: FloatArray) -> Chart | None:
         """The chart after a step (k,), None where no surface is left."""
         ...
@@ -55,9 +64,19 @@ class Chart(Protocol):
 
 
 def axis_frame(axis: FloatArray) -> FloatArray:
-    """Rows x, y, z of a frame whose z is the axis."""
-    x_axis = perpendicular(axis)
-    return np.stack([x_axis, np.cross(axis, x_axis), axis])
+    """Rows x, y, z of a right-handed frame whose z is the axis (Duff et al. 2017: no cross product)."""
+    x, y, z = axis.tolist()
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([[1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y], [x, y, z]])
+
+
+def _radius_about(touch: FloatArray, n_parameters: int) -> FloatArray:
+    """The basis in which the last parameter, the radius, draws the centre back along `touch` (2 or 3,)."""
+    basis = np.eye(n_parameters)
+    basis[: len(touch), -1] = -touch / max(1.0, float(np.linalg.norm(touch)))
+    return basis
 
 
 def _moved_axis(
@@ -83,6 +102,10 @@ class PlaneChart:
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Heights; gradient 1, u, v: the change of the plane's height, so that its sign is the surface's."""
         return local[2], np.stack([np.ones(local.shape[1]), local[0], local[1]])
+
+    def basis(self) -> FloatArray:
+        """The parameters themselves."""
+        return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> PlaneChart:
         """Planes are fitted in closed form; a step is a shift and a tilt."""
@@ -126,6 +149,10 @@ class SphereChart:
         gradient[3] = -1.0
         return distance - self.radius, gradient
 
+    def basis(self) -> FloatArray:
+        """The radius grows about where the points are."""
+        return _radius_about(-self.origin / self.radius, 4)
+
     def moved(self, change: FloatArray) -> SphereChart | None:
         """Shift the centre, change the radius."""
         radius = self.radius + float(change[3])
@@ -168,6 +195,10 @@ class CylinderChart:
         np.multiply(gradient[:2], z, out=gradient[2:4])
         gradient[4] = -1.0
         return distance - self.radius, gradient
+
+    def basis(self) -> FloatArray:
+        """The radius grows about where the points are."""
+        return _radius_about(self.frame[:2] @ -self.origin / self.radius, 5)
 
     def moved(self, change: FloatArray) -> CylinderChart | None:
         """The chart on the moved axis."""
@@ -217,6 +248,10 @@ class ConeChart:
         beyond = distance - self.radius
         gradient[5] = cosine * z - sine * beyond
         return cosine * beyond + sine * z, gradient
+
+    def basis(self) -> FloatArray:
+        """The parameters themselves."""
+        return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> ConeChart | None:
         """The chart on the moved axis, its radius taken where the new origin is."""
@@ -276,6 +311,10 @@ class EllipticChart:
         gradient[6] = -sine * cosine * (self.greater + self.smaller) / weight
         residual = along * (x - self.greater * cosine) + across * (y - self.smaller * sine)
         return residual, gradient
+
+    def basis(self) -> FloatArray:
+        """The parameters themselves."""
+        return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> EllipticChart | None:
         """The chart on the moved axis, turned to the new ellipse's own axes."""

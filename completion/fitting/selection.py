@@ -4,14 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
-from completion.fitting_result import FitError, SurfaceFit
+from completion.fitting.degeneracy import LEAST_POINTS
+from completion.fitting.euclidean import fit_euclidean
+from completion.fitting.result import FitError, Shape, SurfaceFit
+from completion.fitting.robust import fit_robust
+from scenes.checks import check_points
 
 LEAST_RATIO = 20.0  # "strong" evidence (Kass & Raftery 1995)
 _ROUNDING = 1e-12
 _CUT = 4.685
+_N_STEPS = 100  # a shape that is not found in so many is not this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,11 +38,17 @@ class Selection:
         Why a shape could not be fitted.
     """
 
-    shape: str | None
+    shape: Shape | None
     fits: dict[str, SurfaceFit]
     bic: dict[str, float]
     evidence: dict[str, float]
     failures: dict[str, str]
+
+    def decided(self) -> Shape:
+        """The shape that the evidence is for; raises FitError, with the ratios, where it is for none."""
+        if self.shape is None:
+            raise FitError(f"{self.summary()}; name the shape")
+        return self.shape
 
     def summary(self) -> str:
         """One line: the shapes with their evidence ratios."""
@@ -44,6 +56,28 @@ class Selection:
         best = next(iter(self.evidence))
         verdict = self.shape or f"undecidable, {best} first"
         return f"{verdict}; evidence against others: {ratios or 'none could be fitted'}"
+
+
+def select(points: object, *, robust: bool = False) -> Selection:
+    """Fit every shape to points (n, 3) and weigh the evidence; see `Selection`.
+
+    Residuals count as independent; where they are not (a wall that bends a little), the ratios overstate.
+    """
+    cloud = check_points("points", points)
+    fits: dict[str, SurfaceFit] = {}
+    failures: dict[str, str] = {}
+    for shape in LEAST_POINTS:
+        try:
+            fits[shape] = (
+                fit_robust(cloud, shape) if robust else fit_euclidean(cloud, shape, n_steps=_N_STEPS)
+            )
+        except FitError as error:
+            failures[shape] = str(error)
+    residuals = {shape: found.surface.distance(cloud) for shape, found in fits.items()}
+    size = np.abs(cloud).max(initial=0.0)
+    spread = np.abs(cloud - cloud[:1]).max(initial=0.0)
+    extent = float(spread + 1e-3 * size)  # rounding grows with the distance from the origin
+    return weigh(fits, residuals, failures, extent)
 
 
 def weigh(
@@ -80,7 +114,9 @@ def weigh(
     evidence = {shape: float(np.exp(min((bic[shape] - least) / 2, 700.0))) for shape in order}
     decided = len(order) == 1 or evidence[order[1]] >= LEAST_RATIO
     ranked = {shape: tried[shape] for shape in order}
-    return Selection(order[0] if decided else None, ranked, {s: bic[s] for s in order}, evidence, failures)
+    return Selection(
+        cast("Shape", order[0]) if decided else None, ranked, {s: bic[s] for s in order}, evidence, failures
+    )
 
 
 def _scale(fit: SurfaceFit, robust: bool, tried: dict[str, SurfaceFit]) -> float:

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Degeneracy: points that do not determine the surface asked for, and errors that say why in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri
+
+from completion.fitting.moments import centroid
+from completion.fitting.result import FitError, SurfaceFit
+from scenes.checks import FloatArray
+from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+
+LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7}
+_ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}
+_FLAT = 1e-9  # singular values below this part of the greatest count as zero
+_LEAST_RADIUS = 4.0  # times the residuals' rms
+_CHANCE = 1e-3  # that noise on a plane passes for a bend
+_CHUNK = 8192
+
+
+def undetermined(n: int, shape: str) -> str:
+    """How an error begins: so many points determine no such shape."""
+    return f"{n} points determine no {shape.replace('-', ' ')}"
+
+
+def check_enough(n: int, shape: str) -> None:
+    """Refuse fewer points than a shape has parameters."""
+    if n < LEAST_POINTS[shape]:
+        name = _ARTICLE.get(shape, f"a {shape}")
+        more = " with covariance" if shape == "cylinder" else ""
+        raise FitError(f"{name}{more} needs {LEAST_POINTS[shape]} points, got {n}")
+
+
+def principal(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values (3,) and principal axes (3, 3) of points (n, 3) about their centroid."""
+    offset = points - centre
+    _, spread, axes = np.linalg.svd(np.linalg.qr(offset, mode="r") if len(points) > 3 else offset)
+    return spread, axes
+
+
+def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> None:
+    """Refuse points in one spot, on one line (rank 1) or, for curved surfaces, in one plane (rank 2).
+
+    `spread` are their singular values; what is below the rounding of coordinates so far out counts as zero.
+    """
+    rounding = 8 * np.finfo(np.float64).eps * float(np.abs(centre).max()) * np.sqrt(n)
+    floor = max(_FLAT * float(spread[0]), rounding)
+    if spread[0] <= rounding:
+        raise FitError(f"{n} points lie in one spot, at {centre.tolist()}: singular values {spread.tolist()}")
+    if spread[1] <= floor:
+        raise FitError(f"{n} points lie on one line: singular values {spread.tolist()}")
+    if rank > 1 and spread[2] <= floor:
+        raise FitError(f"{n} points lie in one plane: singular values {spread.tolist()}")
+
+
+def check_layer(found: SurfaceFit) -> None:
+    """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
+    surface = found.surface
+    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder):
+        least = surface.radii[1] if isinstance(surface, EllipticCylinder) else surface.radius
+        if least < _LEAST_RADIUS * found.rms:
+            raise FitError(
+                f"{undetermined(found.n, surface.kind)}: the radius {least:.3g} m is within the noise, "
+                f"{found.rms:.3g} m (a layer or a line)"
+            )
+
+
+def check_bend(found: SurfaceFit, points: FloatArray) -> None:
+    """Refuse a curved surface where a plane explains the points (n, 3) as well.
+
+    The likelihood ratio against the plane, the fall of the sum of squares over the residuals' variance, is
+    distributed as chi squared where the truth is a plane (Wilks 1938); a bend counts when noise on a plane
+    would show as much once in a thousand times.
+    """
+    used = points if found.inliers is None else points[found.inliers]
+    n_more = len(found.covariance) - 3
+    if isinstance(found.surface, Plane) or found.degrees_of_freedom < 1 or not found.rms > 0:
+        return
+    residual = float(found.rms**2) * found.degrees_of_freedom
+    gain = (_plane_residual(used) - residual) / found.rms**2
+    needed = float(chdtri(n_more, _CHANCE))
+    if gain < needed:
+        raise FitError(
+            f"{undetermined(len(used), found.surface.kind)}: a plane explains them as well (chi squared "
+            f"{max(gain, 0.0):.3g} for {n_more} more parameters, {needed:.3g} needed)"
+        )
+
+
+def _plane_residual(points: FloatArray) -> float:
+    """The sum of squared distances from the best plane."""
+    centre, scatter = centroid(points), np.zeros((3, 3))
+    for first in range(0, len(points), _CHUNK):
+        offset = points[first : first + _CHUNK] - centre
+        scatter += offset.T @ offset
+    return float(max(np.linalg.eigvalsh(scatter)[0], 0.0))

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Fits along rays: errors measured where a scanner makes them, along its beams.
+
+Orthogonal distances are the right errors for noise that is alike in all directions. A scanner's noise lies
+along its ray; where rays meet the surface obliquely the orthogonal fit then takes too small a radius, since
+the foot of a point moves sideways with its error. Along the known ray the place that was meant stays put.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.fitting.charts import Chart, chart_of
+from completion.fitting.degeneracy import undetermined
+from completion.fitting.euclidean import normalised
+from completion.fitting.polish import Cloud, Normal
+from completion.fitting.result import FitError, SurfaceFit
+from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Surface
+
+_N_STEPS = 50
+_N_NEWTON = 25
+_N_CHOOSING = 4  # steps after which the choice of rays stands, so that the steps can converge
+_N_WEIGHING = 12  # the same for a robust fit, whose weights and scale must settle too
+_LEAST_SLOPE = 0.1  # |cosine| between ray and normal below which a grazing ray says nothing
+_STILL = 1e-10  # of the points' RMS radius
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crossings:
+    """Where rays meet a surface.
+
+    Attributes
+    ----------
+    reach : (n,) float
+        From each point along its ray to the surface, metres.
+    slope : (n,) float
+        Cosine between ray and normal there.
+    met : (n,) bool
+        Which rays meet the surface, and not at a grazing angle.
+    """
+
+    reach: FloatArray
+    slope: FloatArray
+    met: BoolArray
+
+
+def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> SurfaceFit:
+    """Refit by Gauss-Newton on the errors along the rays, from an orthogonal fit.
+
+    The residual of a point is its range beyond the place where its ray meets the surface; with J the chart's
+    gradient there and n the normal, it changes by J / (n . ray). Rays that miss, or graze by less than 6
+    degrees, are left out. From a robust fit the refit is robust, by Tukey's weights on the new residuals.
+
+    Parameters
+    ----------
+    found : SurfaceFit
+        The orthogonal fit to start from.
+    points : (n, 3) float
+        Metres.
+    rays : (n, 3) float
+        Unit directions along which the points' errors lie.
+
+    Raises
+    ------
+    FitError
+        Too few rays meet the surface, or no convergence.
+    """
+    cloud, is_robust = normalised(points), found.inliers is not None
+    what = f"{undetermined(len(points), found.surface.kind)} along rays"
+    chart = chart_of(found.surface, cloud.centre, cloud.scale)
+    weights: FloatArray = np.ones(len(points))
+    if found.inliers is not None:
+        weights = found.inliers.astype(np.float64)
+    sigma = found.rms
+    for step in range(_N_STEPS):
+        crossings = _crossings(chart, cloud, rays)
+        if is_robust and step < _N_WEIGHING:
+            weights, sigma = _weighed(crossings, weights, sigma)
+        elif not is_robust and step < _N_CHOOSING:
+            weights = crossings.met.astype(np.float64)
+        used = crossings.met & (weights > 0)
+        if int(used.sum()) <= chart.n_parameters:
+            raise FitError(f"{what}: only {int(used.sum())} of {len(rays)} rays meet it")
+        rows = _gradient(chart, cloud, rays, crossings)[:, used]
+        error, weight = -crossings.reach[used], weights[used]
+        weighted, cost = rows * weight, float(weight @ error**2)
+        normal = Normal(weighted @ rows.T, weighted @ error / cloud.scale, cost, chart.basis())
+        change = normal.solved(0.0, what)
+        moved = chart.moved(change)
+        if moved is None:
+            break
+        chart = moved
+        if float(np.abs(change).max()) < _STILL:
+            k = chart.n_parameters
+            variance = (
+                tukey_variance(error, sigma, k) if is_robust else float(error @ error) / (len(error) - k)
+            )
+            inverse = Normal(rows @ rows.T, normal.gradient, cost, normal.basis).inverse()
+            return _result(found, chart, cloud, variance * inverse, error, used)
+    raise FitError(f"no convergence along the rays: {what}")
+
+
+def _weighed(crossings: _Crossings, weights: FloatArray, sigma: float) -> tuple[FloatArray, float]:
+    """Tukey's weights of the rays, zero for those that miss, and the scale of the errors along them."""
+    error = np.abs(crossings.reach)
+    sigma = scale_within(error[crossings.met & (weights > 0)], sigma)
+    return tukey_weights(error, TUKEY * sigma) * crossings.met, sigma
+
+
+def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossings) -> FloatArray:
+    """Derivatives (k, n) of the errors along the rays by the chart's basis, lengths in its scale."""
+    feet = cloud.points + crossings.reach[:, None] * rays
+    local = chart.frame @ ((feet - cloud.centre) / cloud.scale - chart.origin).T
+    slope = np.where(crossings.met, crossings.slope, 1.0)
+    rows: FloatArray = chart.basis().T @ chart.linearise(local)[1] / slope
+    return rows
+
+
+def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray) -> _Crossings:
+    """Newton steps along the rays from the points to the chart's surface."""
+    surface, scale = chart.surface(cloud.centre, cloud.scale, False), cloud.scale
+    reach = np.zeros(len(rays))
+    for _ in range(_N_NEWTON):
+        place = cloud.points + reach[:, None] * rays
+        height = surface.distance(place)
+        slope = np.einsum("ij,ij->i", surface.normal(place), rays)
+        if np.abs(height).max() < 1e-13 * scale:
+            break
+        steep = np.where(np.abs(slope) < 1e-3, np.copysign(1e-3, slope), slope)
+        reach -= np.clip(height / steep, -scale, scale)
+    return _Crossings(reach, slope, (np.abs(height) < 1e-9 * scale) & (np.abs(slope) > _LEAST_SLOPE))
+
+
+def _result(
+    found: SurfaceFit,
+    chart: Chart,
+    cloud: Cloud,
+    covariance: FloatArray,
+    error: FloatArray,
+    used: BoolArray,
+) -> SurfaceFit:
+    """The fit in metres."""
+    concave = bool(getattr(found.surface, "concave", False))
+    surface: Surface = chart.surface(cloud.centre, cloud.scale, concave)
+    units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
+    rms = float(np.sqrt(error @ error / (len(error) - len(covariance))))
+    return SurfaceFit(surface, rms, covariance * np.outer(units, units), len(error), inliers=used)
