@@ -55,7 +55,8 @@ def test_the_study_runs_with_few_trials(study, tmp_path, monkeypatch, capsys):
     assert "not elliptic" in text
     with Image.open(tmp_path / "pictures/fitting_metrics.png") as picture:
         assert picture.size[0] > 900
-    assert len(capsys.readouterr().out.splitlines()) == 14
+    assert "3 clouds, 90 deg, sigma 0.1 mm, 30 % outliers: median |dR| 0.0" in text
+    assert len(capsys.readouterr().out.splitlines()) == 15
 
 
 def test_samples_lie_on_the_cylinder_with_the_noise_that_is_said(study):

@@ -40,12 +40,16 @@ class _Crossings:
     slope : (n,) float
         Cosine between ray and normal there.
     met : (n,) bool
-        Which rays meet the surface, and not at a grazing angle.
+        Which rays meet the surface.
     """
 
     reach: FloatArray
     slope: FloatArray
     met: BoolArray
+
+    def steeper(self, least: float) -> BoolArray:
+        """Which rays meet the surface with a cosine of at least this."""
+        return self.met & (np.abs(self.slope) > least)
 
 
 def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> SurfaceFit:
@@ -81,8 +85,8 @@ def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> S
         if is_robust and step < _N_WEIGHING:
             weights, sigma = _weighed(crossings, weights, sigma)
         elif not is_robust and step < _N_CHOOSING:
-            weights = crossings.met.astype(np.float64)
-        used = crossings.met & (weights > 0)
+            weights = crossings.steeper(_LEAST_SLOPE).astype(np.float64)
+        used = crossings.steeper(_LEAST_SLOPE / 2) & (weights > 0)  # a ray at the brink does not flicker
         if int(used.sum()) <= chart.n_parameters:
             raise FitError(f"{what}: only {int(used.sum())} of {len(rays)} rays meet it")
         rows = _gradient(chart, cloud, rays, crossings)[:, used]
@@ -108,7 +112,7 @@ def _weighed(crossings: _Crossings, weights: FloatArray, sigma: float) -> tuple[
     """Tukey's weights of the rays, zero for those that miss, and the scale of the errors along them."""
     error = np.abs(crossings.reach)
     sigma = scale_within(error[crossings.met & (weights > 0)], sigma)
-    return tukey_weights(error, TUKEY * sigma) * crossings.met, sigma
+    return tukey_weights(error, TUKEY * sigma) * crossings.steeper(_LEAST_SLOPE), sigma
 
 
 def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossings) -> FloatArray:
@@ -132,7 +136,7 @@ def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray) -> _Crossings:
             break
         steep = np.where(np.abs(slope) < 1e-3, np.copysign(1e-3, slope), slope)
         reach -= np.clip(height / steep, -scale, scale)
-    return _Crossings(reach, slope, (np.abs(height) < 1e-9 * scale) & (np.abs(slope) > _LEAST_SLOPE))
+    return _Crossings(reach, slope, np.abs(height) < 1e-9 * scale)
 
 
 def _result(

@@ -18,6 +18,7 @@ from scenes.surfaces import Plane, Surface
 
 _N_SAMPLE = 1_500  # points that take part in the consensus
 _N_TREE = 50_000
+_N_ANNEALED = 20_000  # points that the scale is annealed on before two last rounds on all
 _N_NEIGHBOURS = 24
 _CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
 TUKEY = 4.685  # sigma
@@ -55,15 +56,26 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
     sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
     normals, sigma = oriented(sample, points)
     surface = start if start is not None else consensus_surface(sample, normals, shape, 3 * sigma)
+    part = points[:: max(1, len(points) // _N_ANNEALED)]
     for cut in _CUTS:
-        surface, sigma = _reweighted(points, surface, cut, sigma)
+        surface, sigma = _reweighted(part, surface, cut, sigma)
+    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL)
+    if len(part) < len(points):
+        surface, sigma, inliers = _settled(points, surface, sigma, 2)
+    return _robust_result(points, surface, sigma, inliers)
+
+
+def _settled(
+    points: FloatArray, surface: Surface, sigma: float, n_rounds: int
+) -> tuple[Surface, float, BoolArray]:
+    """Reweigh at the last cut until the same points have a weight, at most so many times."""
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
-    for _ in range(_N_FINAL):
+    for _ in range(n_rounds):
         surface, sigma = _reweighted(points, surface, TUKEY, sigma)
         before, inliers = inliers, np.abs(surface.distance(points)) < TUKEY * sigma
         if (before == inliers).all():
             break
-    return _robust_result(points, surface, sigma, inliers)
+    return surface, sigma, inliers
 
 
 def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
