@@ -99,3 +99,16 @@ def test_predicted_deviations_are_those_of_repeated_fits(shape: str) -> None:
         predicted.append(result.standard_deviation(probes))
     ratio = np.sqrt(np.mean(np.square(found), axis=0)) / np.mean(predicted, axis=0)
     np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(2 * n_trials))
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e3])
+@pytest.mark.parametrize("shape", ["sphere", "cylinder"])
+def test_shallow_arcs_are_fitted_with_their_uncertainty(shape, ratio) -> None:
+    """A patch 2 m wide of radius 100 m and 1 km; noise is a fiftieth of its sag."""
+    rng = np.random.default_rng(0)
+    true = Sphere((1, 2, 3), ratio) if shape == "sphere" else Cylinder((1, 2, 3), (0.3, 0.5, 0.8), ratio)
+    exact = true.from_uv(rng.uniform(-1, 1, (3000, 2)))
+    assert fit(exact, shape).surface.radius == pytest.approx(ratio, rel=1e-9)  # type: ignore[attr-defined]
+    found = fit(exact + 0.01 / ratio * rng.normal(size=(3000, 1)) * true.normal(exact), shape)
+    error = found.surface.radius - ratio  # type: ignore[attr-defined]
+    assert abs(error) < 4 * found.parameter_deviations()["radius"] < 0.01 * ratio

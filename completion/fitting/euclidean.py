@@ -7,7 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from completion.fitting.charts import Chart, ConeChart, CylinderChart, chart_of
+from completion.fitting.axial_charts import ConeChart, CylinderChart
+from completion.fitting.chart import Chart
+from completion.fitting.charts import chart_of
 from completion.fitting.degeneracy import check_enough, check_layer, check_spread, principal, undetermined
 from completion.fitting.moments import centroid
 from completion.fitting.polish import Cloud, Normal, full_step, polished

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.charts import Chart, chart_of
+from completion.fitting.chart import Chart
+from completion.fitting.charts import chart_of
 from completion.fitting.degeneracy import undetermined
 from completion.fitting.euclidean import normalised
 from completion.fitting.polish import Cloud, Normal
@@ -80,8 +81,10 @@ def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> S
     if found.inliers is not None:
         weights = found.inliers.astype(np.float64)
     sigma = found.rms
+    reach = np.zeros(len(points))
     for step in range(_N_STEPS):
-        crossings = _crossings(chart, cloud, rays)
+        crossings = _crossings(chart, cloud, rays, reach)
+        reach = np.where(crossings.met, crossings.reach, 0.0)
         if is_robust and step < _N_WEIGHING:
             weights, sigma = _weighed(crossings, weights, sigma)
         elif not is_robust and step < _N_CHOOSING:
@@ -124,18 +127,20 @@ def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossing
     return rows
 
 
-def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray) -> _Crossings:
-    """Newton steps along the rays from the points to the chart's surface."""
+def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) -> _Crossings:
+    """Newton steps along the rays to the chart's surface, from so far beyond the points (n,), metres."""
     surface, scale = chart.surface(cloud.centre, cloud.scale, False), cloud.scale
-    reach = np.zeros(len(rays))
+    reach, slope, height = begin.copy(), np.zeros(len(rays)), np.zeros(len(rays))
+    left = np.arange(len(rays))
     for _ in range(_N_NEWTON):
-        place = cloud.points + reach[:, None] * rays
-        height = surface.distance(place)
-        slope = np.einsum("ij,ij->i", surface.normal(place), rays)
-        if np.abs(height).max() < 1e-13 * scale:
+        place, ray = cloud.points[left] + reach[left, None] * rays[left], rays[left]
+        height[left] = surface.distance(place)
+        slope[left] = np.einsum("ij,ij->i", surface.normal(place), ray)
+        left = left[np.abs(height[left]) >= 1e-13 * scale]
+        if not len(left):
             break
-        steep = np.where(np.abs(slope) < 1e-3, np.copysign(1e-3, slope), slope)
-        reach -= np.clip(height / steep, -scale, scale)
+        steep = np.where(np.abs(slope[left]) < 1e-3, np.copysign(1e-3, slope[left]), slope[left])
+        reach[left] -= np.clip(height[left] / steep, -scale, scale)
     return _Crossings(reach, slope, np.abs(height) < 1e-9 * scale)
 
 
