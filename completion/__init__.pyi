@@ -8,6 +8,7 @@ from .fitting import SurfaceFit as SurfaceFit
 from .fitting import fit as fit
 from .fitting import fit_cylinder as fit_cylinder
 from .fitting import fit_plane as fit_plane
+from .fitting import inflated as inflated
 from .fitting import select as select
 from .growing import SegmentationOptions as SegmentationOptions
 from .pipeline import Completion as Completion

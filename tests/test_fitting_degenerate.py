@@ -28,7 +28,7 @@ BLOB = RNG.normal(size=(400, 3))
         ("cylinder", "a cylinder with covariance needs 6 points, got 2"),
         ("cone", "a cone needs 6 points, got 2"),
         ("elliptic-cylinder", "an elliptic cylinder needs 7 points, got 2"),
-        ("auto", "no shape can be fitted with a degree of freedom to spare"),
+        ("auto", "a plane needs 3 points, got 2"),
     ],
 )
 def test_too_few_points(shape, message) -> None:
@@ -59,6 +59,39 @@ def test_points_that_are_all_equal(shape) -> None:
 def test_points_in_one_plane_are_no_curved_surface(shape) -> None:
     with pytest.raises(FitError, match="50 points lie in one plane: singular values"):
         fit(FLAT, shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_few_places_repeated_are_not_many_points(shape) -> None:
+    places = np.random.default_rng(2).normal(size=(2, 3))
+    with pytest.raises(FitError, match=r"200 points determine no .*: they lie in 2 places, \d are needed"):
+        fit(np.repeat(places, 100, axis=0), shape)
+
+
+@pytest.mark.parametrize("size", [1e-90, 1e90])
+@pytest.mark.parametrize("shape", [*SHAPES, "auto"])
+def test_extents_beyond_reckoning(shape, size) -> None:
+    with pytest.raises(FitError, match=r"400 points extend over .* m; give coordinates in metres"):
+        fit(BLOB * size, shape)
+
+
+@pytest.mark.parametrize("metric", ["taubin", "algebraic"])
+@pytest.mark.parametrize("shape", SHAPES[1:])
+def test_closed_forms_refuse_a_plane_too(shape, metric) -> None:
+    with pytest.raises(FitError, match="50 points lie in one plane: singular values"):
+        fit(FLAT, shape, metric=metric)
+
+
+def test_a_cone_that_does_not_open_has_its_apex_far_away() -> None:
+    post = POST.from_uv(RNG.uniform(-0.1, 0.1, (200, 2)))
+    found = fit(post, "cone")
+    assert found.surface.half_angle < 1e-6  # type: ignore[attr-defined]
+    assert found.parameter_deviations()["radius"] < 1e-12
+
+
+def test_two_points_are_no_selection() -> None:
+    with pytest.raises(FitError, match=r"no shape can be fitted with a degree of freedom to spare \(.*got 2"):
+        select(np.eye(2, 3))
 
 
 def test_one_line_on_a_cylinder() -> None:
@@ -124,8 +157,8 @@ def test_a_bend_is_seen_as_soon_as_it_exceeds_the_noise(shape) -> None:
 
 
 def test_robust_fits_say_what_they_lack() -> None:
-    with pytest.raises(FitError, match="a robust fit needs 24 points, got 5"):
-        fit(np.eye(5, 3), "cylinder", robust=True)
+    with pytest.raises(FitError, match="a robust fit needs 24 points, got 9"):
+        fit(BLOB[:9], "cylinder", robust=True)
     with pytest.raises(FitError, match="none of 600 sets of 2 oriented points spans a cylinder"):
         fit(FLAT, "cylinder", robust=True)
     with pytest.raises(FitError, match=r"only \d+ of 400 points agree on a sphere"):

@@ -17,11 +17,13 @@ _FLAT = 1e-9  # singular values below this part of the greatest count as zero
 _LEAST_RADIUS = 4.0  # times the residuals' rms
 _CHANCE = 1e-3  # that noise on a plane passes for a bend
 _CHUNK = 8192
+_N_SAMPLE = 1000
+_MOST = 1e60  # m; fourth powers of it can be reckoned with
 
 
 def undetermined(n: int, shape: str) -> str:
     """How an error begins: so many points determine no such shape."""
-    return f"{n} points determine no {shape.replace('-', ' ')}"
+    return f"{n} points determine no {'surface' if shape == 'auto' else shape.replace('-', ' ')}"
 
 
 def check_enough(n: int, shape: str) -> None:
@@ -30,6 +32,20 @@ def check_enough(n: int, shape: str) -> None:
         name = _ARTICLE.get(shape, f"a {shape}")
         more = " with covariance" if shape == "cylinder" else ""
         raise FitError(f"{name}{more} needs {LEAST_POINTS[shape]} points, got {n}")
+
+
+def check_sample(points: FloatArray, shape: str) -> None:
+    """Refuse coordinates beyond reckoning, and few places repeated, judged by about 1,000 of the points."""
+    sample = points[:: max(1, len(points) // _N_SAMPLE)]
+    extent = float(np.abs(sample - sample[:1]).max(initial=0.0))
+    if not extent < _MOST or 0 < extent < 1 / _MOST:
+        raise FitError(f"{len(points)} points extend over {extent:.3g} m; give coordinates in metres")
+    least = LEAST_POINTS.get(shape, LEAST_POINTS["plane"])
+    n_places = len(np.unique(sample, axis=0))
+    if extent > 0 and n_places < least:
+        raise FitError(
+            f"{undetermined(len(points), shape)}: they lie in {n_places} places, {least} are needed"
+        )
 
 
 def principal(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:

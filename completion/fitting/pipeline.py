@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.fitting.degeneracy import LEAST_POINTS, check_bend
+from completion.fitting.degeneracy import LEAST_POINTS, check_bend, check_enough, check_sample
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.rays import fit_along_rays
@@ -60,6 +60,8 @@ def fit(
     """
     _check_options(shape, metric, robust, rays)
     cloud = _checked(points)
+    check_enough(len(cloud), "plane" if shape == "auto" else shape)
+    check_sample(cloud, shape)
     along = None if rays is None else _unit_rays(rays, len(cloud))
     selection = select(cloud, robust=robust) if shape == "auto" else None
     kind = shape if selection is None else selection.decided()

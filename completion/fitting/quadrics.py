@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import eigh
 
+from completion.fitting.degeneracy import check_spread, principal
 from completion.fitting.moments import MONOMIALS, Moments, moments
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
@@ -149,6 +150,8 @@ def _read_cone(quadric: Quadric, values: FloatArray, vectors: FloatArray) -> Con
 
 def fit_by_quadric(points: FloatArray, shape: str, metric: Literal["algebraic", "taubin"]) -> SurfaceFit:
     """Fit a shape in closed form, for comparison with the Euclidean fit; no covariance is predicted."""
+    centre = points.mean(axis=0)
+    check_spread(len(points), principal(points, centre)[0], centre, 2)
     surface = read_surface(fit_quadric(moments(points), metric, sphere=shape == "sphere"), shape)
     residual = surface.distance(points)
     k = _N_PARAMETERS[shape]

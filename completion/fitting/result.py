@@ -187,9 +187,9 @@ def _natural_jacobians(surface: Surface) -> dict[str, FloatArray]:
         return natural | {"radius": unit[4:]}
     if isinstance(surface, EllipticCylinder):
         return natural | {"greater_radius": unit[4:5] + unit[5:6], "smaller_radius": unit[4:5] - unit[5:6]}
-    tangent = np.tan(surface.half_angle)
+    tangent = np.tan(max(surface.half_angle, 1e-100))  # a cylinder's apex is far away, not nowhere
     height = -surface.radius / tangent
     # phi = -half angle; height = radius / tan(phi).
-    by_height = -unit[4:5] / tangent - surface.radius / np.sin(surface.half_angle) ** 2 * unit[5:6]
+    by_height = -unit[4:5] / tangent - surface.radius * (1 + 1 / tangent**2) * unit[5:6]
     apex = natural["point"] + height * natural["direction"] + np.outer(frame[2], by_height[0])
     return natural | {"radius": unit[4:5], "half_angle": unit[5:], "apex": apex}
