@@ -93,6 +93,9 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
     n_more = len(found.covariance) - 3
     if isinstance(found.surface, Plane) or found.degrees_of_freedom < 1 or not found.rms > 0:
         return
+    sample = used[:: max(1, len(used) // _N_SAMPLE)]
+    if len(sample) > 100 and _plane_residual(sample) > 2 * found.rms**2 * len(sample):
+        return  # by far, so that the rest need not be asked
     residual = float(found.rms**2) * found.degrees_of_freedom
     gain = (_plane_residual(used) - residual) / found.rms**2
     needed = float(chdtri(n_more, _CHANCE))

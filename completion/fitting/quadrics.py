@@ -15,6 +15,7 @@ from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
 from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Sphere, Surface, perpendicular
 
+_N_SPREAD = 2_000  # points that show whether all lie on a line or in a plane
 _N_PARAMETERS = {"sphere": 4, "cylinder": 5, "cone": 6, "elliptic-cylinder": 7}
 
 
@@ -150,8 +151,9 @@ def _read_cone(quadric: Quadric, values: FloatArray, vectors: FloatArray) -> Con
 
 def fit_by_quadric(points: FloatArray, shape: str, metric: Literal["algebraic", "taubin"]) -> SurfaceFit:
     """Fit a shape in closed form, for comparison with the Euclidean fit; no covariance is predicted."""
-    centre = points.mean(axis=0)
-    check_spread(len(points), principal(points, centre)[0], centre, 2)
+    sample = points[:: max(1, len(points) // _N_SPREAD)]
+    centre = sample.mean(axis=0)
+    check_spread(len(points), principal(sample, centre)[0], centre, 2)
     surface = read_surface(fit_quadric(moments(points), metric, sphere=shape == "sphere"), shape)
     residual = surface.distance(points)
     k = _N_PARAMETERS[shape]
