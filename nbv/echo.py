@@ -13,6 +13,7 @@ from nbv.footprint import N_RAYS, Footprint, Returns, sub_rays
 from nbv.intensity import Intensity, reflectivity_of_colour
 from nbv.sensor import Partner
 from nbv.triangulation import both_see
+from scenes.blocks import in_blocks
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
@@ -31,8 +32,8 @@ class Echo:
     ----------
     ranges : (n,) float
         Metres.
-    cosine : (n,) float
-        |cosine| of incidence, the mean over the footprint where there is one.
+    cosine, incidence : (n,) float
+        |cosine| of incidence, the mean over the footprint where there is one, and its angle in radians.
     reflectivity : (n,) float or float
         Share of light that the surface scatters.
     n_rays : (n,) uint8
@@ -41,13 +42,25 @@ class Echo:
 
     ranges: FloatArray
     cosine: FloatArray
+    incidence: FloatArray
     reflectivity: FloatArray | float
     n_rays: NDArray[np.uint8]
 
-    @property
-    def incidence(self) -> FloatArray:
-        """Angle between ray and normal (n,), radians."""
-        return np.arccos(np.minimum(self.cosine, 1.0))
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Met:
+    """What rays met.
+
+    Attributes
+    ----------
+    surface : (n,) int32
+        Surface id, -1 for nothing.
+    incidence : (n,) float
+        Angle between ray and normal in radians, NaN for nothing.
+    """
+
+    surface: NDArray[np.int32]
+    incidence: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,12 +77,15 @@ class World:
         Where the sensor stands.
     partner : Partner, optional
         The second device of a triangulation.
+    n_threads : int, optional
+        Threads for what is not cast; all cores when not given.
     """
 
     scene: Scene
     caster: RayCaster
     world_from_sensor: Pose
     partner: Partner | None = None
+    n_threads: int | None = None
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> tuple[Hits, BoolArray]:
         """Return the first hits of world rays (n, 3), and which of them the second device sees too."""
@@ -90,7 +106,23 @@ class World:
         look = self.scene.mesh.appearance
         if look is None:
             return np.full((len(hits.face), 3), _GREY, np.float32)
-        return look.colour(hits.face, hits.barycentric, nothing=_GREY)
+        return look.colour(hits.face, hits.barycentric, _GREY, self.n_threads)
+
+    def met(self, hits: Hits) -> Met:
+        """Return surface ids and angles of incidence of hits."""
+        from nbv.incidence import describe_hits  # numba: imported when first needed
+
+        n, face_surface = len(hits.face), self.scene.mesh.face_surface
+        surface, incidence = np.empty(n, np.int32), np.empty(n)
+        if not len(face_surface):
+            return Met(np.full(n, -1, np.int32), np.full(n, np.nan))
+
+        def describe(part: slice) -> None:
+            out = surface[part], incidence[part]
+            describe_hits(hits.face[part], hits.incidence_cosine[part], face_surface, *out)
+
+        in_blocks(n, describe, self.n_threads)
+        return Met(surface, incidence)
 
 
 def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:
@@ -117,4 +149,4 @@ def footprint_echo(world: World, directions: FloatArray, footprint: Footprint, i
         beams = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
         merge_returns(*beams, which, footprint.range_resolution_m, out[:, part])
     ranges, cosine, rho, count = out
-    return Echo(ranges, cosine, rho, count.astype(np.uint8))
+    return Echo(ranges, cosine, np.arccos(np.minimum(cosine, 1.0)), rho, count.astype(np.uint8))

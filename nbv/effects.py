@@ -11,8 +11,6 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any
 
-import numpy as np
-
 from nbv.dropout import Dropout
 from nbv.footprint import Footprint
 from nbv.intensity import Intensity
@@ -66,6 +64,12 @@ class Effects:
         return (
             self.intensity is not None or self.dropout is not None or isinstance(self.noise, TerrestrialNoise)
         )
+
+    @property
+    def acts_on_depth(self) -> bool:
+        """Whether some stage speaks of the depth of a camera rather than of range."""
+        steps = self.quantisation is not None and self.quantisation.inverse_depth_step_per_m > 0
+        return steps or (self.noise is not None and self.noise.acts_on_depth)
 
     def to_json(self) -> dict[str, Any]:
         """Return the stages that are on as tables; `model` names the noise."""
@@ -150,14 +154,3 @@ def _numbers(pattern: str, name: str) -> list[float]:
     """Return the numbers where # stands in `pattern`, none when `name` is not of that form."""
     match = re.fullmatch(pattern.replace("#", _NUMBER), name)
     return [] if match is None else [float(text) for text in match.groups()]
-
-
-def stage_streams(
-    rng: np.random.Generator | int | None, stages: tuple[str, ...]
-) -> dict[str, np.random.Generator]:
-    """Return a random stream for each stage, which depends on `rng` and the stage's own name alone."""
-    entropy = np.random.default_rng(rng).integers(0, 2**63, size=2).tolist()
-    return {
-        stage: np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=tuple(stage.encode())))
-        for stage in stages
-    }

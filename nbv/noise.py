@@ -74,7 +74,9 @@ class ConstantNoise:
     def sigma_m(
         self, distance: FloatArray, _incidence: FloatArray, _reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return constant_m + ppm 1e-6 r."""
+        """Return constant_m + ppm 1e-6 r; one number for all where that is so."""
+        if self.ppm == 0:
+            return np.asarray(self.constant_m, dtype=np.float64)
         return np.asarray(self.constant_m + self.ppm * 1e-6 * distance, dtype=np.float64)
 
 

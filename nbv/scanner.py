@@ -3,22 +3,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.echo import Echo, World, footprint_echo
-from nbv.effects import PROFILE, Effects, named_effects, stage_streams
+from nbv.echo import Echo, Met, World, footprint_echo
+from nbv.effects import PROFILE, Effects, named_effects
 from nbv.footprint import N_RAYS
 from nbv.intensity import Intensity
 from nbv.noise import range_sigma_m
+from nbv.random_streams import normal_numbers, stage_streams
 from nbv.sensor import PinholeSensor, Sensor
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
+from scenes.projection import Projection
 from scenes.range_image import RangeImage, ScanTruth
 from scenes.raycast import Hits, RayCaster
 from scenes.scene import Scene
 
+_FAR_M = 1e9  # stands for "nothing met" where formulas cannot do with infinity
 _DRAWING = ("dropout", "noise", "pointing")  # stages that draw random numbers
 
 
@@ -81,34 +86,33 @@ def scan_scene(
     effects = _chosen(sensor, noise, effects)
     streams = stage_streams(rng, _DRAWING)
     projection = sensor.projection
-    rays, shape = projection.directions().reshape(-1, 3), projection.shape
-    world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner)
+    world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
 
-    directions = pose.rotate(rays)
+    directions = projection.ray_grid().directions(pose.rotation, n_threads).reshape(-1, 3)
     hits, seen = world.cast(pose.translation[None], directions)
-    colour = world.colour(hits)
-    echo = _echo(world, directions, hits, seen, colour, effects)
+    met, colour = world.met(hits), world.colour(hits)
+    echo = _echo(world, directions, hits, seen, met, colour, effects)
     intensity = _intensity(echo, effects)
-    measured = _kept(echo, intensity, effects, streams["dropout"]) & _in_aperture(sensor, rays)
-    axis = rays[:, 2] if projection.kind == "pinhole" else 1.0
-    distance = np.where(measured, echo.ranges, np.inf)
-    distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"])
-    points = None
-    if effects.pointing is not None:
-        points = effects.pointing.displaced(distance, echo.incidence, projection, rays, streams["pointing"])
+    distance = _received(echo, intensity, sensor, effects, streams["dropout"])
+    is_depth = projection.kind == "pinhole" and effects.acts_on_depth
+    axis = directions @ pose.rotation[:, 2] if is_depth else 1.0
+    distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"], n_threads)
+    points = _pointed(distance, echo, projection, effects, streams["pointing"])
+    if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
     gated = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m)
+    shape = projection.shape
     return RangeImage(
         np.where(gated, distance, np.inf).reshape(shape),
         projection,
         pose,
-        colour=colour.reshape(*shape, 3),
-        sensor_points=None if points is None else points.reshape(*shape, 3),
+        colour=_frozen(colour, (*shape, 3)),
+        sensor_points=None if points is None else _frozen(points, (*shape, 3)),
         sigma_m=_rms(variance, gated, effects),
         sensor=sensor.name,
         noise=effects.describe(),
         intensity=None if effects.intensity is None else np.where(gated, intensity, 0).reshape(shape),
-        truth=_truth_of(scene, hits, echo, shape) if truth else None,
+        truth=_truth_of(hits, met, echo, shape) if truth else None,
         name=name,
     )
 
@@ -136,6 +140,7 @@ def _echo(
     directions: FloatArray,
     hits: Hits,
     seen: BoolArray,
+    met: Met,
     colour: NDArray[np.float32],
     effects: Effects,
 ) -> Echo:
@@ -144,7 +149,8 @@ def _echo(
     if effects.footprint is not None:
         return footprint_echo(world, directions, effects.footprint, light)
     reflectivity = light.reflectivity_of(colour) if effects.use_reflectivity else 1.0
-    return Echo(np.where(seen, hits.ranges, np.inf), hits.incidence_cosine, reflectivity, seen.view(np.uint8))
+    ranges = hits.ranges if world.partner is None else np.where(seen, hits.ranges, np.inf)
+    return Echo(ranges, hits.incidence_cosine, met.incidence, reflectivity, seen.view(np.uint8))
 
 
 def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
@@ -155,13 +161,20 @@ def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
     return full if effects.footprint is None else full * np.float32(1 / N_RAYS) * echo.n_rays
 
 
-def _kept(
-    echo: Echo, intensity: NDArray[np.float32], effects: Effects, rng: np.random.Generator
-) -> BoolArray:
-    """Tell which echoes are received."""
+def _received(
+    echo: Echo,
+    intensity: NDArray[np.float32],
+    sensor: Sensor,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return the ranges of the echoes that lie in a circular aperture and are not dropped; inf for others."""
+    ranges = echo.ranges
+    if isinstance(sensor, PinholeSensor) and sensor.aperture == "circular":
+        ranges = np.where(sensor.sees(sensor.projection.directions().reshape(-1, 3)), ranges, np.inf)
     if effects.dropout is None:
-        return np.ones(len(echo.ranges), dtype=np.bool_)
-    return effects.dropout.kept(intensity, echo.incidence, rng)
+        return ranges
+    return np.where(effects.dropout.kept(intensity, echo.incidence, rng), ranges, np.inf)
 
 
 def _disturbed(
@@ -170,6 +183,7 @@ def _disturbed(
     axis: FloatArray | float,
     effects: Effects,
     rng: np.random.Generator,
+    n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray | float]:
     """Return the distances with noise and in steps, and the variance of both; inf stays inf.
 
@@ -177,41 +191,55 @@ def _disturbed(
     what the others see. The variance of a step is that of an even spread over it, step^2 / 12.
     """
     variance: FloatArray | float = 0.0
+    reach = np.minimum(distance, _FAR_M)
     if effects.noise is not None:
-        reach = np.where(np.isfinite(distance), distance, 1.0)
         sigma = range_sigma_m(effects.noise, reach, echo.incidence, axis, echo.reflectivity)
-        distance = distance + sigma * rng.standard_normal(len(distance))
-        variance = sigma**2
+        noisy = normal_numbers(rng, len(distance), n_threads)
+        noisy *= sigma
+        noisy += distance
+        distance, variance = noisy, sigma**2
     if effects.quantisation is not None:
-        reach = np.where(np.isfinite(distance), distance, 1.0)
         variance = variance + effects.quantisation.step_m(reach, axis) ** 2 / 12
         distance = effects.quantisation.rounded(distance, axis)
     return distance, variance
 
 
-def _truth_of(scene: Scene, hits: Hits, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
+def _pointed(
+    distance: FloatArray,
+    echo: Echo,
+    projection: Projection,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> FloatArray | None:
+    """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
+    if effects.pointing is None:
+        return None
+    rays = projection.directions().reshape(-1, 3)
+    return effects.pointing.displaced(distance, echo.incidence, projection, rays, rng)
+
+
+def _frozen(array: Any, shape: tuple[int, ...]) -> Any:
+    """Return `array` in its image's shape, read-only: it is handed over, not copied."""
+    array.shape = shape
+    array.setflags(write=False)
+    return array
+
+
+def _truth_of(hits: Hits, met: Met, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
     """Return what the middle rays met, and how many rays make each echo."""
-    surface = np.where(hits.hit, scene.mesh.face_surface[hits.face], -1)
-    incidence = np.where(hits.hit, np.arccos(np.clip(hits.incidence_cosine, 0.0, 1.0)), np.nan)
     return ScanTruth(
         face=hits.face.reshape(shape),
-        surface=surface.astype(np.int32).reshape(shape),
+        surface=_frozen(met.surface, shape),
         ranges=hits.ranges.reshape(shape),
-        incidence=incidence.reshape(shape),
+        incidence=_frozen(met.incidence, shape),
         n_rays=echo.n_rays.reshape(shape),
     )
-
-
-def _in_aperture(sensor: Sensor, rays: FloatArray) -> BoolArray:
-    """Pixels (n,) inside a circular aperture; all of them otherwise."""
-    if isinstance(sensor, PinholeSensor) and sensor.aperture == "circular":
-        return sensor.sees(rays)
-    return np.ones(len(rays), dtype=np.bool_)
 
 
 def _rms(variance: FloatArray | float, gated: BoolArray, effects: Effects) -> float | None:
     """Typical standard deviation in metres of the pixels that came back."""
     if effects.footprint is not None and effects.noise is None:
         return None
-    here = np.broadcast_to(variance, gated.shape)[gated]
-    return float(np.sqrt(here.mean())) if here.size else 0.0
+    if not gated.any():
+        return 0.0
+    return float(np.sqrt(variance if np.ndim(variance) == 0 else np.mean(variance, where=gated)))

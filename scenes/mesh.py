@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.blocks import in_blocks
 from scenes.checks import FloatArray, InputError, check_faces, check_points, frozen_copy
 from scenes.pose import Pose
 
@@ -61,19 +62,30 @@ class Appearance:
         object.__setattr__(self, "images", tuple(frozen_copy(image) for image in self.images))
 
     def colour(
-        self, faces: NDArray[np.int32], barycentric: FloatArray, nothing: float = 0.5
+        self,
+        faces: NDArray[np.int32],
+        barycentric: FloatArray,
+        nothing: float = 0.5,
+        n_threads: int | None = None,
     ) -> NDArray[np.float32]:
         """RGB (n, 3) in 0..1 at points of `faces` (n,) with weights (n, 3) of their corners.
 
-        Where the face is -1 there is nothing to see: all channels are `nothing`.
+        Where the face is -1 there is nothing to see: all channels are `nothing`. Colours do not depend on
+        `n_threads`.
         """
         from scenes.texel import face_colours, multiply_texture  # numba: imported when first needed
 
         colour = np.empty((len(faces), 3), np.float32)
-        face_colours(faces, barycentric, self.corner_colour, nothing, colour)
-        if self.face_image is not None and self.corner_uv is not None:
+
+        def look_up(part: slice) -> None:
+            at = faces[part], barycentric[part]
+            face_colours(*at, self.corner_colour, nothing, colour[part])
+            if self.face_image is None or self.corner_uv is None:
+                return
             for number, image in enumerate(self.images):
-                multiply_texture(faces, barycentric, self.corner_uv, self.face_image, number, image, colour)
+                multiply_texture(*at, self.corner_uv, self.face_image, number, image, colour[part])
+
+        in_blocks(len(faces), look_up, n_threads)
         return colour
 
 

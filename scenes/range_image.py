@@ -105,12 +105,12 @@ class RangeImage:
     name: str = "scan"
 
     def __post_init__(self) -> None:
-        ranges = np.array(self.ranges, dtype=np.float64)
+        ranges = np.asarray(self.ranges, dtype=np.float64)
         check_options(self, sigma_m=(0.0, np.inf))
         if ranges.shape != self.projection.shape:
             raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
         with np.errstate(invalid="ignore"):
-            ranges[~(np.isfinite(ranges) & (ranges > 0) & (ranges <= _MOST_M))] = np.inf
+            ranges = np.where((ranges > 0) & (ranges <= _MOST_M), ranges, np.inf)
         if self.truth is not None and self.truth.ranges.shape != ranges.shape:
             raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
         threefold, single = (*ranges.shape, 3), ranges.shape
@@ -129,7 +129,8 @@ class RangeImage:
             ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
             points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
             object.__setattr__(self, "sensor_points", frozen_copy(points))
-        object.__setattr__(self, "ranges", frozen_copy(ranges))
+        ranges.setflags(write=False)
+        object.__setattr__(self, "ranges", ranges)
 
     @classmethod
     def from_points(
@@ -164,12 +165,14 @@ class RangeImage:
         """Measured points (rows, columns, 3) in the sensor frame, NaN where nothing came back."""
         if self.sensor_points is not None:
             return self.sensor_points
-        reach = np.where(self.valid, self.ranges, np.nan)
-        return reach[..., None] * self.projection.directions()
+        return self.projection.ray_grid().points(np.eye(3), np.zeros(3), self.ranges)
 
     def points(self) -> FloatArray:
         """Measured points (rows, columns, 3) in world coordinates, NaN where nothing came back."""
-        return self.world_from_sensor.apply(self.points_in_sensor())
+        pose = self.world_from_sensor
+        if self.sensor_points is not None:
+            return pose.apply(self.sensor_points)
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self.ranges)
 
     def true_points(self) -> FloatArray:
         """What the pixels' middle rays really met (rows, columns, 3), world coordinates, NaN for nothing.
@@ -179,9 +182,8 @@ class RangeImage:
         InputError
             A scan without truth.
         """
-        met = self._truth().ranges
-        reach = np.where(np.isfinite(met), met, np.nan)[..., None]
-        return self.world_from_sensor.apply(reach * self.projection.directions())
+        pose = self.world_from_sensor
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self._truth().ranges)
 
     def range_error(self) -> FloatArray:
         """Measured minus true range (rows, columns), metres, NaN where either is missing.

@@ -21,14 +21,14 @@ def face_colours(
     """Write the corner colours (m, 3, 3), weighted (n, 3), to `colour` (n, 3); `nothing` for face -1."""
     for i in range(faces.size):
         face = faces[i]
-        for channel in range(3):
-            if face < 0:
+        if face < 0:
+            for channel in range(3):
                 colour[i, channel] = nothing
-                continue
-            value = 0.0
-            for corner in range(3):
-                value += barycentric[i, corner] * corner_colour[face, corner, channel]
-            colour[i, channel] = value
+            continue
+        a, b, c = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
+        for channel in range(3):
+            value = a * corner_colour[face, 0, channel] + b * corner_colour[face, 1, channel]
+            colour[i, channel] = value + c * corner_colour[face, 2, channel]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
@@ -46,6 +46,7 @@ def multiply_texture(
     The image repeats; (u, v) = (0, 0) is its lower left corner, and texel centres lie half a texel inside.
     """
     height, width = image.shape[0], image.shape[1]
+    texels = image.reshape(-1)
     for i in range(faces.size):
         face = faces[i]
         if face < 0 or face_image[face] != number:
@@ -54,12 +55,18 @@ def multiply_texture(
         for corner in range(3):
             u += barycentric[i, corner] * corner_uv[face, corner, 0]
             v += barycentric[i, corner] * corner_uv[face, corner, 1]
-        x, y = u * width - 0.5, (1.0 - v) * height - 0.5
-        left, top = np.floor(x), np.floor(y)
-        right, below = x - left, y - top
-        c0, r0 = int(left) % width, int(top) % height
-        c1, r1 = (c0 + 1) % width, (r0 + 1) % height
-        for channel in range(3):
-            upper = image[r0, c0, channel] * (1 - right) + image[r0, c1, channel] * right
-            lower = image[r1, c0, channel] * (1 - right) + image[r1, c1, channel] * right
-            colour[i, channel] *= (upper * (1 - below) + lower * below) / 255.0
+        x = (u - np.floor(u)) * width - 0.5
+        y = (np.ceil(v) - v) * height - 0.5
+        c0, r0 = int(np.floor(x)), int(np.floor(y))
+        right, below = x - c0, y - r0
+        c1, r1 = (c0 + 1 if c0 + 1 < width else 0), (r0 + 1 if r0 + 1 < height else 0)
+        c0, r0 = (c0 if c0 >= 0 else width - 1), (r0 if r0 >= 0 else height - 1)
+        lower = below / 255.0
+        upper = 1 / 255.0 - lower
+        w00, w01, w10, w11 = upper * (1 - right), upper * right, lower * (1 - right), lower * right
+        i00, i01 = np.uint64(3 * (r0 * width + c0)), np.uint64(3 * (r0 * width + c1))
+        i10, i11 = np.uint64(3 * (r1 * width + c0)), np.uint64(3 * (r1 * width + c1))
+        for channel in range(np.uint64(3)):
+            mixed = w00 * texels[i00 + channel] + w01 * texels[i01 + channel]
+            mixed += w10 * texels[i10 + channel] + w11 * texels[i11 + channel]
+            colour[i, channel] *= mixed

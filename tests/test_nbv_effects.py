@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from nbv.dropout import Dropout
-from nbv.effects import NO_EFFECTS, Effects, named_effects, stage_streams
+from nbv.effects import NO_EFFECTS, Effects, named_effects
 from nbv.footprint import Footprint
 from nbv.intensity import Intensity, reflectivity_of_colour
 from nbv.noise import ConstantNoise, TerrestrialNoise
 from nbv.pointing import PointingNoise
 from nbv.quantisation import Quantisation
+from nbv.random_streams import normal_numbers, stage_streams
 from nbv.scanner import scan_scene
 from nbv.sensor import PinholeSensor, SphericalSensor
 from nbv.sensor_profile import load_sensor, sensor_from_profile
@@ -93,6 +94,16 @@ def test_streams_depend_on_the_seed_and_their_own_name():
     assert several["noise"].random(4).tolist() == alone["noise"].random(4).tolist()
     assert several["dropout"].random() != stage_streams(3, ("noise",))["noise"].random()
     assert stage_streams(4, ("noise",))["noise"].random() != stage_streams(3, ("noise",))["noise"].random()
+
+
+def test_normal_numbers_do_not_depend_on_the_number_of_threads():
+    n = 200_000
+    drawn = normal_numbers(np.random.default_rng(1), n, 1)
+    assert (drawn == normal_numbers(np.random.default_rng(1), n, 2)).all()
+    assert (drawn[:70_000] == normal_numbers(np.random.default_rng(1), 70_000)).all()
+    assert abs(drawn.mean()) < 3.5 / np.sqrt(n)
+    assert abs(drawn.std() - 1) < 3.5 / np.sqrt(2 * n)
+    assert normal_numbers(np.random.default_rng(1), 0).shape == (0,)
 
 
 def test_the_scan_says_what_was_active_with_its_parameters():

@@ -118,7 +118,7 @@ def test_depth_noise_is_turned_into_range_noise_off_the_axis():
     r, cosine = np.array([2.0]), 0.8
     assert np.allclose(range_sigma_m(model, r, r * 0, cosine), model.sigma_m(r * cosine, r * 0) / cosine)
     flat = ConstantNoise(constant_m=0.001)
-    assert range_sigma_m(flat, r, r * 0, cosine).tolist() == [0.001]
+    assert range_sigma_m(flat, r, r * 0, cosine) == 0.001
 
 
 @pytest.mark.parametrize(
