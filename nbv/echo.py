@@ -133,15 +133,24 @@ def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:
     return unit
 
 
-def footprint_echo(world: World, directions: FloatArray, footprint: Footprint, intensity: Intensity) -> Echo:
-    """Return the echoes of beams along unit `directions` (n, 3), world frame, from the world's sensor."""
+def footprint_echo(
+    world: World,
+    directions: FloatArray,
+    footprint: Footprint,
+    intensity: Intensity,
+    rng: np.random.Generator,
+) -> Echo:
+    """Return the echoes of beams along unit `directions` (n, 3), world frame, from the world's sensor.
+
+    One uniform number is drawn for every beam: how its pattern of rays is turned.
+    """
     from nbv.returns import merge_returns  # numba: imported when first needed
 
     origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
-    out = np.empty((4, len(directions)))
+    out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))
     for start in range(0, len(directions), _CHUNK):
         part = slice(start, min(start + _CHUNK, len(directions)))
-        starts, along = sub_rays(directions[part], footprint)
+        starts, along = sub_rays(directions[part], footprint, turns[part])
         hits, seen = world.cast(starts + origin, along)
         white = intensity.reflectivity
         rho = reflectivity_of_colour(world.colour(hits)) if white is None else np.full(len(seen), white)

@@ -74,9 +74,16 @@ def beam_pattern() -> FloatArray:
     return pattern
 
 
-def sub_rays(directions: FloatArray, footprint: Footprint) -> tuple[FloatArray, FloatArray]:
-    """Starts about the origin and directions, both (16 n, 3), of the rays in beams along `directions`."""
+def sub_rays(
+    directions: FloatArray, footprint: Footprint, turns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Starts about the origin and directions, both (16 n, 3), of the rays in beams along `directions`.
+
+    The pattern of each beam is turned by `turns` (n,), radians, so that straight edges make no steps.
+    """
     across, down = _across(directions)
+    cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    across, down = cosine * across + sine * down, cosine * down - sine * across
     pattern = beam_pattern()
     offset = pattern[:, :1] * across[:, None] + pattern[:, 1:] * down[:, None]
     along = directions[:, None] + np.tan(footprint.divergence_rad / 2) * offset

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.echo import Echo, Met, World, footprint_echo
-from nbv.effects import PROFILE, Effects, named_effects
+from nbv.effects import Effects
 from nbv.footprint import N_RAYS
 from nbv.intensity import Intensity
 from nbv.noise import range_sigma_m
 from nbv.random_streams import normal_numbers, stage_streams
-from nbv.sensor import PinholeSensor, Sensor
+from nbv.sensor import PinholeSensor, Sensor, chosen_effects
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
@@ -24,7 +24,7 @@ from scenes.raycast import Hits, RayCaster
 from scenes.scene import Scene
 
 _FAR_M = 1e9  # stands for "nothing met" where formulas cannot do with infinity
-_DRAWING = ("dropout", "noise", "pointing")  # stages that draw random numbers
+_DRAWING = ("footprint", "dropout", "noise", "pointing")  # stages that draw random numbers
 
 
 def scan_scene(
@@ -83,7 +83,9 @@ def scan_scene(
         A pose without a sensor, unknown noise, both `noise` and `effects`.
     """
     pose, sensor = _standing(view, sensor)
-    effects = _chosen(sensor, noise, effects)
+    if effects is not None and noise != "none":
+        raise InputError(f"give noise or effects, not both; noise is {noise!r}")
+    effects = effects or chosen_effects(sensor, noise)
     streams = stage_streams(rng, _DRAWING)
     projection = sensor.projection
     world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
@@ -91,7 +93,7 @@ def scan_scene(
     directions = projection.ray_grid().directions(pose.rotation, n_threads).reshape(-1, 3)
     hits, seen = world.cast(pose.translation[None], directions)
     met, colour = world.met(hits), world.colour(hits)
-    echo = _echo(world, directions, hits, seen, met, colour, effects)
+    echo = _echo(world, directions, hits, seen, met, colour, effects, streams["footprint"])
     intensity = _intensity(echo, effects)
     distance = _received(echo, intensity, sensor, effects, streams["dropout"])
     is_depth = projection.kind == "pinhole" and effects.acts_on_depth
@@ -126,15 +128,6 @@ def _standing(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
     return view, sensor
 
 
-def _chosen(sensor: Sensor, noise: str, effects: Effects | None) -> Effects:
-    """Return the effects that were asked for, by name or as they are."""
-    if effects is None:
-        return sensor.effects if noise == PROFILE else named_effects(noise)
-    if noise != "none":
-        raise InputError(f"give noise or effects, not both; noise is {noise!r}")
-    return effects
-
-
 def _echo(
     world: World,
     directions: FloatArray,
@@ -143,11 +136,12 @@ def _echo(
     met: Met,
     colour: NDArray[np.float32],
     effects: Effects,
+    rng: np.random.Generator,
 ) -> Echo:
     """Return what comes back: along the middle rays, or from the whole footprint of each beam."""
     light = effects.intensity or Intensity()
     if effects.footprint is not None:
-        return footprint_echo(world, directions, effects.footprint, light)
+        return footprint_echo(world, directions, effects.footprint, light, rng)
     reflectivity = light.reflectivity_of(colour) if effects.use_reflectivity else 1.0
     ranges = hits.ranges if world.partner is None else np.where(seen, hits.ranges, np.inf)
     return Echo(ranges, hits.incidence_cosine, met.incidence, reflectivity, seen.view(np.uint8))

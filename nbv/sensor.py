@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from nbv.effects import NO_EFFECTS, Effects
+from nbv.effects import NO_EFFECTS, PROFILE, Effects, named_effects
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -243,6 +243,11 @@ def profile_of(sensor: Any) -> dict[str, Any]:
     entries = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
     effects = entries.pop("effects").to_json()
     return {"kind": sensor.kind, **{k: v for k, v in entries.items() if v is not None}, **effects}
+
+
+def chosen_effects(sensor: Sensor, noise: str) -> Effects:
+    """Return the effects that go by the name `noise`; the sensor's own for "profile"."""
+    return sensor.effects if noise == PROFILE else named_effects(noise)
 
 
 def check_gate(name: str, nearest: float, farthest: float) -> None:

@@ -192,6 +192,9 @@ def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
     assert f"kinect_v1: noise {active}" in said
     described = json.loads(succeed("info", tmp_path / "a.npz", "--json").stdout)["scans"][0]
     assert (described["sensor"], described["noise"]) == ("kinect_v1", active)
+    report = ("coverage", CHAIR, "--scans", tmp_path / "a.npz", "-o", tmp_path / "out", "--quiet")
+    succeed(*report)
+    assert "khoshelham2012 (per_m 0.001425)" in (tmp_path / "out/report.html").read_text()
     manifest = json.loads((tmp_path / "a.npz.manifest.json").read_text())
     assert "Khoshelham" in manifest["options"]["sources"]["noise"]["per_m"]
     assert manifest["options"]["effects"] == active
