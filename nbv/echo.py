@@ -108,6 +108,14 @@ class World:
             return np.full((len(hits.face), 3), _GREY, np.float32)
         return look.colour(hits.face, hits.barycentric, _GREY, self.n_threads)
 
+    def reflectivity(self, hits: Hits, intensity: Intensity) -> FloatArray:
+        """Share of light (n,) that the surfaces scatter: the given one, or that of their colours."""
+        if intensity.reflectivity is not None:
+            return np.full(len(hits.face), intensity.reflectivity)
+        if self.scene.mesh.appearance is None:
+            return np.full(len(hits.face), reflectivity_of_colour(np.full(3, _GREY, np.float32)))
+        return reflectivity_of_colour(self.colour(hits))
+
     def met(self, hits: Hits) -> Met:
         """Return surface ids and angles of incidence of hits."""
         from nbv.incidence import describe_hits  # numba: imported when first needed
@@ -152,8 +160,7 @@ def footprint_echo(
         part = slice(start, min(start + _CHUNK, len(directions)))
         starts, along = sub_rays(directions[part], footprint, turns[part])
         hits, seen = world.cast(starts + origin, along)
-        white = intensity.reflectivity
-        rho = reflectivity_of_colour(world.colour(hits)) if white is None else np.full(len(seen), white)
+        rho = world.reflectivity(hits, intensity)
         ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
         beams = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
         merge_returns(*beams, which, footprint.range_resolution_m, out[:, part])
