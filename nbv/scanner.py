@@ -97,7 +97,7 @@ def scan_scene(
     intensity = _intensity(echo, effects)
     distance = _received(echo, intensity, sensor, effects, streams["dropout"])
     is_depth = projection.kind == "pinhole" and effects.acts_on_depth
-    axis = directions @ pose.rotation[:, 2] if is_depth else 1.0
+    axis = np.einsum("ij,j->i", directions, pose.rotation[:, 2]) if is_depth else 1.0
     distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"], n_threads)
     points = _pointed(distance, echo, projection, effects, streams["pointing"])
     if points is not None:
@@ -214,17 +214,16 @@ def _pointed(
 
 def _frozen(array: Any, shape: tuple[int, ...]) -> Any:
     """Return `array` in its image's shape, read-only: it is handed over, not copied."""
-    array.shape = shape
     array.setflags(write=False)
-    return array
+    return array.reshape(shape)
 
 
 def _truth_of(hits: Hits, met: Met, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
     """Return what the middle rays met, and how many rays make each echo."""
     return ScanTruth(
-        face=hits.face.reshape(shape),
+        face=_frozen(hits.face, shape),
         surface=_frozen(met.surface, shape),
-        ranges=hits.ranges.reshape(shape),
+        ranges=_frozen(hits.ranges, shape),
         incidence=_frozen(met.incidence, shape),
         n_rays=echo.n_rays.reshape(shape),
     )
