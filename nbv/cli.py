@@ -47,7 +47,9 @@ MaxMemory = Annotated[
 ]
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]
 SensorOption = Annotated[str, typer.Option("--sensor", help="A profile by name, or a TOML file.")]
-NoiseOption = Annotated[str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ...")]
+NoiseOption = Annotated[
+    str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ..., profile: the sensor's own.")
+]
 Incidence = Annotated[
     float, typer.Option("--max-incidence", metavar="DEG", help="Largest angle between ray and normal.")
 ]
@@ -115,6 +117,7 @@ def scan(
     look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
     sensor: SensorOption = "generic60",
     noise: NoiseOption = "none",
+    no_truth: Annotated[bool, typer.Option("--no-truth", help="Leave out what was really met.")] = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
     out: Out = None,
@@ -129,7 +132,17 @@ def scan(
     eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
     from nbv.commands.scan import run_scan
 
-    run_scan(shared, scene, eye=eye, target=target, sensor=sensor, noise=noise, up=up, units=units)
+    run_scan(
+        shared,
+        scene,
+        eye=eye,
+        target=target,
+        sensor=sensor,
+        noise=noise,
+        truth=not no_truth,
+        up=up,
+        units=units,
+    )
 
 
 @app.command()

@@ -18,7 +18,7 @@ from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
 from nbv.requirement import SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.scanner import scan_scene
-from nbv.sensor import load_sensor
+from nbv.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.visibility import visible_from_view
 from scenes.atomic import write_json

@@ -17,7 +17,8 @@ from nbv.reachability import Reachability, find_reachable, scene_candidates
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor, Sensor, load_sensor
+from nbv.sensor import PinholeSensor, Sensor
+from nbv.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress, orient, visible_from_positions
@@ -289,4 +290,5 @@ def _with_aperture(sensor: Sensor, candidates: Candidates | None) -> Sensor:
         max_range_m=sensor.max_range_m,
         name=name,
         aperture="circular",
+        effects=sensor.effects,
     )

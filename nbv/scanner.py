@@ -1,21 +1,30 @@
 # SPDX-License-Identifier: MIT
-"""Scanner: one simulated range image of a scene, with its truth."""
+"""Scanner: one simulated range image of a scene, with its truth, stage by stage."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.noise import NoiseModel, noise_model
-from nbv.sensor import PinholeSensor, Sensor
+from nbv.echo import Echo, Met, World, footprint_echo
+from nbv.effects import Effects
+from nbv.footprint import N_RAYS
+from nbv.intensity import Intensity
+from nbv.noise import range_sigma_m
+from nbv.random_streams import normal_numbers, stage_streams
+from nbv.sensor import PinholeSensor, Sensor, chosen_effects
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
+from scenes.projection import Projection
 from scenes.range_image import RangeImage, ScanTruth
 from scenes.raycast import Hits, RayCaster
 from scenes.scene import Scene
 
-_GREY = 0.5
+_FAR_M = 1e9  # stands for "nothing met" where formulas cannot do with infinity
+_DRAWING = ("footprint", "dropout", "noise", "pointing")  # stages that draw random numbers
 
 
 def scan_scene(
@@ -24,12 +33,17 @@ def scan_scene(
     sensor: Sensor | None = None,
     *,
     noise: str = "none",
+    effects: Effects | None = None,
+    truth: bool = True,
     rng: np.random.Generator | int | None = None,
     caster: RayCaster | None = None,
     n_threads: int | None = None,
     name: str = "scan",
 ) -> RangeImage:
     """Scan a scene from one view.
+
+    Geometry, footprint and returns, intensity, drop-out, noise, quantisation and range gate, in this order.
+    A triangulating sensor measures only what both its devices see.
 
     Parameters
     ----------
@@ -40,9 +54,14 @@ def scan_scene(
     sensor : Sensor, optional
         Needed with a pose; with a view it replaces the view's own.
     noise : str
-        A model of `nbv.noise`; "none" unless asked for.
+        Effects by name, see `nbv.effects.named_effects`; "profile" for those of the sensor's own profile;
+        "none" unless asked for.
+    effects : Effects, optional
+        Effects stage by stage, instead of `noise`.
+    truth : bool
+        Whether the scan keeps what it really met.
     rng : Generator, int or None
-        Randomness of the noise; the noise-free scan uses none.
+        Randomness; each stage has a stream of its own.
     caster : RayCaster, optional
         The scene prepared for ray casting, when many scans are taken.
     n_threads : int, optional
@@ -53,78 +72,167 @@ def scan_scene(
     Returns
     -------
     RangeImage
-        With colour, truth channels, the noise model's name, and as `sigma_m` the root mean square of the
-        model's standard deviations over the pixels that came back (0 without noise). Truth covers every ray
-        that met the scene, also those outside the range gate.
+        With colour, truth, the active effects, and as `sigma_m` the root mean square over the pixels that
+        came back of the range noise and of what quantisation adds: 0 for exact ranges, None (unknown) for
+        mixed pixels without range noise. Truth covers every ray that met the scene, also those outside the
+        range gate.
 
     Raises
     ------
     InputError
-        A pose without a sensor, an unknown noise model.
+        A pose without a sensor, unknown noise, both `noise` and `effects`.
     """
-    if isinstance(view, View):
-        pose, sensor = view.world_from_sensor, sensor or view.sensor
-    else:
-        pose = view
-    if sensor is None:
-        raise InputError("a pose does not say what scans there: give a sensor too, or a View")
-    model = noise_model(noise)
+    pose, sensor = _standing(view, sensor)
+    if effects is not None and noise != "none":
+        raise InputError(f"give noise or effects, not both; noise is {noise!r}")
+    effects = effects or chosen_effects(sensor, noise)
+    streams = stage_streams(rng, _DRAWING)
     projection = sensor.projection
-    rays = projection.directions()
-    hits = (caster or scene.ray_caster(n_threads)).first_hit(
-        pose.translation[None], pose.rotate(rays).reshape(-1, 3)
-    )
+    world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
+
+    directions = projection.ray_grid().directions(pose.rotation, n_threads).reshape(-1, 3)
+    hits, seen = world.cast(pose.translation[None], directions)
+    met, colour = world.met(hits), world.colour(hits)
+    echo = _echo(world, directions, hits, seen, met, colour, effects, streams["footprint"])
+    intensity = _intensity(echo, effects)
+    distance = _received(echo, intensity, sensor, effects, streams["dropout"])
+    is_depth = projection.kind == "pinhole" and effects.acts_on_depth
+    axis = np.einsum("ij,j->i", directions, pose.rotation[:, 2]) if is_depth else 1.0
+    distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"], n_threads)
+    points = _pointed(distance, echo, projection, effects, streams["pointing"])
+    if points is not None:
+        distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
+    gated = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m)
     shape = projection.shape
-    truth = _truth_of(scene, hits, shape)
-    measured = np.where(_in_aperture(sensor, rays), truth.ranges, np.inf)
-    sigma = model.sigma_m(np.where(truth.face >= 0, truth.ranges, 1.0), truth.incidence, _axis(sensor, rays))
-    noisy = model.disturb(measured, truth.incidence, _axis(sensor, rays), rng)
-    came_back = (noisy >= sensor.min_range_m) & (noisy <= sensor.max_range_m)
     return RangeImage(
-        np.where(came_back, noisy, np.inf),
+        np.where(gated, distance, np.inf).reshape(shape),
         projection,
         pose,
-        colour=_colour_of(scene, hits).reshape(*shape, 3),
-        sigma_m=_rms(np.broadcast_to(sigma, shape)[came_back], model),
-        noise=model.name,
-        truth=truth,
+        colour=_frozen(colour, (*shape, 3)),
+        sensor_points=None if points is None else _frozen(points, (*shape, 3)),
+        sigma_m=_rms(variance, gated, effects),
+        sensor=sensor.name,
+        noise=effects.describe(),
+        intensity=None if effects.intensity is None else np.where(gated, intensity, 0).reshape(shape),
+        truth=_truth_of(hits, met, echo, shape) if truth else None,
         name=name,
     )
 
 
-def _truth_of(scene: Scene, hits: Hits, shape: tuple[int, int]) -> ScanTruth:
-    surface = np.where(hits.hit, scene.mesh.face_surface[hits.face], -1)
-    incidence = np.where(hits.hit, np.arccos(np.clip(hits.incidence_cosine, 0.0, 1.0)), np.nan)
+def _standing(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
+    """Return where the scan is taken, and by what."""
+    if isinstance(view, View):
+        return view.world_from_sensor, sensor or view.sensor
+    if sensor is None:
+        raise InputError("a pose does not say what scans there: give a sensor too, or a View")
+    return view, sensor
+
+
+def _echo(
+    world: World,
+    directions: FloatArray,
+    hits: Hits,
+    seen: BoolArray,
+    met: Met,
+    colour: NDArray[np.float32],
+    effects: Effects,
+    rng: np.random.Generator,
+) -> Echo:
+    """Return what comes back: along the middle rays, or from the whole footprint of each beam."""
+    light = effects.intensity or Intensity()
+    if effects.footprint is not None:
+        return footprint_echo(world, directions, effects.footprint, light, rng)
+    reflectivity = light.reflectivity_of(colour) if effects.use_reflectivity else 1.0
+    ranges = hits.ranges if world.partner is None else np.where(seen, hits.ranges, np.inf)
+    return Echo(ranges, hits.incidence_cosine, met.incidence, reflectivity, seen.view(np.uint8))
+
+
+def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
+    """Return the light of each echo where it is asked for; a beam met in part brings back a part of it."""
+    if effects.intensity is None and effects.dropout is None:
+        return np.zeros(0, np.float32)
+    full = (effects.intensity or Intensity()).of(echo.ranges, echo.cosine, echo.reflectivity)
+    return full if effects.footprint is None else full * np.float32(1 / N_RAYS) * echo.n_rays
+
+
+def _received(
+    echo: Echo,
+    intensity: NDArray[np.float32],
+    sensor: Sensor,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return the ranges of the echoes that lie in a circular aperture and are not dropped; inf for others."""
+    ranges = echo.ranges
+    if isinstance(sensor, PinholeSensor) and sensor.aperture == "circular":
+        ranges = np.where(sensor.sees(sensor.projection.directions().reshape(-1, 3)), ranges, np.inf)
+    if effects.dropout is None:
+        return ranges
+    return np.where(effects.dropout.kept(intensity, echo.incidence, rng), ranges, np.inf)
+
+
+def _disturbed(
+    distance: FloatArray,
+    echo: Echo,
+    axis: FloatArray | float,
+    effects: Effects,
+    rng: np.random.Generator,
+    n_threads: int | None,
+) -> tuple[FloatArray, FloatArray | float]:
+    """Return the distances with noise and in steps, and the variance of both; inf stays inf.
+
+    One normal number is drawn for every pixel, hit or not, so that the noise of a pixel does not depend on
+    what the others see. The variance of a step is that of an even spread over it, step^2 / 12.
+    """
+    variance: FloatArray | float = 0.0
+    reach = np.minimum(distance, _FAR_M)
+    if effects.noise is not None:
+        sigma = range_sigma_m(effects.noise, reach, echo.incidence, axis, echo.reflectivity)
+        noisy = normal_numbers(rng, len(distance), n_threads)
+        noisy *= sigma
+        noisy += distance
+        distance, variance = noisy, sigma**2
+    if effects.quantisation is not None:
+        variance = variance + effects.quantisation.step_m(reach, axis) ** 2 / 12
+        distance = effects.quantisation.rounded(distance, axis)
+    return distance, variance
+
+
+def _pointed(
+    distance: FloatArray,
+    echo: Echo,
+    projection: Projection,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> FloatArray | None:
+    """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
+    if effects.pointing is None:
+        return None
+    rays = projection.directions().reshape(-1, 3)
+    return effects.pointing.displaced(distance, echo.incidence, projection, rays, rng)
+
+
+def _frozen(array: Any, shape: tuple[int, ...]) -> Any:
+    """Return `array` in its image's shape, read-only: it is handed over, not copied."""
+    array.setflags(write=False)
+    return array.reshape(shape)
+
+
+def _truth_of(hits: Hits, met: Met, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
+    """Return what the middle rays met, and how many rays make each echo."""
     return ScanTruth(
-        face=hits.face.reshape(shape),
-        surface=surface.astype(np.int32).reshape(shape),
-        ranges=hits.ranges.reshape(shape),
-        incidence=incidence.reshape(shape),
+        face=_frozen(hits.face, shape),
+        surface=_frozen(met.surface, shape),
+        ranges=_frozen(hits.ranges, shape),
+        incidence=_frozen(met.incidence, shape),
+        n_rays=echo.n_rays.reshape(shape),
     )
 
 
-def _colour_of(scene: Scene, hits: Hits) -> NDArray[np.float32]:
-    """Colour (n, 3) of what each ray met, mid grey where the scene has none or nothing was met."""
-    colour = np.full((len(hits.face), 3), _GREY, np.float32)
-    if scene.mesh.appearance is not None and hits.hit.any():
-        here = hits.hit
-        colour[here] = scene.mesh.appearance.colour(hits.face[here], hits.barycentric[here])
-    return colour
-
-
-def _in_aperture(sensor: Sensor, rays: FloatArray) -> BoolArray:
-    """Pixels inside a circular aperture; all of them otherwise."""
-    if isinstance(sensor, PinholeSensor) and sensor.aperture == "circular":
-        return sensor.sees(rays)
-    return np.ones(rays.shape[:-1], dtype=np.bool_)
-
-
-def _axis(sensor: Sensor, rays: FloatArray) -> FloatArray | float:
-    """Cosine between ray and optical axis of a camera; 1 for a scanner that measures range."""
-    return rays[..., 2] if sensor.kind == "pinhole" else 1.0
-
-
-def _rms(sigma: FloatArray, model: NoiseModel) -> float:
-    if model.name == "none" or not sigma.size:
+def _rms(variance: FloatArray | float, gated: BoolArray, effects: Effects) -> float | None:
+    """Typical standard deviation in metres of the pixels that came back."""
+    if effects.footprint is not None and effects.noise is None:
+        return None
+    if not gated.any():
         return 0.0
-    return float(np.sqrt(np.mean(sigma**2)))
+    return float(np.sqrt(variance if np.ndim(variance) == 0 else np.mean(variance, where=gated)))

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Sensors: aperture, pixels and range limits of a range scanner, and profiles of them by name."""
+"""Sensors: aperture, pixels, range limits and effects of a range scanner."""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from importlib import resources
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from nbv.effects import NO_EFFECTS, PROFILE, Effects, named_effects
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -44,13 +41,47 @@ class Sensor(Protocol):
         """The geometry of its pixels."""
         ...
 
+    @property
+    def effects(self) -> Effects:
+        """By what its scans differ from exact ranges, when that is asked for."""
+        ...
+
+    @property
+    def partner(self) -> Partner | None:
+        """The second device of a triangulation; None for a sensor that measures along one path."""
+        ...
+
     def sees(self, points: FloatArray) -> BoolArray:
         """Tell which sensor-frame points (n, 3) lie in the aperture, whatever their range."""
         ...
 
     def to_json(self) -> dict[str, Any]:
-        """Return the profile as `sensor_from_profile` reads it."""
+        """Return the profile as `nbv.sensor_profile` reads it."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Partner:
+    """The second device of a triangulation, which must see a point too; its axes are parallel.
+
+    Attributes
+    ----------
+    position_m : tuple of float
+        In the sensor frame, metres.
+    slope : tuple of float
+        Tangents of half its field of view across and down; inf where it sees whatever the sensor sees.
+    """
+
+    position_m: tuple[float, float, float]
+    slope: tuple[float, float] = (np.inf, np.inf)
+
+    def sees(self, points: FloatArray) -> BoolArray:
+        """Tell which sensor-frame points (n, 3) lie in its field of view."""
+        x, y, z = np.moveaxis(points - np.array(self.position_m), -1, 0)
+        with np.errstate(invalid="ignore"):
+            inside: BoolArray = (np.abs(x) <= self.slope[0] * z) | np.isinf(self.slope[0])
+            inside &= (np.abs(y) <= self.slope[1] * z) | np.isinf(self.slope[1])
+        return inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +101,8 @@ class PinholeSensor:
     aperture : "square" or "circular"
         "square": the whole image (at width = height a pyramid of fov x fov); "circular": the cone of half
         angle fov / 2 inside it, pixels outside stay empty.
+    effects : Effects
+        By what its scans differ from exact ranges.
 
     Raises
     ------
@@ -90,11 +123,13 @@ class PinholeSensor:
     max_range_m: float = 30.0
     name: str = "pinhole"
     aperture: Aperture = "square"
+    effects: Effects = NO_EFFECTS
 
     kind: ClassVar[str] = "pinhole"
+    partner: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        _check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m)
         if self.aperture not in ("square", "circular"):
             raise InputError(f"aperture must be square or circular, got {self.aperture!r}")
         PinholeProjection.from_fov(self.width, self.height, self.fov_deg)  # raises for what cannot be
@@ -106,17 +141,17 @@ class PinholeSensor:
 
     def sees(self, points: FloatArray) -> BoolArray:
         """Tell which sensor-frame points (n, 3) lie in the aperture."""
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        slope = np.tan(np.radians(self.fov_deg) / 2) / max(self.width, self.height)
-        inside: BoolArray = (np.abs(x) <= slope * self.width * z) & (np.abs(y) <= slope * self.height * z)
-        inside &= z > 0
+        inside = in_pyramid(points, image_slope(self.fov_deg, self.width, self.height))
         if self.aperture == "circular":
-            inside &= z >= np.cos(np.radians(self.fov_deg) / 2) * np.linalg.norm(points, axis=-1) - 1e-12
+            inside &= (
+                points[..., 2]
+                >= np.cos(np.radians(self.fov_deg) / 2) * np.linalg.norm(points, axis=-1) - 1e-12
+            )
         return inside
 
     def to_json(self) -> dict[str, Any]:
         """Return the profile."""
-        return _profile_of(self)
+        return profile_of(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +170,8 @@ class SphericalSensor:
         Range gate, metres.
     name : str
         What reports call it.
+    effects : Effects
+        By what its scans differ from exact ranges.
 
     Raises
     ------
@@ -150,11 +187,13 @@ class SphericalSensor:
     min_range_m: float = 0.3
     max_range_m: float = 80.0
     name: str = "spherical"
+    effects: Effects = NO_EFFECTS
 
     kind: ClassVar[str] = "spherical"
+    partner: ClassVar[None] = None
 
     def __post_init__(self) -> None:
-        _check_gate(self.name, self.min_range_m, self.max_range_m)
+        check_gate(self.name, self.min_range_m, self.max_range_m)
         if not 0 < self.azimuth_span_deg <= 360:
             raise InputError(f"azimuth_span_deg must lie in 0..360, got {self.azimuth_span_deg}")
         if not -90 <= self.elevation_min_deg < self.elevation_max_deg <= 90:
@@ -183,87 +222,35 @@ class SphericalSensor:
 
     def to_json(self) -> dict[str, Any]:
         """Return the profile."""
-        return _profile_of(self)
+        return profile_of(self)
 
 
-_ENTRY_TYPES: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float)}
-_KINDS: dict[str, type[PinholeSensor] | type[SphericalSensor]] = {
-    "pinhole": PinholeSensor,
-    "spherical": SphericalSensor,
-}
+def image_slope(fov_deg: float, width: int, height: int) -> tuple[float, float]:
+    """Tangents of half the field of view across and down an image; `fov_deg` spans the longer side."""
+    slope = float(np.tan(np.radians(fov_deg) / 2)) / max(width, height)
+    return slope * width, slope * height
 
 
-def sensor_names() -> tuple[str, ...]:
-    """Return the names of the shipped profiles."""
-    files = resources.files("nbv").joinpath("sensors").iterdir()
-    return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
+def in_pyramid(points: FloatArray, slope: tuple[float, float]) -> BoolArray:
+    """Tell which sensor-frame points (n, 3) lie in the pyramid about z with these tangents."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    inside: BoolArray = (np.abs(x) <= slope[0] * z) & (np.abs(y) <= slope[1] * z) & (z > 0)
+    return inside
 
 
-def load_sensor(name_or_path: str | Path) -> Sensor:
-    """Return a shipped profile by name, or the one in a TOML file.
-
-    Raises
-    ------
-    InputError
-        No such profile or file, a file that is not TOML, a missing, unknown or impossible entry.
-
-    Examples
-    --------
-    >>> load_sensor("generic60").projection.shape
-    (320, 320)
-    """
-    name = str(name_or_path)
-    if name in sensor_names():
-        text = (resources.files("nbv") / "sensors" / f"{name}.toml").read_text("utf-8")
-        return _parse(text, name)
-    path = Path(name)
-    if path.suffix != ".toml":
-        raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
-    try:
-        return _parse(path.read_text("utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read sensor {name}: {error}") from error
-
-
-def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> Sensor:
-    """Return the sensor of a parsed profile; `source` is named in errors.
-
-    Raises
-    ------
-    InputError
-        A missing, unknown or impossible entry.
-    """
-    kind = profile.get("kind")
-    if not isinstance(kind, str) or kind not in _KINDS:
-        raise InputError(f"{source}: kind must be one of {', '.join(_KINDS)}, got {kind!r}")
-    known = {field.name: field.type for field in fields(_KINDS[kind])}
-    given = {key: value for key, value in profile.items() if key != "kind"}
-    if unknown := sorted(set(given) - set(known)):
-        raise InputError(f"{source}: unknown entry {unknown[0]!r}; a {kind} sensor has {', '.join(known)}")
-    for key, value in given.items():
-        wanted = _ENTRY_TYPES.get(str(known[key]), (str,))
-        if isinstance(value, bool) or not isinstance(value, wanted):
-            raise InputError(f"{source}: {key} must be {known[key]}, got {value!r}")
-    try:
-        return _KINDS[kind](**given)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
-
-
-def _parse(text: str, source: str) -> Sensor:
-    """Return the sensor that a TOML text describes."""
-    try:
-        profile = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"sensor {source} is not TOML: {error}") from error
-    return sensor_from_profile({"name": Path(source).stem, **profile}, f"sensor {source}")
-
-
-def _profile_of(sensor: PinholeSensor | SphericalSensor) -> dict[str, Any]:
+def profile_of(sensor: Any) -> dict[str, Any]:
+    """Return kind, fields and effects of a sensor as one table; fields that are None are left out."""
     entries = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
-    return {"kind": sensor.kind, **entries}
+    effects = entries.pop("effects").to_json()
+    return {"kind": sensor.kind, **{k: v for k, v in entries.items() if v is not None}, **effects}
 
 
-def _check_gate(name: str, nearest: float, farthest: float) -> None:
+def chosen_effects(sensor: Sensor, noise: str) -> Effects:
+    """Return the effects that go by the name `noise`; the sensor's own for "profile"."""
+    return sensor.effects if noise == PROFILE else named_effects(noise)
+
+
+def check_gate(name: str, nearest: float, farthest: float) -> None:
+    """Raise InputError for an empty range gate, metres."""
     if not 0 <= nearest < farthest:
         raise InputError(f"sensor {name}: ranges must satisfy 0 <= min < max, got {nearest}..{farthest} m")

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 from nbv.requirement import SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.sensor import Sensor
+from nbv.triangulation import both_see
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray
 from scenes.raycast import RayCaster
@@ -93,11 +94,20 @@ def visible_from_positions(
 def visible_from_view(
     caster: RayCaster, view: View, samples: SurfaceSamples, limits: SightLimits
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the samples that a view sees inside its aperture and `limits`, and their cosines."""
-    pose = view.world_from_sensor
+    """Return the samples that a view sees inside its aperture and `limits`, and their cosines.
+
+    The second device of a triangulating sensor must see them too.
+    """
+    pose, sensor = view.world_from_sensor, view.sensor
     local = (samples.points - pose.translation) @ pose.rotation
-    among = np.flatnonzero(view.sensor.sees(local))
-    return lines_of_sight(caster, pose.translation, samples, limits, among)
+    seen, cosine = lines_of_sight(
+        caster, pose.translation, samples, limits, np.flatnonzero(sensor.sees(local))
+    )
+    if sensor.partner is None:
+        return seen, cosine
+    way = samples.points[seen] - pose.translation
+    both = both_see(caster, samples.points[seen], way, samples.normals[seen], sensor.partner, pose)
+    return seen[both], cosine[both]
 
 
 def orient(

@@ -106,7 +106,14 @@ def check_options(options: object, **bounds: tuple[float, float]) -> None:
 
 
 def frozen_copy(array: Any, dtype: Any = None) -> Any:
-    """Return a read-only copy of `array`, so that a value that holds it cannot change."""
+    """Return a read-only copy of `array`, so that a value that holds it cannot change.
+
+    An array that is read-only, as is the one whose memory it shows, is returned as it is.
+    """
+    if isinstance(array, np.ndarray) and (dtype is None or array.dtype == dtype):
+        owner = array if array.base is None else array.base
+        if isinstance(owner, np.ndarray) and not (array.flags.writeable or owner.flags.writeable):
+            return array
     copy = np.array(array, dtype=dtype, copy=True)
     copy.setflags(write=False)
     return copy

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.blocks import in_blocks
 from scenes.checks import FloatArray, InputError, check_faces, check_points, frozen_copy
 from scenes.pose import Pose
 
@@ -60,34 +61,32 @@ class Appearance:
             )
         object.__setattr__(self, "images", tuple(frozen_copy(image) for image in self.images))
 
-    def colour(self, faces: NDArray[np.int32], barycentric: FloatArray) -> FloatArray:
-        """RGB (n, 3) in 0..1 at points of `faces` (n,) with weights (n, 3) of their corners."""
-        colour: FloatArray = np.einsum(
-            "nc,nck->nk", barycentric, self.corner_colour[faces].astype(np.float64)
-        )
-        if self.face_image is None or self.corner_uv is None:
-            return colour
-        image_of = self.face_image[faces]
-        uv = np.einsum("nc,nck->nk", barycentric, self.corner_uv[faces].astype(np.float64))
-        for index, image in enumerate(self.images):
-            here = image_of == index
-            if here.any():
-                colour[here] *= _sample_repeating(image, uv[here])
+    def colour(
+        self,
+        faces: NDArray[np.int32],
+        barycentric: FloatArray,
+        nothing: float = 0.5,
+        n_threads: int | None = None,
+    ) -> NDArray[np.float32]:
+        """RGB (n, 3) in 0..1 at points of `faces` (n,) with weights (n, 3) of their corners.
+
+        Where the face is -1 there is nothing to see: all channels are `nothing`. Colours do not depend on
+        `n_threads`.
+        """
+        from scenes.texel import face_colours, multiply_texture  # numba: imported when first needed
+
+        colour = np.empty((len(faces), 3), np.float32)
+
+        def look_up(part: slice) -> None:
+            at = faces[part], barycentric[part]
+            face_colours(*at, self.corner_colour, nothing, colour[part])
+            if self.face_image is None or self.corner_uv is None:
+                return
+            for number, image in enumerate(self.images):
+                multiply_texture(*at, self.corner_uv, self.face_image, number, image, colour[part])
+
+        in_blocks(len(faces), look_up, n_threads)
         return colour
-
-
-def _sample_repeating(image: NDArray[np.uint8], uv: FloatArray) -> FloatArray:
-    """Bilinear samples (n, 3) in 0..1 of an image that repeats; v runs upwards."""
-    height, width = image.shape[:2]
-    x = uv[:, 0] * width - 0.5
-    y = (1.0 - uv[:, 1]) * height - 0.5
-    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    right, below = (x - column)[:, None], (y - row)[:, None]
-    c0, c1, r0, r1 = column % width, (column + 1) % width, row % height, (row + 1) % height
-    top = image[r0, c0] * (1 - right) + image[r0, c1] * right
-    bottom = image[r1, c0] * (1 - right) + image[r1, c1] * right
-    sampled: FloatArray = (top * (1 - below) + bottom * below) / 255.0
-    return sampled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

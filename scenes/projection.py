@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, frozen_copy
+
+if TYPE_CHECKING:
+    from scenes.ray_grid import RayGrid
 
 
 @runtime_checkable
@@ -25,6 +28,10 @@ class Projection(Protocol):
     @property
     def pixel_angle(self) -> float:
         """Typical angle between neighbouring pixels, radians."""
+        ...
+
+    def ray_grid(self) -> RayGrid:
+        """The pixels' rays in the sensor frame, ready to be turned."""
         ...
 
     def directions(self) -> FloatArray:
@@ -91,13 +98,17 @@ class PinholeProjection:
         """Angle between neighbouring pixels at the image centre, radians."""
         return float(1.0 / min(abs(self.fx), abs(self.fy)))
 
+    def ray_grid(self) -> RayGrid:
+        """The pixels' rays."""
+        from scenes.ray_grid import RayGrid  # numba: imported when first needed
+
+        right = (np.arange(self.width, dtype=np.float64) - self.cx) / self.fx
+        down = (np.arange(self.height, dtype=np.float64) - self.cy) / self.fy
+        return RayGrid(np.ones(self.height), down, right, np.ones(self.width))
+
     def directions(self) -> FloatArray:
         """Unit rays (rows, columns, 3)."""
-        row, column = np.mgrid[: self.height, : self.width].astype(np.float64)
-        x, y = (column - self.cx) / self.fx, (row - self.cy) / self.fy
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
-        unit: FloatArray = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-        return unit
+        return self.ray_grid().directions(np.eye(3))
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Row and column (n, 2) of points; NaN outside the image or behind the camera."""
@@ -166,11 +177,16 @@ class SphericalProjection:
         steps = [np.median(np.abs(np.diff(a))) for a in (self.azimuths, self.elevations) if len(a) > 1]
         return float(max(steps, default=np.pi))
 
+    def ray_grid(self) -> RayGrid:
+        """The pixels' rays."""
+        from scenes.ray_grid import RayGrid  # numba: imported when first needed
+
+        up, around = self.elevations, self.azimuths
+        return RayGrid(np.cos(up), -np.sin(up), np.sin(around), np.cos(around))
+
     def directions(self) -> FloatArray:
         """Unit rays (rows, columns, 3)."""
-        elevation, azimuth = np.meshgrid(self.elevations, self.azimuths, indexing="ij")
-        across = np.cos(elevation)
-        return np.stack([across * np.sin(azimuth), -np.sin(elevation), across * np.cos(azimuth)], axis=-1)
+        return self.ray_grid().directions(np.eye(3))
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Row and column (n, 2) of points, interpolated between the grid's angles; NaN outside."""

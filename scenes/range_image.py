@@ -12,6 +12,9 @@ from scenes.checks import BoolArray, FloatArray, InputError, check_options, froz
 from scenes.pose import Pose
 from scenes.projection import Projection
 
+TRUTH_CHANNELS = {
+    "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
+}  # fmt: skip
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
@@ -27,16 +30,29 @@ class ScanTruth:
         Distance without noise, metres, inf where the ray met nothing.
     incidence : (rows, columns) float
         Angle between ray and surface normal, radians; NaN where the ray met nothing.
+    n_rays : (rows, columns) uint8, optional
+        How many rays of the beam make the echo that was reported: 1 for a beam without width, 0 where there
+        is none; not known for scans of older files.
+
+    All but `n_rays` belong to the ray in the middle of the pixel.
     """
 
     face: NDArray[np.int32]
     surface: NDArray[np.int32]
     ranges: FloatArray
     incidence: FloatArray
+    n_rays: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        for name, dtype in (("face", np.int32), ("surface", np.int32), ("ranges", None), ("incidence", None)):
-            object.__setattr__(self, name, frozen_copy(getattr(self, name), dtype or np.float64))
+        for name, dtype in TRUTH_CHANNELS.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if np.shape(array) != np.shape(self.ranges):
+                raise InputError(
+                    f"truth of {name} has shape {np.shape(array)}, of ranges {np.shape(self.ranges)}"
+                )
+            object.__setattr__(self, name, frozen_copy(array, dtype))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +75,12 @@ class RangeImage:
         terrestrial scans); NaN where nothing came back. A pixel without both has no return.
     sigma_m : float, optional
         Known standard deviation of the range noise in metres; None when unknown, 0 when noise-free.
+    sensor : str
+        Name of the instrument, "" when not known.
     noise : str
-        Name of the noise model that was active, "" when not known.
+        The effects that were active in a simulated scan, with their parameters; "" when not known.
+    intensity : (rows, columns) float32, optional
+        Light that came back, on the instrument's scale; 0 where nothing did. Kept by `.npz` files alone.
     truth : ScanTruth, optional
         What a simulated scan really met.
     name : str
@@ -78,31 +98,39 @@ class RangeImage:
     colour: NDArray[np.float32] | None = None
     sensor_points: FloatArray | None = None
     sigma_m: float | None = None
+    sensor: str = ""
     noise: str = ""
+    intensity: NDArray[np.float32] | None = None
     truth: ScanTruth | None = None
     name: str = "scan"
 
     def __post_init__(self) -> None:
-        ranges = np.array(self.ranges, dtype=np.float64)
+        ranges = np.asarray(self.ranges, dtype=np.float64)
         check_options(self, sigma_m=(0.0, np.inf))
         if ranges.shape != self.projection.shape:
             raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
         with np.errstate(invalid="ignore"):
-            ranges[~(np.isfinite(ranges) & (ranges > 0) & (ranges <= _MOST_M))] = np.inf
+            ranges = np.where((ranges > 0) & (ranges <= _MOST_M), ranges, np.inf)
         if self.truth is not None and self.truth.ranges.shape != ranges.shape:
             raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
-        for name, dtype in (("colour", np.float32), ("sensor_points", np.float64)):
+        threefold, single = (*ranges.shape, 3), ranges.shape
+        for name, dtype, shape in (
+            ("colour", np.float32, threefold),
+            ("sensor_points", np.float64, threefold),
+            ("intensity", np.float32, single),
+        ):
             array = getattr(self, name)
             if array is None:
                 continue
-            if np.shape(array) != (*ranges.shape, 3):
-                raise InputError(f"{name} has shape {np.shape(array)}, expected {(*ranges.shape, 3)}")
+            if np.shape(array) != shape:
+                raise InputError(f"{name} has shape {np.shape(array)}, expected {shape}")
             object.__setattr__(self, name, frozen_copy(array, dtype))
         if self.sensor_points is not None:
             ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
             points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
             object.__setattr__(self, "sensor_points", frozen_copy(points))
-        object.__setattr__(self, "ranges", frozen_copy(ranges))
+        ranges.setflags(write=False)
+        object.__setattr__(self, "ranges", ranges)
 
     @classmethod
     def from_points(
@@ -137,12 +165,43 @@ class RangeImage:
         """Measured points (rows, columns, 3) in the sensor frame, NaN where nothing came back."""
         if self.sensor_points is not None:
             return self.sensor_points
-        reach = np.where(self.valid, self.ranges, np.nan)
-        return reach[..., None] * self.projection.directions()
+        return self.projection.ray_grid().points(np.eye(3), np.zeros(3), self.ranges)
 
     def points(self) -> FloatArray:
         """Measured points (rows, columns, 3) in world coordinates, NaN where nothing came back."""
-        return self.world_from_sensor.apply(self.points_in_sensor())
+        pose = self.world_from_sensor
+        if self.sensor_points is not None:
+            return pose.apply(self.sensor_points)
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self.ranges)
+
+    def true_points(self) -> FloatArray:
+        """What the pixels' middle rays really met (rows, columns, 3), world coordinates, NaN for nothing.
+
+        Raises
+        ------
+        InputError
+            A scan without truth.
+        """
+        pose = self.world_from_sensor
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self._truth().ranges)
+
+    def range_error(self) -> FloatArray:
+        """Measured minus true range (rows, columns), metres, NaN where either is missing.
+
+        Raises
+        ------
+        InputError
+            A scan without truth.
+        """
+        known = self.valid & np.isfinite(self._truth().ranges)
+        error = np.full(self.shape, np.nan)
+        error[known] = self.ranges[known] - self._truth().ranges[known]
+        return error
+
+    def _truth(self) -> ScanTruth:
+        if self.truth is None:
+            raise InputError(f"{self.name}: has no truth; only simulated scans have")
+        return self.truth
 
     def rays(self) -> FloatArray:
         """Unit viewing rays (rows, columns, 3), world frame, through the measured points where known."""

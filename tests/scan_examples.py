@@ -41,7 +41,8 @@ def example_scan(
     real = None
     if truth:
         face = np.where(np.isfinite(ranges), rng.integers(0, 9, (rows, columns)), -1)
-        real = ScanTruth(face, face // 2, ranges, np.where(face >= 0, 0.3, np.nan))
+        rays = np.where(face >= 0, 7, 0)
+        real = ScanTruth(face, face // 2, ranges, np.where(face >= 0, 0.3, np.nan), rays)
     return RangeImage(
         ranges,
         projection,
@@ -49,6 +50,7 @@ def example_scan(
         colour=colours if colour else None,
         sensor_points=points,
         sigma_m=0.002,
+        sensor="a scanner",
         noise="constant",
         truth=real,
         name="küche <b>",

@@ -123,3 +123,16 @@ def test_numbers_outside_their_bounds_are_refused_with_them(bad: object) -> None
     what = "a number, got 'much'" if bad == "much" else f"between 0 and 1, got {bad}"
     with pytest.raises(InputError, match=f"share must be {what}"):
         check_number("share", bad, 0.0, 1.0)  # type: ignore[arg-type]
+
+
+def test_a_frozen_copy_is_read_only_and_shares_only_what_cannot_change() -> None:
+    array = np.arange(6.0)
+    copy = frozen_copy(array)
+    assert not np.shares_memory(copy, array)
+    assert not copy.flags.writeable
+    assert frozen_copy(copy) is copy
+    assert np.shares_memory(frozen_copy(copy.reshape(2, 3)), copy)
+    assert frozen_copy(copy, np.float32).dtype == np.float32
+    window = array.reshape(2, 3)
+    window.setflags(write=False)  # but its memory is still open to `array`
+    assert not np.shares_memory(frozen_copy(window), array)

@@ -177,10 +177,27 @@ def test_scan_options_each_change_something(tmp_path, sensor):
         "noise": ("--noise", "gaussian-2mm"),
         "seeded": ("--noise", "gaussian-2mm", "--seed", 1),
         "other": ("--sensor", "kinect_v1"),
+        "its own noise": ("--sensor", "kinect_v1", "--noise", "profile"),
+        "without truth": ("--no-truth",),
     }
     for name, change in changes.items():
         succeed(*base, *change, "-o", tmp_path / f"{name}.npz", "--quiet")
     assert len({(tmp_path / f"{name}.npz").read_bytes() for name in changes}) == len(changes)
+
+
+def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
+    at = ("--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "-o", tmp_path / "a.npz")
+    said = succeed("scan", CHAIR, *at, "--sensor", "kinect_v1", "--noise", "profile").stdout
+    active = "noise khoshelham2012 (per_m 0.001425); quantisation (inverse_depth_step_per_m 0.00285)"
+    assert f"kinect_v1: noise {active}" in said
+    described = json.loads(succeed("info", tmp_path / "a.npz", "--json").stdout)["scans"][0]
+    assert (described["sensor"], described["noise"]) == ("kinect_v1", active)
+    report = ("coverage", CHAIR, "--scans", tmp_path / "a.npz", "-o", tmp_path / "out", "--quiet")
+    succeed(*report)
+    assert "khoshelham2012 (per_m 0.001425)" in (tmp_path / "out/report.html").read_text()
+    manifest = json.loads((tmp_path / "a.npz.manifest.json").read_text())
+    assert "Khoshelham" in manifest["options"]["sources"]["noise"]["per_m"]
+    assert manifest["options"]["effects"] == active
 
 
 def test_quiet_prints_nothing(tmp_path, sensor):

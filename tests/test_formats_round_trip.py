@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Every format gives back the scan that was written: all projections, with and without colour, posed."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from scenes.checks import InputError
 from scenes.files import read_scan, read_scans, write_scan, write_scans
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
-from scenes.range_image import RangeImage
+from scenes.range_image import TRUTH_CHANNELS, RangeImage
 from tests.scan_examples import POSE, PROJECTIONS, assert_same_scan, example_scan
 
 FLOAT32_M = 5.5 * 6e-8 * 2  # PCD keeps float32: 6e-8 of a 5.5 m coordinate, twice for the sum over axes
@@ -36,6 +38,7 @@ def test_written_scan_reads_back(tmp_path: Path, suffix: str, kind: str, colour:
     assert same_geometry(scan, back)
     if suffix in LOSSLESS_HEADER:
         assert (back.name, back.sigma_m, back.noise) == (scan.name, scan.sigma_m, scan.noise)
+        assert back.sensor == scan.sensor == "a scanner"
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -64,11 +67,44 @@ def test_npz_keeps_truth_bit_by_bit(tmp_path: Path) -> None:
     back = read_scan(tmp_path / "scan.npz")
     assert scan.truth is not None
     assert back.truth is not None
-    for name in ("face", "surface", "ranges", "incidence"):
+    for name in TRUTH_CHANNELS:
         np.testing.assert_array_equal(getattr(scan.truth, name), getattr(back.truth, name))
     np.testing.assert_array_equal(scan.ranges, back.ranges)
     np.testing.assert_array_equal(scan.sensor_points, back.sensor_points)
     np.testing.assert_array_equal(scan.projection.directions(), back.projection.directions())
+
+
+def test_npz_holds_true_points_and_range_errors_for_other_readers(tmp_path: Path) -> None:
+    scan = example_scan(PROJECTIONS["pinhole"], truth=True)
+    write_scan(scan, tmp_path / "scan.npz")
+    with np.load(tmp_path / "scan.npz") as arrays:
+        np.testing.assert_array_equal(arrays["truth_points"], scan.true_points())
+        np.testing.assert_array_equal(arrays["truth_range_error"], scan.range_error())
+    assert (scan.range_error()[scan.valid] == 0).all()
+    np.testing.assert_allclose(scan.true_points(), scan.points(), atol=1e-12)
+
+
+def test_npz_keeps_the_intensity(tmp_path: Path) -> None:
+    scan = example_scan(PROJECTIONS["pinhole"])
+    light = np.random.default_rng(0).random(scan.shape).astype(np.float32)
+    write_scan(replace(scan, intensity=light), tmp_path / "scan.npz")
+    np.testing.assert_array_equal(read_scan(tmp_path / "scan.npz").intensity, light)
+
+
+def test_npz_of_older_versions_still_reads(tmp_path: Path) -> None:
+    scan = example_scan(PROJECTIONS["panorama"], truth=True)
+    write_scan(scan, tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as arrays:
+        older = {name: arrays[name] for name in arrays.files if name != "truth_n_rays"}
+    header = json.loads(str(older["header"]))
+    del header["sensor"], older["truth_points"], older["truth_range_error"]
+    older["header"] = np.array(json.dumps(header))
+    np.savez(tmp_path / "old.npz", **older)
+    back = read_scan(tmp_path / "old.npz")
+    assert_same_scan(scan, back)
+    assert back.truth is not None
+    assert back.truth.n_rays is None
+    assert back.sensor == ""
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".ply", ".pcd"])

@@ -149,9 +149,28 @@ def test_arrays_of_another_shape_are_refused() -> None:
         RangeImage(ranges, projection, POSE, colour=ranges.astype(np.float32))
     with pytest.raises(InputError, match=r"sensor_points has shape \(12, 3\), expected \(3, 4, 3\)"):
         RangeImage(ranges, projection, POSE, sensor_points=np.ones((12, 3)))
+    with pytest.raises(InputError, match=r"intensity has shape \(4,\), expected \(3, 4\)"):
+        RangeImage(ranges, projection, POSE, intensity=np.ones(4, np.float32))
     face = np.zeros((2, 2), np.int32)
+    with pytest.raises(InputError, match=r"truth of surface has shape \(4,\), of ranges \(2, 2\)"):
+        ScanTruth(face, face.ravel(), np.ones((2, 2)), np.ones((2, 2)))
     with pytest.raises(InputError, match=r"truth has shape \(2, 2\), expected \(3, 4\)"):
         RangeImage(ranges, projection, POSE, truth=ScanTruth(face, face, np.ones((2, 2)), np.ones((2, 2))))
+
+
+def test_a_scan_without_truth_has_no_true_points() -> None:
+    scan = RangeImage([[1.0]], PinholeProjection(1, 1, 1, 1, 0, 0), Pose.identity(), name="hall")
+    for ask in (scan.true_points, scan.range_error):
+        with pytest.raises(InputError, match="hall: has no truth; only simulated scans have"):
+            ask()
+
+
+def test_true_points_and_range_errors_are_nan_where_nothing_was_met_or_measured() -> None:
+    ranges = np.array([[1.0, np.inf, 3.0]])
+    truth = ScanTruth(np.array([[0, 0, -1]]), np.zeros((1, 3)), np.array([[1.5, 2.0, np.inf]]), ranges)
+    scan = RangeImage(ranges, PinholeProjection(3, 1, 1, 1, 1, 0), Pose.identity(), truth=truth)
+    np.testing.assert_array_equal(scan.range_error(), [[-0.5, np.nan, np.nan]])
+    assert np.isfinite(scan.true_points()).all(axis=-1).tolist() == [[True, True, False]]
 
 
 def test_ranges_beyond_any_scanner_are_no_return() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, read_request
+from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 
@@ -31,7 +31,10 @@ def run_complete(
         run.watch.enter("save")
         save(run, completion)
         run.watch.enter("report")
-        asked = {**request.options(), "mode": mode, "sigma_m": sigma_m, "texture": texture}
+        asked = {
+            **request.options(), "instruments": instruments_of(scans),
+            "mode": mode, "sigma_m": sigma_m, "texture": texture,
+        }  # fmt: skip
         page = completion_page(completion, _title(request.paths), asked, shared.seed, shared.threads)
         page.write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(options)}

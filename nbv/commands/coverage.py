@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, read_request
+from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
 from nbv.measurement import CoverageTally, measure_coverage, measure_scan_coverage, measured_samples
 from nbv.plan import read_plan
@@ -24,7 +24,8 @@ from nbv.report.page import percent
 from nbv.report.surface_values import fine_coverage
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.sensor import Sensor, load_sensor
+from nbv.sensor import Sensor
+from nbv.sensor_profile import load_sensor
 from nbv.view import View
 from scenes.atomic import write_json, write_text
 from scenes.files import Units
@@ -72,6 +73,7 @@ class _Measured:
     poses: tuple[Pose, ...]
     met: tuple[float, ...]
     sensor: Sensor
+    instruments: list[str]
 
 
 def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
@@ -86,6 +88,8 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         write_text(run.path("coverage.csv"), csv_of(coverage))
         _write_ply(run.path("coverage.ply"), world, coverage)
         options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
+        if measured.instruments:
+            options["instruments"] = measured.instruments
         page = coverage_page(
             world,
             coverage,
@@ -126,7 +130,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
         met = _met_by_views(caster, samples, requirement, views)
-        return _Measured(coverage, tuple(view.world_from_sensor for view in views), met, sensor)
+        return _Measured(coverage, tuple(view.world_from_sensor for view in views), met, sensor, [])
     scans = read_request(ScanRequest(request.scans, units="m"))
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
@@ -135,7 +139,8 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
     met = _met_by_scans(caster, samples, requirement, scans)
-    return _Measured(coverage, tuple(scan.world_from_sensor for scan in scans), met, sensor)
+    poses = tuple(scan.world_from_sensor for scan in scans)
+    return _Measured(coverage, poses, met, sensor, instruments_of(scans))
 
 
 def _met_by_views(

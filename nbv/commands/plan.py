@@ -13,7 +13,8 @@ from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent
-from nbv.sensor import load_sensor
+from nbv.sensor import chosen_effects
+from nbv.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
 from scenes.atomic import write_json
 from scenes.files import Units
@@ -82,6 +83,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
         write_json(run.path("coverage.json"), coverage.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
+        options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
         page.write(run.path("report.html"))
         inputs = [scene, request.sensor, *([request.candidates] if request.candidates else [])]

@@ -7,7 +7,7 @@ import numpy as np
 
 from nbv.commands.run import Shared, running
 from nbv.scanner import scan_scene
-from nbv.sensor import load_sensor
+from nbv.sensor_profile import load_profile
 from scenes.checks import InputError
 from scenes.files import Units, write_scan
 from scenes.loading import open_scene
@@ -23,6 +23,7 @@ def run_scan(
     target: tuple[float, ...],
     sensor: str,
     noise: str,
+    truth: bool,
     up: Axis,
     units: Units,
 ) -> None:
@@ -30,18 +31,22 @@ def run_scan(
     with running("scan", shared, default="scan.npz", is_folder=False) as run:
         run.watch.enter("load")
         world = open_scene(scene, up=up, units=units)
-        profile = load_sensor(sensor)
+        profile = load_profile(sensor)
         if np.allclose(eye, target):
             raise InputError(f"--at and --look are the same point {list(eye)}; a direction needs two")
         run.watch.enter("scan")
         pose = Pose.looking_at(eye, target)
-        taken = scan_scene(world, pose, profile, noise=noise, rng=shared.seed, n_threads=shared.threads)
+        taken = scan_scene(
+            world, pose, profile.sensor, noise=noise, truth=truth, rng=shared.seed, n_threads=shared.threads
+        )
         write_scan(taken, run.out)
         run.outputs.append(run.out)
         returned = taken.ranges[taken.valid]
         summary = {
             "scene": world.name,
-            "sensor": profile.name,
+            "sensor": profile.sensor.name,
+            "noise": taken.noise,
+            "sigma_m": taken.sigma_m,
             "rows": taken.shape[0],
             "columns": taken.shape[1],
             "valid_share": float(taken.valid.mean()),
@@ -51,6 +56,7 @@ def run_scan(
         if len(returned):
             line += f", {returned.min():.2f} to {returned.max():.2f} m"
         options = {
-            "at": eye, "look": target, "sensor": profile.to_json(), "noise": noise, "up": up, "units": units,
+            "at": eye, "look": target, "sensor": profile.sensor.to_json(), "sources": dict(profile.sources),
+            "noise": noise, "effects": taken.noise, "truth": truth, "up": up, "units": units,
         }  # fmt: skip
-        run.finish([scene, sensor], options, summary, [line])
+        run.finish([scene, sensor], options, summary, [line, f"{profile.sensor.name}: noise {taken.noise}"])

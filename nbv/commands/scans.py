@@ -86,6 +86,12 @@ def read_request(request: ScanRequest) -> list[RangeImage]:
     return scans
 
 
+def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
+    """Return which sensors took the scans, and the effects that were active, as far as the files say so."""
+    said = (": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans)
+    return sorted({text or "not known" for text in said})
+
+
 def _poses_of_each(request: ScanRequest) -> Sequence[str | list[Pose] | None]:
     """Return what `read_scans` takes as the poses of each path."""
     if request.poses is None or len(request.paths) == 1:

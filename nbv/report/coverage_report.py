@@ -185,7 +185,7 @@ def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: S
     positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
     plot = floor_plan(
-        outline_of(scene), positions, directions if sensor.kind == "pinhole" else None, bounds, highlighted
+        outline_of(scene), positions, None if sensor.kind == "spherical" else directions, bounds, highlighted
     )
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     caption = (

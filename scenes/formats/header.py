@@ -29,6 +29,7 @@ def scan_header(scan: RangeImage) -> dict[str, Any]:
         "projection": projection_to_dict(scan.projection),
         "world_from_sensor": scan.world_from_sensor.matrix.tolist(),
         "sigma_m": scan.sigma_m,
+        "sensor": scan.sensor,
         "noise": scan.noise,
         "name": scan.name,
     }
@@ -69,6 +70,7 @@ def scan_from_header(
     world_from_sensor: Pose | None = None,
     colour: Any = None,
     sensor_points: FloatArray | None = None,
+    intensity: Any = None,
     truth: Any = None,
 ) -> RangeImage:
     """Return the scan of a header and its pixels; a pose given here replaces the header's."""
@@ -82,7 +84,9 @@ def scan_from_header(
         colour=colour,
         sensor_points=sensor_points,
         sigma_m=None if sigma is None else float(sigma),
+        sensor=str(header.get("sensor", "")),
         noise=str(header.get("noise", "")),
+        intensity=intensity,
         truth=truth,
         name=str(header.get("name", "scan")),
     )

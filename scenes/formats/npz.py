@@ -16,25 +16,26 @@ from scenes.formats.guard import MAX_BYTES
 from scenes.formats.header import scan_from_header, scan_header
 from scenes.formats.trajectory import rounded_pose
 from scenes.projection import PinholeProjection
-from scenes.range_image import RangeImage, ScanTruth
+from scenes.range_image import TRUTH_CHANNELS, RangeImage, ScanTruth
 
-_TRUTH = ("face", "surface", "ranges", "incidence")
+_OPTIONAL = ("colour", "sensor_points", "intensity")
 
 
 def write_npz(scan: RangeImage, path: Path) -> None:
     """Write `scan` losslessly.
 
     Keys: `header` (JSON: format, projection, pose, sigma, noise, name), `ranges` along the ray in metres,
-    and where known `colour`, `sensor_points` and the four `truth_*`.
+    and where known `colour`, `sensor_points`, `intensity` and the truth of a simulated scan: `truth_face`,
+    `truth_surface`, `truth_ranges`, `truth_incidence` (radians), `truth_n_rays`, and for other readers, since
+    they follow from the rest, `truth_points` (world coordinates) and `truth_range_error` (metres).
     """
     arrays: dict[str, Any] = {"header": np.array(json_text(scan_header(scan), indent=None))}
     arrays["ranges"] = scan.ranges
-    if scan.colour is not None:
-        arrays["colour"] = scan.colour
-    if scan.sensor_points is not None:
-        arrays["sensor_points"] = scan.sensor_points
+    arrays |= {name: getattr(scan, name) for name in _OPTIONAL if getattr(scan, name) is not None}
     if scan.truth is not None:
-        arrays |= {f"truth_{name}": getattr(scan.truth, name) for name in _TRUTH}
+        known = [name for name in TRUTH_CHANNELS if getattr(scan.truth, name) is not None]
+        arrays |= {f"truth_{name}": getattr(scan.truth, name) for name in known}
+        arrays |= {"truth_points": scan.true_points(), "truth_range_error": scan.range_error()}
     with atomic_path(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
@@ -61,14 +62,10 @@ def _read_ours(arrays: Any) -> RangeImage:
     """One scan written by `write_npz`."""
     truth = None
     if "truth_face" in arrays.files:
-        truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in _TRUTH})
-    return scan_from_header(
-        json.loads(str(arrays["header"])),
-        arrays["ranges"],
-        colour=arrays["colour"] if "colour" in arrays.files else None,
-        sensor_points=arrays["sensor_points"] if "sensor_points" in arrays.files else None,
-        truth=truth,
-    )
+        known = [name for name in TRUTH_CHANNELS if f"truth_{name}" in arrays.files]
+        truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in known})
+    optional = {name: arrays[name] for name in _OPTIONAL if name in arrays.files}
+    return scan_from_header(json.loads(str(arrays["header"])), arrays["ranges"], truth=truth, **optional)
 
 
 def _read_tenth_mm(arrays: Any, stem: str) -> list[RangeImage]:

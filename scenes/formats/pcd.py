@@ -142,6 +142,7 @@ def _placed_scan(
         colour=scan.colour,
         sensor_points=scan.sensor_points,
         sigma_m=ours.get("sigma_m"),
+        sensor=str(ours.get("sensor", "")),
         noise=str(ours.get("noise", "")),
         name=str(ours.get("name", name)),
     )

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Echo: what comes back along each pixel's beam, before an instrument has erred about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.footprint import N_RAYS, Footprint, Returns, sub_rays
+from nbv.intensity import Intensity, reflectivity_of_colour
+from nbv.sensor import Partner
+from nbv.triangulation import both_see
+from scenes.blocks import in_blocks
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh import LabelledMesh
+from scenes.pose import Pose
+from scenes.raycast import Hits, RayCaster
+from scenes.scene import Scene
+
+_GREY = 0.5
+_CHUNK = 32_768  # beams at a time: half a million rays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Echo:
+    """Echoes of n beams; a beam without one has range inf and cosine 0.
+
+    Attributes
+    ----------
+    ranges : (n,) float
+        Metres.
+    cosine, incidence : (n,) float
+        |cosine| of incidence, the mean over the footprint where there is one, and its angle in radians.
+    reflectivity : (n,) float or float
+        Share of light that the surface scatters.
+    n_rays : (n,) uint8
+        How many rays of the beam the echo is made of.
+    """
+
+    ranges: FloatArray
+    cosine: FloatArray
+    incidence: FloatArray
+    reflectivity: FloatArray | float
+    n_rays: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Met:
+    """What rays met.
+
+    Attributes
+    ----------
+    surface : (n,) int32
+        Surface id, -1 for nothing.
+    incidence : (n,) float
+        Angle between ray and normal in radians, NaN for nothing.
+    """
+
+    surface: NDArray[np.int32]
+    incidence: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """What a sensor looks into: a scene prepared for ray casting, from a pose.
+
+    Attributes
+    ----------
+    scene : Scene
+        The world.
+    caster : RayCaster
+        Its mesh, prepared.
+    world_from_sensor : Pose
+        Where the sensor stands.
+    partner : Partner, optional
+        The second device of a triangulation.
+    n_threads : int, optional
+        Threads for what is not cast; all cores when not given.
+    """
+
+    scene: Scene
+    caster: RayCaster
+    world_from_sensor: Pose
+    partner: Partner | None = None
+    n_threads: int | None = None
+
+    def cast(self, origins: FloatArray, directions: FloatArray) -> tuple[Hits, BoolArray]:
+        """Return the first hits of world rays (n, 3), and which of them the second device sees too."""
+        hits = self.caster.first_hit(origins, directions)
+        seen = hits.hit
+        if self.partner is None:
+            return hits, seen
+        met = np.flatnonzero(seen)
+        along = directions[met] / np.linalg.norm(directions[met], axis=1, keepdims=True)
+        points = (origins if len(origins) == 1 else origins[met]) + along * hits.ranges[met, None]
+        normals = _normals(self.scene.mesh, hits.face[met])
+        seen = seen.copy()
+        seen[met] = both_see(self.caster, points, along, normals, self.partner, self.world_from_sensor)
+        return hits, seen
+
+    def colour(self, hits: Hits) -> NDArray[np.float32]:
+        """Colour (n, 3) of what was met, mid grey where the scene has none or nothing was met."""
+        look = self.scene.mesh.appearance
+        if look is None:
+            return np.full((len(hits.face), 3), _GREY, np.float32)
+        return look.colour(hits.face, hits.barycentric, _GREY, self.n_threads)
+
+    def reflectivity(self, hits: Hits, intensity: Intensity) -> FloatArray:
+        """Share of light (n,) that the surfaces scatter: the given one, or that of their colours."""
+        if intensity.reflectivity is not None:
+            return np.full(len(hits.face), intensity.reflectivity)
+        if self.scene.mesh.appearance is None:
+            return np.full(len(hits.face), reflectivity_of_colour(np.full(3, _GREY, np.float32)))
+        return reflectivity_of_colour(self.colour(hits))
+
+    def met(self, hits: Hits) -> Met:
+        """Return surface ids and angles of incidence of hits."""
+        from nbv.incidence import describe_hits  # numba: imported when first needed
+
+        n, face_surface = len(hits.face), self.scene.mesh.face_surface
+        surface, incidence = np.empty(n, np.int32), np.empty(n)
+        if not len(face_surface):
+            return Met(np.full(n, -1, np.int32), np.full(n, np.nan))
+
+        def describe(part: slice) -> None:
+            out = surface[part], incidence[part]
+            describe_hits(hits.face[part], hits.incidence_cosine[part], face_surface, *out)
+
+        in_blocks(n, describe, self.n_threads)
+        return Met(surface, incidence)
+
+
+def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:
+    """Unit normals (n, 3) of some faces."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[faces]], 1, 0)
+    normals = np.cross(b - a, c - a)
+    unit: FloatArray = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return unit
+
+
+def footprint_echo(
+    world: World,
+    directions: FloatArray,
+    footprint: Footprint,
+    intensity: Intensity,
+    rng: np.random.Generator,
+) -> Echo:
+    """Return the echoes of beams along unit `directions` (n, 3), world frame, from the world's sensor.
+
+    One uniform number is drawn for every beam: how its pattern of rays is turned.
+    """
+    from nbv.returns import merge_returns  # numba: imported when first needed
+
+    origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
+    out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))
+    for start in range(0, len(directions), _CHUNK):
+        part = slice(start, min(start + _CHUNK, len(directions)))
+        starts, along = sub_rays(directions[part], footprint, turns[part])
+        hits, seen = world.cast(starts + origin, along)
+        rho = world.reflectivity(hits, intensity)
+        ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
+        beams = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
+        merge_returns(*beams, which, footprint.range_resolution_m, out[:, part])
+    ranges, cosine, rho, count = out
+    return Echo(ranges, cosine, np.arccos(np.minimum(cosine, 1.0)), rho, count.astype(np.uint8))

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: MIT
+"""Blocks: work on many rows split over threads; what comes out does not depend on their number."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+_BLOCK = 1 << 16  # rows: enough that a thread is worth waking
+
+
+def in_blocks(
+    n_rows: int, work: Callable[[slice], object], n_threads: int | None = None, block: int = _BLOCK
+) -> None:
+    """Call `work` with slices that cover `n_rows`; it writes its own rows and holds no interpreter lock.
+
+    Parameters
+    ----------
+    n_rows : int
+        How many rows there are.
+    work : callable
+        Called with one slice at a time, from several threads.
+    n_threads : int, optional
+        All cores when not given.
+    block : int
+        Rows in a slice.
+    """
+    slices = [slice(start, min(start + block, n_rows)) for start in range(0, n_rows, block)]
+    workers = min(n_threads or os.cpu_count() or 1, len(slices))
+    if workers < 2:
+        for part in slices:
+            work(part)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, slices))
