@@ -17,7 +17,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from completion.robust import fit_robust
+from completion import fit
 from nbv import Effects, load_sensor, scan_scene
 from nbv.effects import NO_EFFECTS
 from nbv.noise import ConstantNoise
@@ -87,9 +87,9 @@ def fitted(scan: RangeImage) -> Model:
     """Fit pipe and floor to the real scan, robustly."""
     points = scan.points()
     cloud = points[ROWS, 227:240].reshape(-1, 3)
-    pipe = fit_robust(cloud[np.isfinite(cloud).all(axis=1)], "cylinder").surface
+    pipe = fit(cloud[np.isfinite(cloud).all(axis=1)], "cylinder", robust=True).surface
     low = scan.valid & (np.abs(np.nan_to_num(points[..., 2]) + 1.87) < 0.03)
-    floor = fit_robust(points[low], "plane").surface
+    floor = fit(points[low], "plane", robust=True).surface
     near = np.abs(floor.distance(points.reshape(-1, 3))).reshape(scan.shape) < 0.02
     return Model(pipe, floor, low & near)
 
