@@ -284,17 +284,15 @@ def _warn_once(message: str) -> None:
 
 def _check_rays(origins: object, directions: object) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
     """Return origins (n, 3) or (1, 3), directions (n, 3), and the shape that the hits shall have."""
-    along = np.asarray(directions, np.float64)
+    start, along = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
     shape = along.shape[:-1]
-    start = np.asarray(origins, np.float64)
     if along.ndim == 3:
-        if start.shape == along.shape:
-            start = start.reshape(-1, 3) if start.shape[-1] == 3 else start
-        elif start.shape != (1, 3):
+        if start.shape not in ((1, 3), along.shape):
             raise InputError(
-                f"{start.shape} origins for {along.shape} directions; give one origin, or one each"
+                f"origins of shape {start.shape} for directions of shape {along.shape}; "
+                "give one origin of shape (1, 3), or one for each pixel"
             )
-        along = along.reshape(-1, along.shape[-1])
+        start, along = start.reshape(-1, start.shape[-1]), along.reshape(-1, along.shape[-1])
     start, along = _contiguous("origins", start), _contiguous("directions", along)
     if len(start) not in (1, len(along)):
         raise InputError(
