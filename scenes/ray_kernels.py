@@ -55,11 +55,12 @@ def meet(
 def _packed(
     n: int, starts: FloatArray, ends: FloatArray, centre: FloatArray, is_segment: bool
 ) -> tuple[PackedRays, NDArray[np.uint8]]:
-    rays = np.empty((2, n, 3), np.float32)
+    origins, directions = np.empty((len(starts), 3), np.float32), np.empty((n, 3), np.float32)
     reach, state = np.empty(n if is_segment else 0, np.float32), np.empty(n, np.uint8)
-    n_usable = _pack(centre, starts, ends, is_segment, rays[0], rays[1], reach, state)
+    n_usable = _pack(centre, starts, ends, is_segment, origins, directions, reach, state)
+    origins = np.broadcast_to(origins, (n, 3))
     which = slice(None) if n_usable == n else np.flatnonzero(state == _USABLE)
-    return PackedRays(rays[0][which], rays[1][which], reach[which] if is_segment else None, which), state
+    return PackedRays(origins[which], directions[which], reach[which] if is_segment else None, which), state
 
 
 @njit(
@@ -90,7 +91,7 @@ def _pack(
         finite = (abs(x) <= LARGEST) & (abs(y) <= LARGEST) & (abs(z) <= LARGEST)
         finite &= (abs(a) <= LARGEST) & (abs(b) <= LARGEST) & (abs(c) <= LARGEST)
         usable = finite & (length > 0)
-        origins[i, 0], origins[i, 1], origins[i, 2] = x, y, z
+        origins[o, 0], origins[o, 1], origins[o, 2] = x, y, z
         directions[i, 0], directions[i, 1], directions[i, 2] = a * inverse, b * inverse, c * inverse
         if is_segment:
             reach[i] = length
