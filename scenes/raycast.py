@@ -251,7 +251,7 @@ def _embree(mesh: LocalMesh, arithmetic: Arithmetic, backend: Backend | None) ->
     if backend != "embreex":
         try:
             if arithmetic is ray_arithmetic:
-                raise ImportError("numba does not load")
+                raise ImportError("numba does not serve")
             from scenes.embree_packets import PacketScene
 
             return PacketScene(mesh)
@@ -271,8 +271,8 @@ def load_arithmetic() -> Arithmetic:
         if config.DISABLE_JIT:
             raise ImportError("its compiler is switched off")
         from scenes import ray_kernels
-    except ImportError as error:
-        _warn_once(f"numba does not load ({error}): rays are prepared and met in numpy, which is slow")
+    except (ImportError, RuntimeError) as error:  # numba raises the latter when it has nowhere to cache
+        _warn_once(f"numba does not serve ({error}): rays are prepared and met in numpy, which is slow")
         return ray_arithmetic
     return ray_kernels
 
