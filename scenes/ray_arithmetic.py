@@ -129,7 +129,7 @@ def meet(
     corner, second, third = (mesh.vertices[mesh.faces[face[hit], k]] for k in range(3))
     first_edge, second_edge = second - corner, third - corner
     along = directions[hit]
-    along = along * (1 / np.sqrt(_dot(along, along)))[:, None]
+    along = along / np.sqrt(_dot(along, along))[:, None]
     offset = corner - ((origins if len(origins) == 1 else origins[hit]) - mesh.centre)
     normal = np.cross(first_edge, second_edge)
     slope, depth = _dot(along, normal), _dot(offset, along)

@@ -142,8 +142,8 @@ def _meet_planes(table: FloatArray, c_x: float, c_y: float, c_z: float) -> None:
         o_y = table[10 * _BLOCK + k] - c_y
         o_z = table[11 * _BLOCK + k] - c_z
         a, b, c = table[12 * _BLOCK + k], table[13 * _BLOCK + k], table[14 * _BLOCK + k]
-        inverse = 1 / math.sqrt(a * a + b * b + c * c)
-        a, b, c = a * inverse, b * inverse, c * inverse
+        length = math.sqrt(a * a + b * b + c * c)
+        a, b, c = a / length, b / length, c / length
         x, y, z = table[k], table[_BLOCK + k], table[2 * _BLOCK + k]
         e_x, e_y, e_z = table[3 * _BLOCK + k] - x, table[4 * _BLOCK + k] - y, table[5 * _BLOCK + k] - z
         g_x, g_y, g_z = table[6 * _BLOCK + k] - x, table[7 * _BLOCK + k] - y, table[8 * _BLOCK + k] - z
