@@ -17,6 +17,7 @@ test: .venv/dev
 install: .venv/dev
 
 bench: .venv/bench
+	$(BIN)/python benchmarks/rays.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
 format: .venv/dev

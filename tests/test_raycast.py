@@ -241,7 +241,7 @@ def test_rays_that_are_not_finite_cost_little() -> None:
 @pytest.mark.parametrize("n_threads", [1, 2, 3, None])
 def test_the_number_of_threads_changes_no_byte(n_threads: int | None) -> None:
     rng = np.random.default_rng(5)
-    along = rng.normal(size=(150_000, 3))  # more than two chunks of 65,536
+    along = rng.normal(size=(150_000, 3))  # several chunks of 32,768
     along[::1000] = np.nan
     one = RayCaster(ROOM.vertices, ROOM.faces, n_threads=1)
     several = RayCaster(ROOM.vertices, ROOM.faces, n_threads=n_threads)
