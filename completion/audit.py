@@ -79,7 +79,7 @@ def audit(
     for scan, sigma in zip(scans, sigmas, strict=True):
         returned = scan.valid
         noisy |= bool(np.any(sigma[returned] > 0))
-        hits = caster.first_hit(scan.origin[None], scan.rays()[returned])
+        hits = caster.first_hit(scan.origin[None], scan.rays()[returned], coherent=True)
         n_beams += int(returned.sum())
         met = np.flatnonzero(hits.hit)
         face, cosine = hits.face[met], np.maximum(hits.incidence_cosine[met], 1e-3)

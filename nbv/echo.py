@@ -88,11 +88,15 @@ class World:
     n_threads: int | None = None
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> tuple[Hits, BoolArray]:
-        """Return the first hits of world rays (n, 3), and which of them the second device sees too."""
-        hits = self.caster.first_hit(origins, directions)
+        """Return the first hits (n,) of world rays, and which of them the second device sees too.
+
+        The rays are those of an image (rows, columns, 3), or of beams one after the other (n, 3).
+        """
+        hits = self.caster.first_hit(origins, directions, coherent=True).flat()
         seen = hits.hit
         if self.partner is None:
             return hits, seen
+        directions = directions.reshape(-1, 3)
         met = np.flatnonzero(seen)
         along = directions[met] / np.linalg.norm(directions[met], axis=1, keepdims=True)
         points = (origins if len(origins) == 1 else origins[met]) + along * hits.ranges[met, None]

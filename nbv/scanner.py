@@ -90,8 +90,9 @@ def scan_scene(
     projection = sensor.projection
     world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
 
-    directions = projection.ray_grid().directions(pose.rotation, n_threads).reshape(-1, 3)
-    hits, seen = world.cast(pose.translation[None], directions)
+    rays = projection.ray_grid().directions(pose.rotation, n_threads)
+    hits, seen = world.cast(pose.translation[None], rays)
+    directions = rays.reshape(-1, 3)
     met, colour = world.met(hits), world.colour(hits)
     echo = _echo(world, directions, hits, seen, met, colour, effects, streams["footprint"])
     intensity = _intensity(echo, effects)

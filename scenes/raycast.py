@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal, NoReturn, Protocol
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes import ray_arithmetic
+from scenes.blocks import in_blocks
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_vectors
 from scenes.embree_single import SingleScene
 from scenes.ray_arithmetic import LARGEST, Arithmetic, LocalMesh
@@ -75,6 +75,16 @@ class Hits:
     def hit(self) -> BoolArray:
         """Which rays hit, shape (n,)."""
         return self.face >= 0
+
+    def flat(self) -> Hits:
+        """The same hits, those of an image row after row in a list."""
+        return Hits(
+            self.ranges.reshape(-1),
+            self.face.reshape(-1),
+            self.barycentric.reshape(-1, 3),
+            self.incidence_cosine.reshape(-1),
+            self.n_not_finite,
+        )
 
 
 class RayCaster:
@@ -223,11 +233,9 @@ class RayCaster:
 
     def _in_chunks(self, n: int, step: int, cast: Callable[[slice], int]) -> int:
         """Cast n rays, `step` at a time, and return the sum of what `cast` returns."""
-        chunks = [slice(start, min(start + step, n)) for start in range(0, n, step)]
-        if self._n_threads == 1 or len(chunks) < 2:
-            return sum(map(cast, chunks))
-        with ThreadPoolExecutor(self._n_threads) as pool:
-            return sum(pool.map(cast, chunks))
+        counts: list[int] = []
+        in_blocks(n, lambda part: counts.append(cast(part)), self._n_threads, step)
+        return sum(counts)
 
 
 def _local_mesh(points: FloatArray, faces: NDArray[np.int32]) -> LocalMesh:
