@@ -122,16 +122,16 @@ class World:
 
     def met(self, hits: Hits) -> Met:
         """Return surface ids and angles of incidence of hits."""
-        from nbv.incidence import describe_hits  # numba: imported when first needed
-
         n, face_surface = len(hits.face), self.scene.mesh.face_surface
         surface, incidence = np.empty(n, np.int32), np.empty(n)
         if not len(face_surface):
             return Met(np.full(n, -1, np.int32), np.full(n, np.nan))
 
         def describe(part: slice) -> None:
-            out = surface[part], incidence[part]
-            describe_hits(hits.face[part], hits.incidence_cosine[part], face_surface, *out)
+            face, missed = hits.face[part], hits.face[part] < 0
+            np.take(face_surface, face, out=surface[part], mode="wrap")  # -1 is written over
+            np.arccos(hits.incidence_cosine[part], out=incidence[part])
+            surface[part][missed], incidence[part][missed] = -1, np.nan
 
         in_blocks(n, describe, self.n_threads)
         return Met(surface, incidence)

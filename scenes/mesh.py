@@ -73,17 +73,17 @@ class Appearance:
         Where the face is -1 there is nothing to see: all channels are `nothing`. Colours do not depend on
         `n_threads`.
         """
-        from scenes.texel import face_colours, multiply_texture  # numba: imported when first needed
+        from scenes.texel import plain_colours, textured_colours  # numba: imported when first needed
 
         colour = np.empty((len(faces), 3), np.float32)
+        is_plain = self.face_image is None or self.corner_uv is None
+        face_image = np.full(len(self.corner_colour), -1, np.int32) if is_plain else self.face_image
 
         def look_up(part: slice) -> None:
-            at = faces[part], barycentric[part]
-            face_colours(*at, self.corner_colour, nothing, colour[part])
-            if self.face_image is None or self.corner_uv is None:
-                return
-            for number, image in enumerate(self.images):
-                multiply_texture(*at, self.corner_uv, self.face_image, number, image, colour[part])
+            at = faces[part], barycentric[part], self.corner_colour
+            plain_colours(*at, face_image, nothing, colour[part])
+            for number, image in enumerate(() if is_plain else self.images):
+                textured_colours(*at, self.corner_uv, face_image, number, image, colour[part])
 
         in_blocks(len(faces), look_up, n_threads)
         return colour
