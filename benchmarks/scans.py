@@ -17,8 +17,8 @@ from collections.abc import Callable
 import numpy as np
 from rays import SIDE, N, raw_embreex, room_with_spheres, workload
 
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from scenes.mesh import Appearance, LabelledMesh
 from scenes.pose import Pose
 from scenes.raycast import RayCaster

@@ -19,8 +19,8 @@ from matplotlib import pyplot as plt
 
 from completion import fit
 from nbv import Effects, load_sensor, scan_scene
-from nbv.effects import NO_EFFECTS
-from nbv.noise import ConstantNoise
+from nbv.scanning.effects import NO_EFFECTS
+from nbv.scanning.noise import ConstantNoise
 from scenes import (
     Cylinder,
     LabelledMesh,

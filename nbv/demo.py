@@ -17,8 +17,8 @@ from nbv.report.page import percent, square_metres
 from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
 from nbv.requirement import SightLimits
 from nbv.samples import SurfaceSamples
-from nbv.scanner import scan_scene
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.visibility import visible_from_view
 from scenes.atomic import write_json

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose

@@ -13,8 +13,8 @@ from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.reachability import Reachability, find_reachable, scene_candidates
 from nbv.requirement import GRAZING_COSINE, Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.sensor import Sensor
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress, visible_from_view

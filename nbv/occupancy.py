@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from nbv.grid import VoxelGrid
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.surfels import Surfels
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.range_image import RangeImage

@@ -11,8 +11,8 @@ from typing import Any
 from nbv.bound import LowerBound
 from nbv.coverage import Coverage, CoverageSummary
 from nbv.requirement import Requirement
-from nbv.sensor import Sensor
-from nbv.sensor_profile import sensor_from_profile
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import sensor_from_profile
 from nbv.view import View
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from nbv.gain import BestView, GainOptions, best_view, find_targets
 from nbv.occupancy import VoxelMap
 from nbv.requirement import Requirement
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose

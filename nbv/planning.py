@@ -16,9 +16,9 @@ from nbv.planner import PlannerOptions, explore
 from nbv.reachability import Reachability, find_reachable, scene_candidates
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor, Sensor
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress, orient, visible_from_positions

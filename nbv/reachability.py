@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from nbv.free_space import FreeSpace
 from nbv.requirement import Requirement, SightLimits
 from nbv.samples import SurfaceSamples
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
 from nbv.visibility import Progress, any_orientation_sees, lines_of_sight
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from scenes.checks import InputError
 
 GRAZING_COSINE = 0.02  # flatter than this (88.9 deg) nothing counts as seen

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.creation import icosphere
 
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, InputError, check_points, frozen_copy
 from scenes.pose import Pose
 

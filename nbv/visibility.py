@@ -19,8 +19,8 @@ from scipy.sparse import csr_array
 
 from nbv.requirement import SightLimits
 from nbv.samples import SurfaceSamples
-from nbv.sensor import Sensor
-from nbv.triangulation import both_see
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.triangulation import both_see
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray
 from scenes.raycast import RayCaster

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from scenes.builtin import builtin_scene
 from scenes.checks import FloatArray
 from scenes.pose import Pose

@@ -18,8 +18,8 @@ from completion import (
 )
 from completion.boundary import find_openings, trace_boundary
 from completion.export import completed_glb, completion_record, display_mesh
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
 from scenes.formats.ply import read_mesh_ply
 from scenes.pose import Pose

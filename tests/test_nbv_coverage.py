@@ -8,8 +8,8 @@ from nbv.coverage import MET, REACHABLE
 from nbv.measurement import measure_coverage, measure_scan_coverage
 from nbv.requirement import Requirement
 from nbv.samples import sample_surface
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from scenes.builtin import builtin_scene

@@ -6,17 +6,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from nbv.dropout import Dropout
-from nbv.effects import NO_EFFECTS, Effects, named_effects
-from nbv.footprint import Footprint
-from nbv.intensity import Intensity, reflectivity_of_colour
-from nbv.noise import ConstantNoise, TerrestrialNoise
-from nbv.pointing import PointingNoise
-from nbv.quantisation import Quantisation
-from nbv.random_streams import normal_numbers, stage_streams
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor, SphericalSensor
-from nbv.sensor_profile import load_sensor, sensor_from_profile
+from nbv.scanning.dropout import Dropout
+from nbv.scanning.effects import NO_EFFECTS, Effects, named_effects
+from nbv.scanning.footprint import Footprint
+from nbv.scanning.intensity import Intensity, reflectivity_of_colour
+from nbv.scanning.noise import ConstantNoise, TerrestrialNoise
+from nbv.scanning.pointing import PointingNoise
+from nbv.scanning.quantisation import Quantisation
+from nbv.scanning.random_streams import normal_numbers, stage_streams
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_sensor, sensor_from_profile
 from scenes.checks import InputError
 from tests.sheet_scenes import EAST, before_wall, sheets
 

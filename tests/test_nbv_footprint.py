@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from nbv.effects import Effects
-from nbv.footprint import N_RAYS, Footprint, beam_pattern, sub_rays
-from nbv.intensity import Intensity
-from nbv.returns import FIRST, LAST, MEAN, STRONGEST, merge_returns
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.effects import Effects
+from nbv.scanning.footprint import N_RAYS, Footprint, beam_pattern, sub_rays
+from nbv.scanning.intensity import Intensity
+from nbv.scanning.returns import FIRST, LAST, MEAN, STRONGEST, merge_returns
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
 from tests.sheet_scenes import EAST, before_wall, sheets
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.effects import Effects, named_effects
-from nbv.noise import (
+from nbv.scanning.effects import Effects, named_effects
+from nbv.scanning.noise import (
     ConstantNoise,
     KhoshelhamNoise,
     NguyenNoise,
@@ -13,10 +13,10 @@ from nbv.noise import (
     TerrestrialNoise,
     range_sigma_m,
 )
-from nbv.pointing import PointingNoise
-from nbv.quantisation import Quantisation
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.pointing import PointingNoise
+from nbv.scanning.quantisation import Quantisation
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from scenes.checks import InputError
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose

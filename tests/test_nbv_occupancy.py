@@ -8,8 +8,8 @@ from nbv.gain import GainOptions, best_view, cell_directions, cell_of, find_targ
 from nbv.grid import VoxelGrid
 from nbv.image_normals import image_normals
 from nbv.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from nbv.surfels import Surfels
 from nbv.viewpoints import Candidates
 from scenes.checks import InputError

@@ -13,8 +13,8 @@ from nbv.plan import read_plan
 from nbv.planner import PlannerOptions, explore
 from nbv.planning import plan_views
 from nbv.samples import sample_surface
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from nbv.viewpoints import Candidates, viewing_sphere
 from scenes.builtin import builtin_scene
 from scenes.checks import InputError

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.view import View
 from scenes.checks import InputError
 from scenes.mesh import Appearance, LabelledMesh

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.sensor import PinholeSensor, SphericalSensor
-from nbv.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 
 
 def directions(n: int = 200_000) -> np.ndarray:

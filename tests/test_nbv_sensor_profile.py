@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nbv.effects import Effects
-from nbv.noise import StereoNoise
-from nbv.sensor import PinholeSensor, SphericalSensor
-from nbv.sensor_profile import load_profile, load_sensor, sensor_from_profile, sensor_names
-from nbv.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise import StereoNoise
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_profile, load_sensor, sensor_from_profile, sensor_names
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 
 UNSOURCED = {"kind", "name", "model"}  # names, not numbers
@@ -29,7 +29,7 @@ def entries(table, within=()):
 
 @pytest.mark.parametrize("name", sensor_names())
 def test_every_number_of_a_shipped_profile_has_its_source(name):
-    table = tomllib.loads((resources.files("nbv") / "sensors" / f"{name}.toml").read_text("utf-8"))
+    table = tomllib.loads((resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8"))
     sources = table.pop("sources")
     assert set(entries(sources)) == set(entries(table))
     assert load_profile(name).sources == sources

@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from nbv.effects import Effects
-from nbv.footprint import Footprint
-from nbv.scanner import scan_scene
-from nbv.sensor import Partner
-from nbv.sensor_profile import load_sensor
-from nbv.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.effects import Effects
+from nbv.scanning.footprint import Footprint
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import Partner
+from nbv.scanning.sensor_profile import load_sensor
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 from tests.sheet_scenes import EAST, before_wall, sheets
 

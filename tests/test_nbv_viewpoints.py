@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.sensor import PinholeSensor
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import Candidates, load_candidates, room_lattice, sensor_directions, viewing_sphere
 from scenes.checks import InputError
 

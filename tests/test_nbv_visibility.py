@@ -8,8 +8,8 @@ from nbv.free_space import FreeSpace
 from nbv.reachability import find_reachable, scene_candidates
 from nbv.requirement import Requirement, SightLimits
 from nbv.samples import sample_surface
-from nbv.sensor import PinholeSensor
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import orient, visible_from_positions, visible_from_view

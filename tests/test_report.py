@@ -17,8 +17,8 @@ from nbv.report.page import Bar, Cell, Gallery, Headline, Page, Section, Share, 
 from nbv.report.picture import hatch, picture_of, segment_pixels, surface_colour, upright
 from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
-from nbv.scanner import scan_scene
-from nbv.sensor import PinholeSensor
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
 from nbv.view import View
 from scenes.builtin import builtin_scene
 from scenes.mesh import LabelledMesh

@@ -24,8 +24,8 @@ from nbv.report.page import percent
 from nbv.report.surface_values import fine_coverage
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.sensor import Sensor
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from scenes.atomic import write_json, write_text
 from scenes.files import Units

@@ -13,8 +13,8 @@ from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent
-from nbv.sensor import chosen_effects
-from nbv.sensor_profile import load_sensor
+from nbv.scanning.sensor import chosen_effects
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
 from scenes.atomic import write_json
 from scenes.files import Units

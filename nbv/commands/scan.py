@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.commands.run import Shared, running
-from nbv.scanner import scan_scene
-from nbv.sensor_profile import load_profile
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor_profile import load_profile
 from scenes.checks import InputError
 from scenes.files import Units, write_scan
 from scenes.loading import open_scene

@@ -35,7 +35,7 @@ from nbv.report.page import (
 from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
 from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
-from nbv.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scene import Scene

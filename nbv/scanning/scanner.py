@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.echo import Echo, Met, World, footprint_echo
-from nbv.effects import Effects
-from nbv.footprint import N_RAYS
-from nbv.intensity import Intensity
-from nbv.noise import range_sigma_m
-from nbv.random_streams import normal_numbers, stage_streams
-from nbv.sensor import PinholeSensor, Sensor, chosen_effects
+from nbv.scanning.echo import Echo, Met, World, footprint_echo
+from nbv.scanning.effects import Effects
+from nbv.scanning.footprint import N_RAYS
+from nbv.scanning.intensity import Intensity
+from nbv.scanning.noise import range_sigma_m
+from nbv.scanning.random_streams import normal_numbers, stage_streams
+from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects
 from nbv.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
@@ -54,8 +54,8 @@ def scan_scene(
     sensor : Sensor, optional
         Needed with a pose; with a view it replaces the view's own.
     noise : str
-        Effects by name, see `nbv.effects.named_effects`; "profile" for those of the sensor's own profile;
-        "none" unless asked for.
+        Effects by name, see `nbv.scanning.effects.named_effects`; "profile" for those of the sensor's own
+        profile; "none" unless asked for.
     effects : Effects, optional
         Effects stage by stage, instead of `noise`.
     truth : bool

@@ -15,14 +15,14 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from nbv.dropout import Dropout
-from nbv.effects import NOISE_MODELS, Effects
-from nbv.footprint import Footprint
-from nbv.intensity import Intensity
-from nbv.pointing import PointingNoise
-from nbv.quantisation import Quantisation
-from nbv.sensor import PinholeSensor, Sensor, SphericalSensor
-from nbv.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.dropout import Dropout
+from nbv.scanning.effects import NOISE_MODELS, Effects
+from nbv.scanning.footprint import Footprint
+from nbv.scanning.intensity import Intensity
+from nbv.scanning.pointing import PointingNoise
+from nbv.scanning.quantisation import Quantisation
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 
 _KINDS: dict[str, type[Any]] = {
@@ -56,7 +56,7 @@ class SensorProfile:
 
 def sensor_names() -> tuple[str, ...]:
     """Return the names of the shipped profiles."""
-    files = resources.files("nbv").joinpath("sensors").iterdir()
+    files = resources.files("nbv.scanning").joinpath("sensors").iterdir()
     return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
 
 
@@ -80,7 +80,7 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     """Return a shipped profile, by name, or that of a TOML file; raises as `load_sensor`."""
     name = str(name_or_path)
     if name in sensor_names():
-        return _parse((resources.files("nbv") / "sensors" / f"{name}.toml").read_text("utf-8"), name)
+        return _parse((resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8"), name)
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")

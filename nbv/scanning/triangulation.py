@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nbv.effects import NO_EFFECTS, Effects
-from nbv.sensor import Partner, check_gate, image_slope, in_pyramid, profile_of
+from nbv.scanning.effects import NO_EFFECTS, Effects
+from nbv.scanning.sensor import Partner, check_gate, image_slope, in_pyramid, profile_of
 from scenes.checks import BoolArray, FloatArray, InputError, check_number
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection

@@ -8,7 +8,7 @@ from numba import njit
 
 from scenes.checks import FloatArray
 
-FIRST, STRONGEST, LAST, MEAN = range(4)  # in the order of `nbv.footprint.Returns`
+FIRST, STRONGEST, LAST, MEAN = range(4)  # in the order of `nbv.scanning.footprint.Returns`
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]

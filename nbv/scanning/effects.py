@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Effects: everything by which an instrument's scan differs from exact ranges; all off unless asked for.
 
-Each effect is one stage of `nbv.scanner`; each draws from a random stream of its own, so that switching one
-off leaves the others as they were, bit by bit.
+Each effect is one stage of `nbv.scanning.scanner`; each draws from a random stream of its own, so that
+switching one off leaves the others as they were, bit by bit.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any
 
-from nbv.dropout import Dropout
-from nbv.footprint import Footprint
-from nbv.intensity import Intensity
-from nbv.noise import (
+from nbv.scanning.dropout import Dropout
+from nbv.scanning.footprint import Footprint
+from nbv.scanning.intensity import Intensity
+from nbv.scanning.noise import (
     ConstantNoise,
     KhoshelhamNoise,
     NguyenNoise,
@@ -22,8 +22,8 @@ from nbv.noise import (
     StereoNoise,
     TerrestrialNoise,
 )
-from nbv.pointing import PointingNoise
-from nbv.quantisation import Quantisation
+from nbv.scanning.pointing import PointingNoise
+from nbv.scanning.quantisation import Quantisation
 from scenes.checks import InputError
 
 NOISE_MODELS: dict[str, type[Any]] = {

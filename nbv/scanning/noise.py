@@ -5,10 +5,10 @@ Standard deviations are metres. References:
 
 * Khoshelham and Elberink, "Accuracy and resolution of Kinect depth data for indoor mapping applications",
   Sensors 12, 2012: the standard deviation of depth z is 1.425e-3 z^2 (its steps are a matter of
-  `nbv.quantisation`);
+  `nbv.scanning.quantisation`);
 * Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking",
   3DIMPVT 2012: axial noise 0.0012 + 0.0019 (z - 0.4)^2, plus 0.0001 / sqrt(z) * theta^2 / (pi/2 - theta)^2
-  beyond an incidence of 60 deg (its lateral part is a matter of `nbv.pointing`);
+  beyond an incidence of 60 deg (its lateral part is a matter of `nbv.scanning.pointing`);
 * stereo: an error of the disparity d = f b / z is an error z^2 / (f b) of the depth;
 * terrestrial: sigma^2 = a^2 + (b r^2 / (rho cos theta))^2, the second term for the light that comes back;
   a and b are the user's, published ones differ from instrument to instrument;

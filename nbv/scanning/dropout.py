@@ -23,7 +23,7 @@ class Dropout:
     Parameters
     ----------
     min_intensity : float
-        Weaker echoes are lost; see `nbv.intensity` for the scale.
+        Weaker echoes are lost; see `nbv.scanning.intensity` for the scale.
     max_incidence_deg : float
         Echoes at larger incidence are lost, degrees.
     specular_loss : float

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from nbv.effects import NO_EFFECTS, PROFILE, Effects, named_effects
+from nbv.scanning.effects import NO_EFFECTS, PROFILE, Effects, named_effects
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -56,7 +56,7 @@ class Sensor(Protocol):
         ...
 
     def to_json(self) -> dict[str, Any]:
-        """Return the profile as `nbv.sensor_profile` reads it."""
+        """Return the profile as `nbv.scanning.sensor_profile` reads it."""
         ...
 
 

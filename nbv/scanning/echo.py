@@ -9,10 +9,10 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.footprint import N_RAYS, Footprint, Returns, sub_rays
-from nbv.intensity import Intensity, reflectivity_of_colour
-from nbv.sensor import Partner
-from nbv.triangulation import both_see
+from nbv.scanning.footprint import N_RAYS, Footprint, Returns, sub_rays
+from nbv.scanning.intensity import Intensity, reflectivity_of_colour
+from nbv.scanning.sensor import Partner
+from nbv.scanning.triangulation import both_see
 from scenes.blocks import in_blocks
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import LabelledMesh
@@ -156,7 +156,7 @@ def footprint_echo(
 
     One uniform number is drawn for every beam: how its pattern of rays is turned.
     """
-    from nbv.returns import merge_returns  # numba: imported when first needed
+    from nbv.scanning.returns import merge_returns  # numba: imported when first needed
 
     origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
     out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))
