@@ -35,6 +35,10 @@ class RayGrid:
     right: FloatArray
     forward: FloatArray
 
+    def of_rows(self, rows: slice) -> RayGrid:
+        """The rays of some rows."""
+        return RayGrid(self.scale[rows], self.down[rows], self.right, self.forward)
+
     def directions(self, rotation: FloatArray, n_threads: int | None = None) -> FloatArray:
         """Return unit rays (rows, columns, 3), turned by `rotation` (3, 3)."""
         return self._filled(rotation, np.zeros(3), _NOWHERE, n_threads)

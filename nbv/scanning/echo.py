@@ -17,11 +17,13 @@ from scenes.blocks import in_blocks
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
+from scenes.ray_grid import RayGrid
 from scenes.raycast import Hits, RayCaster
 from scenes.scene import Scene
 
 _GREY = 0.5
 _CHUNK = 32_768  # beams at a time: half a million rays
+_BAND = 32_768  # pixels at a time: their rays and hits fit into a core's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,19 +50,28 @@ class Echo:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Met:
-    """What rays met.
+class Sight:
+    """What the middle rays of n pixels met; inf, -1, NaN and cosine 0 where they met nothing.
 
     Attributes
     ----------
-    surface : (n,) int32
-        Surface id, -1 for nothing.
-    incidence : (n,) float
-        Angle between ray and normal in radians, NaN for nothing.
+    ranges, cosine, incidence : (n,) float
+        Metres, |cosine| between ray and normal, and its angle in radians.
+    face, surface : (n,) int32
+        Face and surface id.
+    seen : (n,) bool
+        Which of them the second device of a triangulation sees too; without one, which met anything.
+    colour : (n, 3) float32
+        sRGB in 0..1.
     """
 
-    surface: NDArray[np.int32]
+    ranges: FloatArray
+    cosine: FloatArray
     incidence: FloatArray
+    face: NDArray[np.int32]
+    surface: NDArray[np.int32]
+    seen: BoolArray
+    colour: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +121,9 @@ class World:
         look = self.scene.mesh.appearance
         if look is None:
             return np.full((len(hits.face), 3), _GREY, np.float32)
-        return look.colour(hits.face, hits.barycentric, _GREY, self.n_threads)
+        return look.colour(
+            hits.face, hits.barycentric, _GREY, 1 if len(hits.face) <= _BAND else self.n_threads
+        )
 
     def reflectivity(self, hits: Hits, intensity: Intensity) -> FloatArray:
         """Share of light (n,) that the surfaces scatter: the given one, or that of their colours."""
@@ -120,21 +133,33 @@ class World:
             return np.full(len(hits.face), reflectivity_of_colour(np.full(3, _GREY, np.float32)))
         return reflectivity_of_colour(self.colour(hits))
 
-    def met(self, hits: Hits) -> Met:
-        """Return surface ids and angles of incidence of hits."""
-        n, face_surface = len(hits.face), self.scene.mesh.face_surface
-        surface, incidence = np.empty(n, np.int32), np.empty(n)
-        if not len(face_surface):
-            return Met(np.full(n, -1, np.int32), np.full(n, np.nan))
+    def sight(self, rays: RayGrid) -> Sight:
+        """Cast the rays of an image and describe what they meet, band by band of rows.
 
-        def describe(part: slice) -> None:
-            face, missed = hits.face[part], hits.face[part] < 0
-            np.take(face_surface, face, out=surface[part], mode="wrap")  # -1 is written over
-            np.arccos(hits.incidence_cosine[part], out=incidence[part])
+        What one band needs on the way stays in the processor's cache and is gone before the next.
+        """
+        rows, columns = len(rays.scale), len(rays.right)
+        n, face_surface = rows * columns, self.scene.mesh.face_surface
+        origin, rotation = self.world_from_sensor.translation[None], self.world_from_sensor.rotation
+        ranges, cosine, incidence = (np.empty(n) for _ in range(3))
+        face, surface = np.empty(n, np.int32), np.empty(n, np.int32)
+        seen, colour = np.empty(n, np.bool_), np.empty((n, 3), np.float32)
+        height = max(_BAND // columns // 4, 1) * 4
+
+        def look(bands: slice) -> None:
+            band = slice(bands.start * height, min(bands.stop * height, rows))
+            part = slice(band.start * columns, band.stop * columns)
+            hits, seen[part] = self.cast(origin, rays.of_rows(band).directions(rotation, 1))
+            missed = ~hits.hit
+            ranges[part], cosine[part], face[part] = hits.ranges, hits.incidence_cosine, hits.face
+            colour[part] = self.colour(hits)
+            np.arccos(hits.incidence_cosine, out=incidence[part])
+            if len(face_surface):
+                np.take(face_surface, hits.face, out=surface[part], mode="wrap")  # -1 is written over
             surface[part][missed], incidence[part][missed] = -1, np.nan
 
-        in_blocks(n, describe, self.n_threads)
-        return Met(surface, incidence)
+        in_blocks(-(-rows // height), look, self.n_threads, block=1)
+        return Sight(ranges, cosine, incidence, face, surface, seen, colour)
 
 
 def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.scanning.echo import Echo, Met, World, footprint_echo
+from nbv.scanning.echo import Echo, Sight, World, footprint_echo
 from nbv.scanning.effects import Effects
 from nbv.scanning.footprint import N_RAYS
 from nbv.scanning.intensity import Intensity
@@ -20,7 +20,7 @@ from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
 from scenes.projection import Projection
 from scenes.range_image import RangeImage, ScanTruth
-from scenes.raycast import Hits, RayCaster
+from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
 _FAR_M = 1e9  # stands for "nothing met" where formulas cannot do with infinity
@@ -90,15 +90,12 @@ def scan_scene(
     projection = sensor.projection
     world = World(scene, caster or scene.ray_caster(n_threads), pose, sensor.partner, n_threads)
 
-    rays = projection.ray_grid().directions(pose.rotation, n_threads)
-    hits, seen = world.cast(pose.translation[None], rays)
-    directions = rays.reshape(-1, 3)
-    met, colour = world.met(hits), world.colour(hits)
-    echo = _echo(world, directions, hits, seen, met, colour, effects, streams["footprint"])
+    sight = world.sight(projection.ray_grid())
+    echo = _echo(world, projection, sight, effects, streams["footprint"])
     intensity = _intensity(echo, effects)
     distance = _received(echo, intensity, sensor, effects, streams["dropout"])
     is_depth = projection.kind == "pinhole" and effects.acts_on_depth
-    axis = np.einsum("ij,j->i", directions, pose.rotation[:, 2]) if is_depth else 1.0
+    axis = projection.directions()[..., 2].reshape(-1) if is_depth else 1.0
     distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"], n_threads)
     points = _pointed(distance, echo, projection, effects, streams["pointing"])
     if points is not None:
@@ -109,13 +106,13 @@ def scan_scene(
         np.where(gated, distance, np.inf).reshape(shape),
         projection,
         pose,
-        colour=_frozen(colour, (*shape, 3)),
+        colour=_frozen(sight.colour, (*shape, 3)),
         sensor_points=None if points is None else _frozen(points, (*shape, 3)),
         sigma_m=_rms(variance, gated, effects),
         sensor=sensor.name,
         noise=effects.describe(),
         intensity=None if effects.intensity is None else np.where(gated, intensity, 0).reshape(shape),
-        truth=_truth_of(hits, met, echo, shape) if truth else None,
+        truth=_truth_of(sight, echo, shape) if truth else None,
         name=name,
     )
 
@@ -130,22 +127,17 @@ def _standing(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
 
 
 def _echo(
-    world: World,
-    directions: FloatArray,
-    hits: Hits,
-    seen: BoolArray,
-    met: Met,
-    colour: NDArray[np.float32],
-    effects: Effects,
-    rng: np.random.Generator,
+    world: World, projection: Projection, sight: Sight, effects: Effects, rng: np.random.Generator
 ) -> Echo:
     """Return what comes back: along the middle rays, or from the whole footprint of each beam."""
     light = effects.intensity or Intensity()
     if effects.footprint is not None:
+        rotation = world.world_from_sensor.rotation
+        directions = projection.ray_grid().directions(rotation, world.n_threads).reshape(-1, 3)
         return footprint_echo(world, directions, effects.footprint, light, rng)
-    reflectivity = light.reflectivity_of(colour) if effects.use_reflectivity else 1.0
-    ranges = hits.ranges if world.partner is None else np.where(seen, hits.ranges, np.inf)
-    return Echo(ranges, hits.incidence_cosine, met.incidence, reflectivity, seen.view(np.uint8))
+    reflectivity = light.reflectivity_of(sight.colour) if effects.use_reflectivity else 1.0
+    ranges = sight.ranges if world.partner is None else np.where(sight.seen, sight.ranges, np.inf)
+    return Echo(ranges, sight.cosine, sight.incidence, reflectivity, sight.seen.view(np.uint8))
 
 
 def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
@@ -219,13 +211,13 @@ def _frozen(array: Any, shape: tuple[int, ...]) -> Any:
     return array.reshape(shape)
 
 
-def _truth_of(hits: Hits, met: Met, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
+def _truth_of(sight: Sight, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
     """Return what the middle rays met, and how many rays make each echo."""
     return ScanTruth(
-        face=_frozen(hits.face, shape),
-        surface=_frozen(met.surface, shape),
-        ranges=_frozen(hits.ranges, shape),
-        incidence=_frozen(met.incidence, shape),
+        face=_frozen(sight.face, shape),
+        surface=_frozen(sight.surface, shape),
+        ranges=_frozen(sight.ranges, shape),
+        incidence=_frozen(sight.incidence, shape),
         n_rays=echo.n_rays.reshape(shape),
     )
 
