@@ -1,124 +1,157 @@
 # SPDX-License-Identifier: MIT
-"""Segmentation: a range image as regions on planes and cylinders, by seeded growing and refitting."""
+"""Segmentation: a range image as regions on planes and cylinders, from tiles down to the pixel."""
 
 from __future__ import annotations
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
-from completion.fitting.euclidean import fit_plane
-from completion.fitting.result import FitError
-from completion.growing import Region, SegmentationOptions, grow, grow_cylinder, is_curved, refit
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from skimage.measure import label as connected_parts
+
+from completion.competition import compete
+from completion.curvature import bending_cylinder, grow_cylinder
+from completion.growing import Cluster, find_seeds, grow_plane, next_seed, pack
 from completion.observation import Observation
+from completion.refitting import Beams, improve, refit
+from completion.regions import Region, SegmentationOptions
+from completion.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
 from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Cylinder, Plane, Surface
+
+
+_BULGE = 0.1  # pixel footprints that a tile on a cylinder of a few pixels' radius strays from its plane
 
 
 def segment(observation: Observation, options: SegmentationOptions) -> list[Region]:
-    """Cut a scan into regions on planes and cylinders, largest flat patch first.
+    """Cut a scan into regions on planes and cylinders.
 
-    A seed is the middle of the largest patch that is as flat as the noise allows. A plane grows from it
-    over connected pixels within tolerance and is refitted until it stands still; where the residuals say
-    that the patch is curved, a cylinder grows from the same place and the one that explains more pixels
-    stays. Pixels in reach of two surfaces go to the nearer one (after Besl & Jain 1988).
+    Planes grow over tiles, from the middle of the largest area that is flat; where a patch bends by more
+    than its noise, a cylinder grows from it instead. Then pixels compete: each goes to the surface near by that
+    it fits best. What is left over is cut into finer tiles for small faces. Connected parts are refitted on
+    all their pixels, errors along the rays, and compete once more.
     """
-    tolerance = tolerance_image(observation, options)
-    flat = np.isfinite(observation.roughness) & (observation.roughness <= np.maximum(tolerance * 0.8, 1e-9))
-    free = observation.valid.copy()
-    regions: list[Region] = []
-    tried = np.zeros_like(free)
-    while len(regions) < options.max_regions:
-        seed = _seed(flat & free & ~tried, observation.window, options.min_pixels)
-        if seed is None:
-            break
-        region = _region_from(seed, free, observation, tolerance, options)
-        if region is None:
-            tried |= seed
-            continue
-        regions.append(region)
-        free &= ~region.mask
-        tried |= seed
-    return _shared_out(regions, observation, tolerance, options)
+    side = tile_side(observation.scan.ranges, observation.sigma, observation.scan.projection.pixel_angle)
+    labels, models = np.zeros(observation.scan.shape, np.int32), np.zeros((0, 11))
+    tiles = _tiles(observation, observation.valid, options, side)
+    for size, thorough in ((side, False), (max(LEAST_TILE, side // 2), True)):
+        left = observation.valid & (labels == 0)
+        cut = tiles if not thorough else _tiles(observation, left, options, size)
+        clusters = find_clusters(cut, observation, options, thorough=thorough)
+        labels = _numbered(labels, clusters, cut, len(models))
+        models = np.concatenate([models, *(cluster.model[None] for cluster in clusters)])
+        labels = compete(labels, models, observation, tiles, options)
+    labels, surfaces = split_parts(labels, models, observation, options)
+    placed = improve(surfaces, [Beams.of(observation, labels)], options.flatness_m)
+    models = np.array(
+        [pack(new or old, observation.scan.origin) for new, old in zip(placed, surfaces, strict=True)]
+    ).reshape(-1, 11)
+    labels = compete(labels, models, observation, tiles, options)
+    labels, surfaces = split_parts(labels, models, observation, options)
+    fits = refit(surfaces, [observation], [labels], options.flatness_m)
+    return [Region(fit, labels == number) for number, fit in enumerate(fits, start=1) if fit is not None]
 
 
-def tolerance_image(observation: Observation, options: SegmentationOptions) -> FloatArray:
-    """How far from a surface each pixel may lie and still belong to it, metres."""
-    return np.asarray(options.n_sigma * np.hypot(observation.sigma, options.flatness_m), dtype=np.float64)
+def _tiles(observation: Observation, usable: BoolArray, options: SegmentationOptions, side: int) -> Tiles:
+    """Tiles of the usable pixels."""
+    ranges = np.where(usable, observation.scan.ranges, np.inf)
+    spacing = observation.scan.projection.pixel_angle
+    sigma = np.hypot(observation.sigma, _BULGE * spacing * observation.scan.ranges)
+    return cut_tiles(ranges, observation.rays, sigma, options.flatness_m, side, spacing)
 
 
-def _seed(candidates: BoolArray, window: int, min_pixels: int) -> BoolArray | None:
-    """Pixels of a square patch in the middle of the largest candidate area, None when nothing is left."""
-    padded = cv2.copyMakeBorder(candidates.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    depth = cv2.distanceTransform(padded, cv2.DIST_C, 3)[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    reach = int(depth[row, column]) - 1
-    if depth[row, column] < 1 or (2 * reach + 1) ** 2 < min(9, min_pixels):
-        return None
-    reach = min(reach, 2 * window)
-    patch = np.zeros_like(candidates)
-    patch[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1] = True
-    return patch & candidates
-
-
-def _region_from(
-    seed: BoolArray,
-    free: BoolArray,
-    observation: Observation,
-    tolerance: FloatArray,
-    options: SegmentationOptions,
-) -> Region | None:
-    try:
-        start = fit_plane(observation.points[seed], observation.scan.origin)
-    except FitError:
-        return None
-    plane = grow(start, seed, free, observation, tolerance, options)
-    cylinder = None
-    if plane is None or is_curved(plane, observation):
-        cylinder = grow_cylinder(seed if plane is None else plane.mask, free, observation, tolerance, options)
-    if plane is None or (cylinder is not None and cylinder.n_pixels > 1.1 * plane.n_pixels):
-        return cylinder
-    return plane
-
-
-def _shared_out(
-    regions: list[Region], observation: Observation, tolerance: FloatArray, options: SegmentationOptions
-) -> list[Region]:
-    """Give pixels on the seams to the surface they fit best, drop regions left too small, refit the rest."""
-    if not regions:
-        return []
-    labels = _nearest_surface(regions, observation, tolerance)
-    result = []
-    for index, region in enumerate(regions, start=1):
-        mask = _largest_part(labels == index)
-        if mask.sum() < options.min_pixels:
-            continue
-        try:
-            result.append(Region(refit(region.fit, mask, observation), mask))
-        except FitError:
-            continue
-    return result
-
-
-def _nearest_surface(
-    regions: list[Region], observation: Observation, tolerance: FloatArray
+def _numbered(
+    labels: NDArray[np.int32], clusters: Sequence[Cluster], tiles: Tiles, n_before: int
 ) -> NDArray[np.int32]:
-    """Number, from 1, of the region whose surface each pixel in or near it fits best; 0 for none."""
-    best = np.full(tolerance.shape, np.inf)
-    chosen = np.zeros(tolerance.shape, np.int32)
-    reach = np.ones((2 * (observation.window // 2) + 1,) * 2, np.uint8)
-    for index, region in enumerate(regions, start=1):
-        nearby = (cv2.dilate(region.mask.astype(np.uint8), reach) > 0) & observation.valid
-        distance = np.full(tolerance.shape, np.inf)
-        distance[nearby] = np.abs(region.fit.surface.distance(observation.points[nearby])) / tolerance[nearby]
-        better = (distance <= 1.0) & (distance < best)
-        best[better], chosen[better] = distance[better], index
-    return chosen
+    """The labels with the clusters' pixels numbered on from `n_before`, where there was none."""
+    numbers = np.zeros(tiles.shape, np.int32)
+    for number, cluster in enumerate(clusters, start=n_before + 1):
+        numbers[cluster.tiles] = number
+    return np.where(labels == 0, spread_over_pixels(tiles, numbers, labels.shape), labels)
 
 
-def _largest_part(mask: BoolArray) -> BoolArray:
-    n_parts, part = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-    if n_parts <= 2:
-        return mask
-    sizes = np.bincount(part.ravel())
-    sizes[0] = 0
-    return np.asarray(part == int(np.argmax(sizes)), dtype=np.bool_)
+def find_clusters(
+    tiles: Tiles, observation: Observation, options: SegmentationOptions, *, thorough: bool
+) -> list[Cluster]:
+    """Grow planes and cylinders over the tiles until no seed is left.
+
+    Seeds lie among tiles that form one plane with those around; when `thorough`, single tiles are seeds too.
+    """
+    seeds = find_seeds(tiles)
+    free, clusters = seeds.flat.copy(), []
+    cut, angle = options.n_sigma / 3, np.radians(options.max_angle_deg)
+    for candidates in (seeds.coherent, seeds.flat) if thorough else (seeds.coherent,):
+        untried = candidates.copy()
+        while len(clusters) < options.max_regions:
+            seed = next_seed(untried & free)
+            if seed is None:
+                break
+            cluster = grow_plane(seed, free, tiles, cut, angle)
+            untried[seed] = False
+            if cluster is None:
+                continue
+            start = bending_cylinder(cluster, free, tiles, observation, angle)
+            grown = (
+                None if start is None else grow_cylinder(start, cluster, free, tiles, observation, cut, angle)
+            )
+            if grown is not None:
+                cluster = grown[0]
+            untried &= ~cluster.tiles
+            if cluster.n_pixels >= options.min_pixels:
+                clusters.append(cluster)
+                free &= ~cluster.tiles
+    return clusters
+
+
+def split_parts(
+    labels: NDArray[np.int32], models: FloatArray, observation: Observation, options: SegmentationOptions
+) -> tuple[NDArray[np.int32], list[Surface]]:
+    """Number the connected parts that are large enough and nowhere only a seam; the surface of each."""
+    parts = connected_parts(labels, connectivity=1, background=0).astype(np.int32)
+    count, core, model, centre = _part_sums(parts, labels, observation.points, int(parts.max()) + 1)
+    kept = (count >= options.min_pixels) & (core > 0)
+    kept[0] = False
+    order = np.flatnonzero(kept)
+    order = order[np.argsort(-count[order], kind="stable")][: options.max_regions]
+    number = np.zeros(len(count), np.int32)
+    number[order] = np.arange(1, len(order) + 1)
+    surfaces = [
+        unpack(models[model[part] - 1], centre[part] / count[part], observation.scan.origin) for part in order
+    ]
+    return number[parts], surfaces
+
+
+def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface:
+    """The surface that a packed model stands for, its own point next to `centre`, facing the sensor."""
+    if model[0] == 0.0:
+        size = float(np.linalg.norm(model[1:4]))
+        normal = -model[1:4] / size
+        height = float((centre - origin) @ normal) + 1.0 / size
+        return Plane(centre - height * normal, normal)
+    point, direction = model[1:4] + origin, model[4:7]
+    point = point + float((centre - point) @ direction) * direction
+    return Cylinder(point, direction, float(model[7]), None, bool(model[8] < 0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _part_sums(parts, labels, points, n):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    count, core = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    model, centre = np.zeros(n, np.int64), np.zeros((n, 3))
+    rows, columns = parts.shape
+    for i in range(rows):
+        for j in range(columns):
+            part = parts[i, j]
+            if part == 0:
+                continue
+            count[part] += 1
+            model[part] = labels[i, j]
+            centre[part] += points[i, j]
+            if core[part] == 0 and 0 < i < rows - 1 and 0 < j < columns - 1:
+                whole = True
+                for k in range(i - 1, i + 2):
+                    if parts[k, j - 1] != part or parts[k, j] != part or parts[k, j + 1] != part:
+                        whole = False
+                        break
+                core[part] += whole
+    return count, core, model, centre

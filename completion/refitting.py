@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: MIT
+"""Refitting: surfaces from all their pixels at once, errors along the rays, each weighted by its variance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from completion.competition import signed_residual
+from completion.fitting.charts import axis_frame
+from completion.fitting.result import FitError, SurfaceFit
+from completion.growing import pack
+from completion.observation import Observation
+from scenes.checks import FloatArray
+from scenes.surfaces import Cylinder, Plane, Surface
+
+_LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
+_MAX_CONDITION = 1e12
+_BLOCK = 10  # pixels: neighbours within so many have residuals alike
+_LEAST_BLOCKS = 8
+_LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Normal equations of one surface: J'WJ, J'We, e'We, J'J, sum of squared distances, number of pixels."""
+
+    matrix: FloatArray
+    vector: FloatArray
+    cost: float
+    square: float
+    n: int
+
+    def step(self) -> FloatArray:
+        """The Gauss-Newton step; raises FitError where the pixels determine nothing."""
+        k = len(self.vector)
+        scale = np.sqrt(np.diag(self.matrix))
+        if self.n <= k or not (scale > 0).all():
+            raise FitError(f"{self.n} pixels determine no surface with {k} parameters")
+        scaled = self.matrix / np.outer(scale, scale)
+        condition = float(np.linalg.cond(scaled))
+        if not condition < _MAX_CONDITION:
+            raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
+        step: FloatArray = np.linalg.solve(scaled, self.vector / scale) / scale
+        return step
+
+    def covariance(self) -> FloatArray:
+        """Of the parameters, by the weighted residuals themselves."""
+        k = len(self.vector)
+        return np.asarray(self.cost / (self.n - k) * np.linalg.inv(self.matrix), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none.
+
+    Attributes
+    ----------
+    origin : (3,) float
+        Where they start, metres.
+    label : (n,) int32
+        Surface of each.
+    ranges, sigma : (n,) float
+        Measured range and its standard deviation, metres.
+    rays : (n, 3) float
+        Unit directions.
+    """
+
+    origin: FloatArray
+    label: NDArray[np.int32]
+    ranges: FloatArray
+    sigma: FloatArray
+    rays: FloatArray
+
+    @classmethod
+    def of(cls, observation: Observation, label: NDArray[np.int32]) -> Beams:
+        """All beams of a scan, from labels (rows, columns)."""
+        scan = observation.scan
+        return cls(
+            scan.origin,
+            label.ravel(),
+            scan.ranges.ravel(),
+            observation.sigma.ravel(),
+            observation.rays.reshape(-1, 3),
+        )
+
+
+def refit(
+    surfaces: Sequence[Surface],
+    observations: Sequence[Observation],
+    labels: Sequence[NDArray[np.int32]],
+    flatness_m: float,
+    n_rounds: int = 1,
+) -> list[SurfaceFit | None]:
+    """Fit planes and cylinders to their pixels by Gauss-Newton on the errors along the rays.
+
+    Orthogonal distances pull a cylinder's radius in, since the foot of a noisy point moves sideways; along
+    the known ray the place that was meant stays put. Pixels are weighted by the inverse variance of the
+    range and of the surface's own flatness, seen along the ray.
+
+    Parameters
+    ----------
+    surfaces : sequence of Plane or Cylinder
+        Where to begin, working frame.
+    observations, labels
+        The scans, and for each the surface of each pixel, from 1; 0 for none.
+    flatness_m : float
+        How far surfaces stray from their ideal form, metres.
+    n_rounds : int
+        Steps before the one whose covariance is returned.
+
+    Returns
+    -------
+    list of SurfaceFit or None
+        Covariances inflated by how much the residuals' means over blocks of pixels exceed independent ones;
+        None where the pixels determine no such surface.
+    """
+    beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
+    return refit_beams(surfaces, beams, flatness_m, n_rounds)
+
+
+def refit_beams(
+    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int = 1
+) -> list[SurfaceFit | None]:
+    """Fit to any sets of beams as `refit` does to the pixels of scans."""
+    placed = improve(surfaces, beams, flatness_m, n_rounds)
+    sums = _accumulate(placed, beams, flatness_m)
+    return [
+        None if surface is None or found.n <= len(found.vector) else _fit(surface, found)
+        for surface, found in zip(placed, sums, strict=True)
+    ]
+
+
+def improve(
+    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int = 1
+) -> list[Surface | None]:
+    """The surfaces after some Gauss-Newton steps, None where a step loses one."""
+    placed: list[Surface | None] = list(surfaces)
+    for _ in range(n_rounds):
+        sums = _accumulate(placed, beams, flatness_m)
+        placed = [_moved(surface, found) for surface, found in zip(placed, sums, strict=True)]
+    return placed
+
+
+def _fit(surface: Surface, sums: _Sums) -> SurfaceFit:
+    k = len(sums.vector)
+    rms = float(np.sqrt(sums.square / (sums.n - k)))
+    return SurfaceFit(surface, rms, sums.covariance(), sums.n)
+
+
+def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
+    """The surface after a step, None where it is lost."""
+    if surface is None:
+        return None
+    try:
+        step = sums.step()
+    except FitError:
+        return None
+    if isinstance(surface, Plane):
+        offset, by_u, by_v = step
+        normal = surface.normal_direction - by_u * surface.u_direction - by_v * surface.v_direction
+        return Plane(surface.point + offset * surface.normal_direction, normal, surface.u_direction)
+    if not isinstance(surface, Cylinder):
+        raise TypeError(f"cannot refit a {type(surface).__name__}")
+    radius = surface.radius + step[4]
+    if not 0 < radius < _LARGEST * surface.radius:
+        return None
+    x, y, z = axis_frame(surface.direction)
+    point = surface.point + step[0] * x + step[1] * y
+    return Cylinder(point, z + step[2] * x + step[3] * y, radius, None, surface.concave)
+
+
+def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float) -> list[_Sums]:
+    """Normal equations of every surface, in one pass over each set of beams."""
+    n = len(surfaces)
+    matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
+    for beam in beams:
+        charts = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
+        _add_rays(
+            beam.label,
+            charts,
+            beam.ranges,
+            beam.rays,
+            beam.sigma,
+            flatness_m,
+            _LEAST_SLOPE,
+            matrix,
+            vector,
+            sums,
+        )
+    matrix += np.tril(matrix, -1).transpose(0, 2, 1)
+    size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
+    return [
+        _Sums(matrix[i, :k, :k], vector[i, :k], float(sums[i, 0]), float(sums[i, 1]), int(sums[i, 2]))
+        for i, k in enumerate(size)
+    ]
+
+
+def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
+    """Kind (0 plane, 1 cylinder, -1 none), origin relative to the sensor, frame by rows, radius with its sign."""
+    if isinstance(surface, Plane):
+        frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
+        return np.concatenate([[0.0], surface.point - origin, frame.ravel(), [0.0]])
+    if isinstance(surface, Cylinder):
+        frame = axis_frame(surface.direction)
+        signed = -surface.radius if surface.concave else surface.radius
+        return np.concatenate([[1.0], surface.point - origin, frame.ravel(), [signed]])
+    return np.full(14, -1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_rays(labels, charts, ranges, rays, sigma, flat, least, matrix, vector, sums):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    row = np.zeros(5)
+    for i in range(labels.size):
+        label = labels[i] - 1
+        if label < 0:
+            continue
+        c = charts[label]
+        if c[0] < 0.0:
+            continue
+        d = rays[i]
+        dx = c[4] * d[0] + c[5] * d[1] + c[6] * d[2]
+        dy = c[7] * d[0] + c[8] * d[1] + c[9] * d[2]
+        dz = c[10] * d[0] + c[11] * d[1] + c[12] * d[2]
+        ox = -(c[4] * c[1] + c[5] * c[2] + c[6] * c[3])
+        oy = -(c[7] * c[1] + c[8] * c[2] + c[9] * c[3])
+        oz = -(c[10] * c[1] + c[11] * c[2] + c[12] * c[3])
+        if c[0] == 0.0:
+            if abs(dz) < 1e-6:
+                continue
+            reach = -oz / dz
+            slope = dz
+            row[0], row[1], row[2] = 1.0, ox + reach * dx, oy + reach * dy
+            k = 3
+        else:
+            radius = abs(c[13])
+            across = dx * dx + dy * dy
+            middle = -(ox * dx + oy * dy) / max(across, 1e-18)
+            fx, fy = ox + middle * dx, oy + middle * dy
+            depth = radius * radius - fx * fx - fy * fy
+            if depth <= 0.0 or across < 1e-12:
+                continue
+            half = np.sqrt(depth / across)
+            reach = middle - half if c[13] > 0 else middle + half
+            x, y, z = ox + reach * dx, oy + reach * dy, oz + reach * dz
+            ux, uy = x / radius, y / radius
+            slope = ux * dx + uy * dy
+            if abs(slope) < least:
+                continue
+            row[0], row[1], row[2], row[3], row[4] = ux, uy, z * ux, z * uy, 1.0
+            k = 5
+        error = ranges[i] - reach
+        weight = 1.0 / (sigma[i] * sigma[i] * slope * slope + flat * flat + 1e-30)
+        gap = error * slope
+        sums[label, 0] += weight * gap * gap
+        sums[label, 1] += gap * gap
+        sums[label, 2] += 1.0
+        for a in range(k):
+            vector[label, a] += weight * row[a] * gap
+            for b in range(a + 1):
+                matrix[label, a, b] += weight * row[a] * row[b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _block_means(labels, models, ranges, rays, sigma, flat, side, sums):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Add up, by label: n * mean^2 of each block's residuals, blocks; squares, pixels."""
+    rows, columns = labels.shape
+    n = models.shape[0]
+    total, count = np.zeros(n), np.zeros(n, np.int64)
+    present = np.empty(side * side, np.int64)
+    normal = np.zeros(3)
+    for top in range(0, rows, side):
+        for left in range(0, columns, side):
+            n_present = 0
+            for i in range(top, min(top + side, rows)):
+                for j in range(left, min(left + side, columns)):
+                    label = labels[i, j] - 1
+                    if label < 0:
+                        continue
+                    d = rays[i, j]
+                    residual = signed_residual(
+                        models[label], d[0], d[1], d[2], ranges[i, j], sigma[i, j], flat, normal
+                    )
+                    if not np.isfinite(residual):
+                        continue
+                    if count[label] == 0:
+                        present[n_present] = label
+                        n_present += 1
+                    count[label] += 1
+                    total[label] += residual
+                    sums[label, 2] += residual * residual
+                    sums[label, 3] += 1.0
+            for index in range(n_present):
+                label = present[index]
+                if 2 * count[label] >= side * side:
+                    sums[label, 0] += total[label] * total[label] / count[label]
+                    sums[label, 1] += 1.0
+                total[label], count[label] = 0.0, 0
