@@ -38,7 +38,7 @@ def compete(
     models : (m, 11) float
         Surface of each label, as `pack_plane` and `pack_cylinder` write them.
     observation, tiles
-        The scan; a label does not spread into a flat tile whose normal is off by more than
+        The scan; no label spreads to unlabelled pixels of a flat tile whose normal is off by more than
         the option `max_angle_deg`.
     options : SegmentationOptions
         `n_sigma` is the largest residual in standard deviations.
@@ -158,7 +158,7 @@ def _best_label(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
         if not residual * residual <= limit:
             continue
         cost = residual * residual + _SEAM * others
-        if label != own and misfit <= _FLAT:
+        if own == 0 and misfit <= _FLAT:
             size = np.sqrt(own_plane[0] ** 2 + own_plane[1] ** 2 + own_plane[2] ** 2)
             cosine = own_plane[0] * normal[0] + own_plane[1] * normal[1] + own_plane[2] * normal[2]
             if np.arccos(min(1.0, max(-1.0, cosine / size))) > max_angle:

@@ -7,10 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.growing import Cluster, deviations, flood, pack, with_smooth_ring
+from completion.growing import Cluster, deviations, flood, pack, tile_cut, with_smooth_ring
 from completion.observation import Observation
 from completion.refitting import Beams, improve
-from completion.regions import observed_arc
+from completion.regions import SegmentationOptions, observed_arc
 from completion.tiles import Tiles
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder
@@ -72,10 +72,10 @@ def grow_cylinder(
     free: BoolArray,
     tiles: Tiles,
     observation: Observation,
-    cut: float,
-    max_angle: float,
-) -> tuple[Cluster, Cylinder] | None:
+    options: SegmentationOptions,
+) -> Cluster | None:
     """Grow a cylinder from a patch and refit it in turn; None where it fits no better than the plane."""
+    cut, max_angle = tile_cut(options), np.radians(options.max_angle_deg)
     where = np.argwhere(cluster.tiles)
     seed = where[np.argmin(np.square(where - where.mean(axis=0)).sum(axis=1))]
     middle = (int(seed[0]), int(seed[1]))
@@ -95,17 +95,27 @@ def grow_cylinder(
         size = now
     model = pack(cylinder, origin)
     found = Cluster(members, model, int(tiles.count[members].sum()))
-    stray = tiles.flatness_m + float(
-        observation.noise.bias(np.linalg.norm(tiles.centre[members], axis=1)).mean()
+    return (
+        found
+        if _is_round(cylinder, members, tiles, observation, options)
+        and _explains_better(found, cluster, tiles)
+        else None
     )
-    bent = sagitta(cylinder, origin + tiles.centre[members]) > _SAGITTA * stray
-    return (found, cylinder) if bent and _explains_better(found, cluster, tiles) else None
 
 
-def sagitta(cylinder: Cylinder, points: FloatArray) -> float:
-    """How far the arc that `points` cover rises above its chord, metres."""
-    half = observed_arc(cylinder, points) / 2
-    return cylinder.radius * float(1 - np.cos(min(half, np.pi)))
+def _is_round(
+    cylinder: Cylinder,
+    members: BoolArray,
+    tiles: Tiles,
+    observation: Observation,
+    options: SegmentationOptions,
+) -> bool:
+    """Whether the arc is long enough, and rises above its chord by more than a flat wall may stray."""
+    arc = observed_arc(cylinder, observation.scan.origin + tiles.centre[members])
+    sagitta = cylinder.radius * (1 - np.cos(min(arc / 2, np.pi)))
+    reach = np.linalg.norm(tiles.centre[members], axis=1)
+    stray = np.hypot(tiles.flatness_m, observation.noise.bias(reach).mean())
+    return bool(arc >= np.radians(options.min_arc_deg) and sagitta > _SAGITTA * stray)
 
 
 def _explains_better(found: Cluster, plane: Cluster, tiles: Tiles) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from completion.regions import SegmentationOptions
 from completion.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
@@ -79,6 +80,11 @@ def find_seeds(tiles: Tiles) -> Seeds:
     """Tell which tiles lie inside one surface, alone and with their neighbours."""
     flat: BoolArray = tiles.misfit <= _MAX_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
     return Seeds(flat, _coherent(flat, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit))
+
+
+def tile_cut(options: SegmentationOptions) -> float:
+    """How far a tile may deviate from a surface, root mean square, in standard deviations of a pixel."""
+    return options.n_sigma / 3
 
 
 def next_seed(candidates: BoolArray) -> tuple[int, int] | None:

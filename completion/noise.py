@@ -35,14 +35,15 @@ class RangeNoise:
     def bias(self, ranges: FloatArray) -> FloatArray:
         """What neighbouring ranges to a flat wall may stray by together, metres.
 
-        Triangulating cameras bend flat walls by about as much as their noise, since both come from errors
-        of the disparity.
+        Triangulating cameras bend flat walls by as much as their noise or twice as much, since both come
+        from errors of the disparity: on walls before five such cameras, means over blocks of 10 x 10 pixels
+        scatter by 1.1 to 2 standard deviations of the noise.
         """
-        return np.asarray(self.quadratic_per_m * np.square(ranges), dtype=np.float64)
+        return np.asarray(2.0 * self.quadratic_per_m * np.square(ranges), dtype=np.float64)
 
     def deviation(self, ranges: FloatArray) -> FloatArray:
-        """What single ranges to a flat wall may stray by, metres: the noise and the bias."""
-        return self.sigma(ranges) + self.bias(ranges)
+        """What single ranges to a flat wall may stray by, metres: the noise, and its typical bias."""
+        return self.sigma(ranges) + self.bias(ranges) / 2
 
 
 def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:

@@ -26,6 +26,8 @@ class SegmentationOptions:
         Largest angle between a tile's normal and the surface's, beside the normal's error.
     min_pixels : int
         Smaller regions are left unsegmented.
+    min_arc_deg : float
+        A cylinder seen over less of an arc is kept as the plane that it hardly differs from.
     max_regions : int
         Stop after so many regions.
     """
@@ -34,6 +36,7 @@ class SegmentationOptions:
     flatness_m: float = 0.001
     max_angle_deg: float = 25.0
     min_pixels: int = 80
+    min_arc_deg: float = 20.0
     max_regions: int = 150
 
     def __post_init__(self) -> None:
@@ -43,6 +46,7 @@ class SegmentationOptions:
             flatness_m=(0.0, np.inf),
             max_angle_deg=(0.0, 90.0),
             min_pixels=(3, np.inf),
+            min_arc_deg=(0.0, 360.0),
             max_regions=(0, np.inf),
         )
 

@@ -10,9 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 from skimage.measure import label as connected_parts
 
+from completion.absorbing import absorb
 from completion.competition import compete
 from completion.curvature import bending_cylinder, grow_cylinder
-from completion.growing import Cluster, find_seeds, grow_plane, next_seed, pack
+from completion.growing import Cluster, find_seeds, grow_plane, next_seed, pack, tile_cut
 from completion.observation import Observation
 from completion.refitting import Beams, improve, refit
 from completion.regions import Region, SegmentationOptions
@@ -44,9 +45,9 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
         labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
     placed = improve(surfaces, [Beams.of(observation, labels)], options.flatness_m)
-    models = np.array(
-        [pack(new or old, observation.scan.origin) for new, old in zip(placed, surfaces, strict=True)]
-    ).reshape(-1, 11)
+    surfaces = [new or old for new, old in zip(placed, surfaces, strict=True)]
+    models = np.array([pack(surface, observation.scan.origin) for surface in surfaces]).reshape(-1, 11)
+    labels = absorb(labels, models, surfaces, observation, options)
     labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
     fits = refit(surfaces, [observation], [labels], options.flatness_m)
@@ -80,7 +81,7 @@ def find_clusters(
     """
     seeds = find_seeds(tiles)
     free, clusters = seeds.flat.copy(), []
-    cut, angle = options.n_sigma / 3, np.radians(options.max_angle_deg)
+    cut, angle = tile_cut(options), np.radians(options.max_angle_deg)
     for candidates in (seeds.coherent, seeds.flat) if thorough else (seeds.coherent,):
         untried = candidates.copy()
         while len(clusters) < options.max_regions:
@@ -93,10 +94,9 @@ def find_clusters(
                 continue
             start = bending_cylinder(cluster, free, tiles, observation, angle)
             grown = (
-                None if start is None else grow_cylinder(start, cluster, free, tiles, observation, cut, angle)
+                None if start is None else grow_cylinder(start, cluster, free, tiles, observation, options)
             )
-            if grown is not None:
-                cluster = grown[0]
+            cluster = grown or cluster
             untried &= ~cluster.tiles
             if cluster.n_pixels >= options.min_pixels:
                 clusters.append(cluster)

@@ -87,7 +87,7 @@ def cut_tiles(
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
     reach = np.linalg.norm(centre, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        normal_sd = scale * np.sqrt(12.0 / count) / (reach * spacing * side)
+        normal_sd = scale / (reach * spacing * side)  # as if the noise were one step across the tile
     normal_sd = np.nan_to_num(normal_sd, nan=np.inf)
     return Tiles(side, count, matrix, vector, plane, misfit, centre, normal_sd, flatness_m, ranges)
 
