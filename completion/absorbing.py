@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.competition import signed_residual
+from completion.competition import gap_to
 from completion.observation import Observation
 from completion.regions import SegmentationOptions
 from scenes.checks import FloatArray
@@ -37,7 +37,7 @@ def absorb(
     ----------
     labels : (rows, columns) int32
         Regions from 1, largest first.
-    models : (m, 11) float
+    models : (m, 9) float
         Their surfaces as compiled loops read them.
     surfaces : sequence of Surface
         The same.
@@ -49,11 +49,11 @@ def absorb(
     host = np.array([int(np.argmax(contact[i, :i])) if i else -1 for i in range(n)], np.int64)
     enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
     sums = _distances(
-        labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays, observation.sigma,
-        options.flatness_m, options.n_sigma,
+        labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays,
+        observation.sigma, options.flatness_m, options.n_sigma,
     )  # fmt: skip
     goes_to = np.arange(n + 1)
-    for i in np.flatnonzero(enclosed):
+    for i in np.flatnonzero(enclosed).tolist():
         count, within, mean, reach = sums[i, 0], sums[i, 1], sums[i, 2:5], sums[i, 5]
         if within < _WITHIN * count:
             continue
@@ -100,13 +100,12 @@ def _distances(labels, models, host, ranges, rays, sigma, flat, n_sigma):  # typ
             if own < 0 or host[own] < 0:
                 continue
             d, r, s = rays[i, j], ranges[i, j], sigma[i, j]
-            residual = signed_residual(models[host[own]], d[0], d[1], d[2], r, s, flat, normal)
+            gap, cosine = gap_to(models[host[own]], d[0], d[1], d[2], r, normal)
+            variance = s * s * cosine * cosine + flat * flat
             sums[own, 0] += 1.0
-            sums[own, 1] += abs(residual) <= n_sigma
+            sums[own, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
             for k in range(3):
                 sums[own, 2 + k] += r * d[k]
             sums[own, 5] += r
-            if np.isfinite(residual):
-                cosine = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
-                sums[own, 6] += residual * np.sqrt(s * s * cosine * cosine + flat * flat)
+            sums[own, 6] += gap
     return sums

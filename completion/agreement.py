@@ -15,6 +15,7 @@ from scenes.surfaces import Cylinder
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
 _CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed
 _STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
+_LEAST_COSINE = 0.5  # of the normals of two parts of one surface
 _FEW = 24  # points of a part that differences are read at
 
 
@@ -72,7 +73,7 @@ class Agreement:
     Attributes
     ----------
     chi2 : float
-        Of the difference of their parameters, in units of its 99.9 % quantile: they differ where it is above 1.
+        Of the difference of their parameters, in units of its 99.9 % quantile: they differ above 1.
     log_evidence : float
         Logarithm of how many times likelier the difference is if they are one surface than if they are not.
     """
@@ -88,7 +89,9 @@ def find_candidates(parts: Sequence[Part]) -> BoolArray:
     variance = np.array([one.variance_at(middles) for one in parts])
     reach = _CANDIDATE**2 * (variance + np.diag(variance)[None, :])
     kind = np.array([one.fit.surface.kind for one in parts])
-    near = np.square(height) <= reach
+    normal = np.array([one.fit.surface.normal(one.middle()[None])[0] for one in parts]).reshape(-1, 3)
+    turned = (kind[:, None] == "plane") & (normal @ normal.T < _LEAST_COSINE)
+    near = (np.square(height) <= reach) & ~turned
     return np.asarray(near & near.T & (kind[:, None] == kind[None, :]), dtype=np.bool_)
 
 
@@ -103,7 +106,7 @@ def compare(one: Part, other: Part) -> Agreement:
     points = np.concatenate([_few(one.points), _few(other.points)])
     feet = points - there.distance(points)[:, None] * there.normal(points)
     facing = np.einsum("ij,ij->i", here.normal(feet), there.normal(feet))
-    if float(np.median(facing)) < 0.5:
+    if float(np.median(facing)) < _LEAST_COSINE:
         return Agreement(np.inf, -np.inf)
     basis = np.linalg.pinv(one.fit.gradient(feet))
     difference = basis @ here.distance(feet)
@@ -120,7 +123,7 @@ def compare(one: Part, other: Part) -> Agreement:
 
 
 def lies_on(small: Part, large: Part) -> bool:
-    """Whether a part that may have no shape of its own lies on a surface of another kind, facing the same way."""
+    """Whether a part that may have no shape of its own lies on a surface of another kind, facing alike."""
     surface = large.fit.surface
     allowed = np.square(small.scale) + large.variance_at(small.points)
     square = float(np.mean(np.square(surface.distance(small.points)) / allowed))

@@ -35,7 +35,7 @@ def compete(
     ----------
     labels : (rows, columns) int32
         First labels, from 1; 0 for none.
-    models : (m, 11) float
+    models : (m, 9) float
         Surface of each label, as `pack_plane` and `pack_cylinder` write them.
     observation, tiles
         The scan; no label spreads to unlabelled pixels of a flat tile whose normal is off by more than
@@ -53,34 +53,33 @@ def compete(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def signed_residual(model, x, y, z, r, s, flat, normal):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Distance of the point r (x, y, z) in its standard deviations; inf where the surface faces away."""
+def gap_to(model, x, y, z, r, normal):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Distance of the point r (x, y, z) from a packed surface, and the cosine of its ray with the normal.
+
+    The unit normal away from the sensor is written to `normal`; where the surface faces away, the cosine is
+    not positive.
+    """
     if model[0] == 0.0:
-        size = np.sqrt(model[1] * model[1] + model[2] * model[2] + model[3] * model[3])
-        cosine = (model[1] * x + model[2] * y + model[3] * z) / size
-        gap = r * cosine - 1.0 / size
-        normal[0], normal[1], normal[2] = model[1] / size, model[2] / size, model[3] / size
-    else:
-        ox, oy, oz = r * x - model[1], r * y - model[2], r * z - model[3]
-        along = ox * model[4] + oy * model[5] + oz * model[6]
-        ox -= along * model[4]
-        oy -= along * model[5]
-        oz -= along * model[6]
-        length = max(np.sqrt(ox * ox + oy * oy + oz * oz), 1e-12)
-        side = -model[8] / length
-        normal[0], normal[1], normal[2] = ox * side, oy * side, oz * side
-        cosine = normal[0] * x + normal[1] * y + normal[2] * z
-        gap = length - model[7]
-    if cosine <= 0.0:
-        return np.inf
-    return gap / np.sqrt(s * s * cosine * cosine + flat * flat + 1e-30)
+        normal[0], normal[1], normal[2] = model[1], model[2], model[3]
+        cosine = model[1] * x + model[2] * y + model[3] * z
+        return r * cosine - model[7], cosine
+    ox, oy, oz = r * x - model[1], r * y - model[2], r * z - model[3]
+    along = ox * model[4] + oy * model[5] + oz * model[6]
+    ox -= along * model[4]
+    oy -= along * model[5]
+    oz -= along * model[6]
+    length = max(np.sqrt(ox * ox + oy * oy + oz * oz), 1e-12)
+    side = -model[8] / length
+    normal[0], normal[1], normal[2] = ox * side, oy * side, oz * side
+    return length - model[7], normal[0] * x + normal[1] * y + normal[2] * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _settle(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    labels, models, ranges, rays, sigma, flat, plane, misfit, normal_sd, side, n_sigma, max_angle, most_visits
-):
-    """Drop labels that do not fit, then visit pixels on seams, first come first served, until none changes."""
+    labels, models, ranges, rays, sigma, flat, plane, misfit, normal_sd, side, n_sigma, max_angle,
+    most_visits,
+):  # fmt: skip
+    """Drop labels that do not fit, then visit pixels on seams, first come first served, until all rest."""
     rows, columns = labels.shape
     normal = np.zeros(3)
     limit = n_sigma * n_sigma
@@ -89,7 +88,9 @@ def _settle(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
             if labels[i, j] == 0:
                 continue
             model, d, r = models[labels[i, j] - 1], rays[i, j], ranges[i, j]
-            if not abs(signed_residual(model, d[0], d[1], d[2], r, sigma[i, j], flat, normal)) <= n_sigma:
+            gap, cosine = gap_to(model, d[0], d[1], d[2], r, normal)
+            variance = sigma[i, j] * sigma[i, j] * cosine * cosine + flat * flat + 1e-30
+            if not (cosine > 0.0 and gap * gap <= limit * variance):
                 labels[i, j] = 0
     queue = np.empty(rows * columns, np.int32)
     waiting = np.zeros((rows, columns), np.bool_)
@@ -154,10 +155,11 @@ def _best_label(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
             others += near[other] != label
         if known:
             continue
-        residual = signed_residual(models[label - 1], ray[0], ray[1], ray[2], r, s, flat, normal)
-        if not residual * residual <= limit:
+        gap, cosine = gap_to(models[label - 1], ray[0], ray[1], ray[2], r, normal)
+        square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
+        if not (cosine > 0.0 and square <= limit):
             continue
-        cost = residual * residual + _SEAM * others
+        cost = square + _SEAM * others
         if own == 0 and misfit <= _FLAT:
             size = np.sqrt(own_plane[0] ** 2 + own_plane[1] ** 2 + own_plane[2] ** 2)
             cosine = own_plane[0] * normal[0] + own_plane[1] * normal[1] + own_plane[2] * normal[2]

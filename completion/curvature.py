@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from completion.growing import Cluster, deviations, flood, pack, tile_cut, with_smooth_ring
 from completion.observation import Observation
@@ -29,17 +28,17 @@ def bending_cylinder(
 ) -> Cylinder | None:
     """The cylinder that osculates a patch, None where its curvature is not significant.
 
-    Narrow patches take the tiles around along that go on smoothly. Heights above the plane are fitted by a quadratic form; the standard deviation of its greatest
-    curvature comes from the residuals, inflated where the tiles' means exceed independent ones.
+    Narrow patches take the tiles around along that go on smoothly. Heights above the plane are fitted by a
+    quadratic form; the standard deviation of its greatest curvature comes from the residuals, inflated where
+    the tiles' means exceed independent ones.
     """
     members = with_smooth_ring(cluster.tiles, free, tiles, max_angle)
     if np.count_nonzero(members) < _RING * np.count_nonzero(cluster.tiles):
         members = cluster.tiles
-    w = cluster.model[1:4]
-    normal = -w / np.linalg.norm(w)
+    normal = -cluster.model[1:4]
     where = np.argwhere(members)
     centre = tiles.centre[members].mean(axis=0)
-    centre = centre + (1.0 - centre @ w) / (w @ w) * w
+    centre = centre - (centre @ normal + cluster.model[7]) * normal
     frame = _plane_frame(normal)
     reach = float(np.sqrt(np.mean(np.square((tiles.centre[members] - centre) @ frame[:2].T)))) + 1e-12
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_BEND)))
@@ -82,7 +81,7 @@ def grow_cylinder(
     origin, cylinder, size = observation.scan.origin, start, 0
     members = cluster.tiles | flood(pack(start, origin), middle, free, tiles, cut, max_angle)
     for _ in range(_N_ROUNDS):
-        (better,) = improve([cylinder], [_sample(members, tiles, observation)], tiles.flatness_m, n_rounds=3)
+        (better,) = improve([cylinder], [_sample(members, tiles, observation)], tiles.flatness_m, n_rounds=2)
         if not isinstance(better, Cylinder):
             return None
         cylinder = better
@@ -95,12 +94,8 @@ def grow_cylinder(
         size = now
     model = pack(cylinder, origin)
     found = Cluster(members, model, int(tiles.count[members].sum()))
-    return (
-        found
-        if _is_round(cylinder, members, tiles, observation, options)
-        and _explains_better(found, cluster, tiles)
-        else None
-    )
+    is_round = _is_round(cylinder, members, tiles, observation, options)
+    return found if is_round and _explains_better(found, cluster, tiles) else None
 
 
 def _is_round(
@@ -203,8 +198,10 @@ def _quadratic_sums(where, side, step, ranges, rays, sigma, flat, centre, frame)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _residual_variance(where, side, step, ranges, rays, sigma, flat, centre, frame, solution):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Mean square of the weighted residuals, or that of the tiles' means in their own deviations if greater."""
+def _residual_variance(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    where, side, step, ranges, rays, sigma, flat, centre, frame, solution
+):
+    """Mean square of the weighted residuals, or of the tiles' means in their own deviations if greater."""
     row = np.zeros(6)
     total, n, square, n_pixels = 0.0, 0, 0.0, 0
     for index in range(len(where)):

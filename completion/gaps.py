@@ -54,9 +54,9 @@ def gap_is_hidden(
         measured = observation.scan.ranges.ravel()[pixel]
         beyond = measured - np.linalg.norm(points - observation.scan.origin, axis=1)
         crossed |= (pixel >= 0) & np.isfinite(measured) & (beyond > 0) & (said == Label.NO_RETURN)
-    crossed, seen = crossed.reshape(n_bridges, -1), seen.reshape(n_bridges, -1)
-    closed = ~crossed.any(axis=1) & (seen.mean(axis=1) > 0.5)
-    return int(closed.sum()) >= min(_STRIP, n_bridges) and float(crossed.mean()) < 0.1
+    open_, known = crossed.reshape(n_bridges, -1), seen.reshape(n_bridges, -1)
+    closed = ~open_.any(axis=1) & (known.mean(axis=1) > 0.5)
+    return int(closed.sum()) >= min(_STRIP, n_bridges) and float(open_.mean()) < 0.1
 
 
 def _bridges(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, int]:

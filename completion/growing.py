@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from completion.regions import SegmentationOptions
 from completion.tiles import Tiles, solve_plane
@@ -29,7 +28,7 @@ class Cluster:
     ----------
     tiles : (rows, columns) bool
         Which.
-    model : (11,) float
+    model : (9,) float
         The surface as `pack` writes it, relative to the sensor.
     n_pixels : int
         Measured pixels in them.
@@ -57,23 +56,27 @@ class Seeds:
 
 
 def pack_plane(w: FloatArray) -> FloatArray:
-    """A plane w . x = 1 as the numbers that the compiled loops read: kind 0 and w."""
-    model = np.zeros(11)
-    model[1:4] = w
+    """A plane w . x = 1 as the numbers that the compiled loops read.
+
+    Kind 0, unit normal away from the sensor, three unused, distance from the sensor.
+    """
+    size = np.sqrt(w @ w)
+    model = np.zeros(9)
+    model[1:4], model[7] = w / size, 1.0 / size
     return model
 
 
 def pack(surface: Surface, origin: FloatArray) -> FloatArray:
     """A plane or cylinder as the compiled loops read it, relative to the sensor at `origin`.
 
-    A cylinder is kind 1, axis point, axis, radius, and -1 where it is concave.
+    A cylinder is kind 1, axis point, axis, radius, and -1 where it is concave; see `pack_plane`.
     """
     if isinstance(surface, Plane):
         return pack_plane(surface.normal_direction / ((surface.point - origin) @ surface.normal_direction))
     if not isinstance(surface, Cylinder):
         raise TypeError(f"cannot pack a {type(surface).__name__}")
     sign = -1.0 if surface.concave else 1.0
-    return np.concatenate([[1.0], surface.point - origin, surface.direction, [surface.radius, sign, 0, 0]])
+    return np.concatenate([[1.0], surface.point - origin, surface.direction, [surface.radius, sign]])
 
 
 def find_seeds(tiles: Tiles) -> Seeds:
@@ -124,11 +127,7 @@ def grow_plane(
         w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
     size = 0
     for _ in range(_N_ROUNDS):
-        members = flood(pack_plane(w), seed, free, tiles, cut, max_angle)
-        now = int(np.count_nonzero(members))
-        inside = members.ravel()
-        matrix = inside @ tiles.matrix.reshape(-1, 6)
-        vector = inside @ tiles.vector.reshape(-1, 3)
+        members, matrix, vector, now = _grown(pack_plane(w), seed, free, tiles, cut, max_angle)
         if now == 0 or not solve_plane(matrix, vector, w):
             return None
         if abs(now - size) <= 0.002 * now:
@@ -141,11 +140,20 @@ def flood(
     model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
 ) -> BoolArray:
     """Free tiles connected with `seed` that lie on the model."""
-    members: BoolArray = _flood(
-        model, seed, free, tiles.count, tiles.matrix, tiles.plane, tiles.misfit, tiles.centre, tiles.normal_sd,
-        cut, max_angle,
+    return _grown(model, seed, free, tiles, cut, max_angle)[0]
+
+
+def _grown(
+    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
+) -> tuple[BoolArray, FloatArray, FloatArray, int]:
+    """The tiles of `flood`, the sums of their moments, and how many there are."""
+    members = np.zeros(free.shape, np.bool_)
+    matrix, vector = np.zeros(6), np.zeros(3)
+    count = _flood(
+        model, seed, free, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit, tiles.centre,
+        tiles.normal_sd, cut, max_angle, members, matrix, vector,
     )  # fmt: skip
-    return members
+    return members, matrix, vector, int(count)
 
 
 def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: Tiles, max_angle: float) -> BoolArray:
@@ -175,7 +183,7 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
 def tangent_plane(model, c, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Write the tangent plane w . x = 1 of the model nearest to c; False where it faces away."""
     if model[0] == 0.0:
-        w[0], w[1], w[2] = model[1], model[2], model[3]
+        w[0], w[1], w[2] = model[1] / model[7], model[2] / model[7], model[3] / model[7]
         return True
     ox, oy, oz = c[0] - model[1], c[1] - model[2], c[2] - model[3]
     along = ox * model[4] + oy * model[5] + oz * model[6]
@@ -201,14 +209,14 @@ def _quadratic(a, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _flood(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    model, seed, free, count, matrix, plane, misfit, centre, normal_sd, cut, max_angle
-):
+    model, seed, free, count, matrix, vector, plane, misfit, centre, normal_sd, cut, max_angle,
+    members, total_matrix, total_vector,
+):  # fmt: skip
     rows, columns = free.shape
-    members = np.zeros((rows, columns), np.bool_)
     seen = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int64)
     w = np.zeros(3)
-    top = 0
+    top, n = 0, 0
     for i in range(max(seed[0] - 1, 0), min(seed[0] + 2, rows)):
         for j in range(max(seed[1] - 1, 0), min(seed[1] + 2, columns)):
             if free[i, j]:
@@ -230,13 +238,18 @@ def _flood(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
         if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
             continue
         members[i, j] = True
+        n += 1
+        for t in range(6):
+            total_matrix[t] += matrix[i, j, t]
+        for t in range(3):
+            total_vector[t] += vector[i, j, t]
         for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             k, l = i + di, j + dj  # noqa: E741
             if 0 <= k < rows and 0 <= l < columns and free[k, l] and not seen[k, l]:
                 seen[k, l] = True
                 stack[top, 0], stack[top, 1] = k, l
                 top += 1
-    return members
+    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -59,6 +59,7 @@ class _Piece:
     scan: int
     region: Region
     part: Part
+    n_pixels: int
 
 
 def merge(
@@ -103,13 +104,14 @@ def merge(
 
 def _piece(scan: int, region: Region, observation: Observation, options: EvidenceOptions) -> _Piece:
     pixel = np.flatnonzero(region.mask)
+    n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, len(pixel) - 1, min(_N_SAMPLE, len(pixel))).astype(np.int64)]
     points = observation.points.reshape(-1, 3)[pixel]
     reach = float(np.median(observation.scan.ranges.ravel()[pixel]))
     stray = float(np.hypot(options.flatness_m, observation.noise.bias(np.array([reach]))[0]))
     stray = float(np.hypot(stray, options.registration_m))
     scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), options.flatness_m))
-    return _Piece(scan, region, Part.of(region.fit, points, scale, stray))
+    return _Piece(scan, region, Part.of(region.fit, points, scale, stray), n_pixels)
 
 
 def _agreements(pieces: Sequence[_Piece]) -> dict[tuple[int, int], Agreement]:
@@ -140,7 +142,7 @@ def _contradicted(
 def _hidden_between(
     one: _Piece, other: _Piece, observations: Sequence[Observation], options: EvidenceOptions
 ) -> bool:
-    larger, smaller = (one, other) if one.region.n_pixels >= other.region.n_pixels else (other, one)
+    larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
     surface, scale = larger.region.fit.surface, max(one.part.scale, other.part.scale)
     return gap_is_hidden(surface, smaller.part.points, larger.part.points, scale, observations, options)
 
@@ -156,7 +158,7 @@ def _adopt_small(
         for i, large in enumerate(pieces):
             if not isinstance(large.region.fit.surface, Cylinder) or group[i] == group[j]:
                 continue
-            if small.region.n_pixels > _SMALL * large.region.n_pixels or (group == group[j]).sum() > 1:
+            if small.n_pixels > _SMALL * large.n_pixels or (group == group[j]).sum() > 1:
                 continue
             if lies_on(small.part, large.part) and _hidden_between(large, small, observations, options):
                 group[j] = group[i]
@@ -170,14 +172,14 @@ def _merged(
     options: EvidenceOptions,
 ) -> list[MergedSurface]:
     """One surface for each group, those of several parts fitted anew."""
-    members = [[pieces[i] for i in np.flatnonzero(group == number)] for number in np.unique(group)]
+    members = [[pieces[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
     joined = [several for several in members if len(several) > 1]
     labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
     for number, several in enumerate(joined, start=1):
         for piece in several:
             labels[piece.scan][piece.region.mask] = number
-    starts = [max(several, key=lambda piece: piece.region.n_pixels).region.fit for several in joined]
-    fits = refit([fit.surface for fit in starts], observations, labels, options.flatness_m, n_rounds=3)
+    starts = [max(several, key=lambda piece: piece.n_pixels).region.fit for several in joined]
+    fits = refit([fit.surface for fit in starts], observations, labels, options.flatness_m, n_rounds=2)
     surfaces = [
         MergedSurface(start if fit is None else fit, _masks(several, observations), len(several))
         for several, start, fit in zip(joined, starts, fits, strict=True)

@@ -53,7 +53,7 @@ def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
     Depths that come in steps add a twelfth of the step's square, which tiles inside
     one step cannot show. The variances are fitted by a constant and a fourth-power term, both at least zero.
     """
-    tiles = cut_tiles(scan.ranges, rays, np.ones(scan.shape), 0.0, _TILE, scan.projection.pixel_angle)
+    tiles = cut_tiles(scan.ranges, rays, np.ones(scan.shape), 0.0, _TILE)
     usable = np.isfinite(tiles.misfit)
     if usable.sum() * _TILE**2 < 100:
         return RangeNoise(0.0, 0.0)

@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.competition import signed_residual
+from completion.competition import gap_to
 from completion.fitting.charts import axis_frame
 from completion.fitting.result import FitError, SurfaceFit
-from completion.growing import pack
 from completion.observation import Observation
 from scenes.checks import FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
@@ -86,6 +85,12 @@ class Beams:
             scan.ranges.ravel(),
             observation.sigma.ravel(),
             observation.rays.reshape(-1, 3),
+        )
+
+    def thinned(self, step: int) -> Beams:
+        """Every step-th beam."""
+        return Beams(
+            self.origin, self.label[::step], self.ranges[::step], self.sigma[::step], self.rays[::step]
         )
 
 
@@ -201,7 +206,7 @@ def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flat
 
 
 def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
-    """Kind (0 plane, 1 cylinder, -1 none), origin relative to the sensor, frame by rows, radius with its sign."""
+    """Kind (0 plane, 1 cylinder, -1 none), origin from the sensor, frame by rows, radius with its sign."""
     if isinstance(surface, Plane):
         frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
         return np.concatenate([[0.0], surface.point - origin, frame.ravel(), [0.0]])
@@ -282,11 +287,10 @@ def _block_means(labels, models, ranges, rays, sigma, flat, side, sums):  # type
                     if label < 0:
                         continue
                     d = rays[i, j]
-                    residual = signed_residual(
-                        models[label], d[0], d[1], d[2], ranges[i, j], sigma[i, j], flat, normal
-                    )
-                    if not np.isfinite(residual):
+                    gap, cosine = gap_to(models[label], d[0], d[1], d[2], ranges[i, j], normal)
+                    if not cosine > 0.0:
                         continue
+                    residual = gap / np.sqrt(sigma[i, j] ** 2 * cosine * cosine + flat * flat + 1e-30)
                     if count[label] == 0:
                         present[n_present] = label
                         n_present += 1

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Tiles: a range image in small squares, each with its own plane and the moments that merge into larger ones.
 
-Along a unit ray d a plane w . x = 1 has the inverse range w . d: linear in w. Least squares of inverse ranges,
-weighted by (range^2 / sigma)^2, is the fit with errors along the rays, in closed form, from ten sums that add.
+Along a unit ray d a plane w . x = 1 has the inverse range w . d: linear in w. Least squares of inverse
+ranges, weighted by (range^2 / sigma)^2, is the fit with errors along the rays, in closed form, from sums that
+add up over tiles.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from scenes.checks import FloatArray
 
 LEAST_TILE, MOST_TILE = 3, 16  # pixels
+_EVERY = 3  # pixels: medians need no more
 _NORMAL_SD = np.radians(3.0)  # that tiles at the median range are large enough for
 
 
@@ -64,9 +66,7 @@ class Tiles:
         return int(self.count.shape[0]), int(self.count.shape[1])
 
 
-def cut_tiles(
-    ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_m: float, side: int, spacing: float
-) -> Tiles:
+def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_m: float, side: int) -> Tiles:
     """Cut an image into tiles and fit a plane to each.
 
     Parameters
@@ -81,24 +81,34 @@ def cut_tiles(
         How far a surface may stray from its ideal form, along its normal, metres.
     side : int
         Pixels along a tile's side.
-    spacing : float
-        Angle between neighbouring pixels, radians.
     """
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
     reach = np.linalg.norm(centre, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        normal_sd = scale / (reach * spacing * side)  # as if the noise were one step across the tile
+        normal_sd = scale / (reach * _narrowest(rays, side))  # as if the noise were one step across the tile
     normal_sd = np.nan_to_num(normal_sd, nan=np.inf)
     return Tiles(side, count, matrix, vector, plane, misfit, centre, normal_sd, flatness_m, ranges)
 
 
+def _narrowest(rays: FloatArray, side: int) -> FloatArray:
+    """Angle (rows, columns) across each tile where it is narrowest: near the pole of a panorama, very narrow."""
+    first = rays[::side, ::side]
+    rows, columns = rays.shape[:2]
+    step = max(side - 1, 1)
+    down = rays[np.minimum(np.arange(0, rows, side) + step, rows - 1)][:, ::side] - first
+    right = rays[:, np.minimum(np.arange(0, columns, side) + step, columns - 1)][::side] - first
+    narrowest = np.minimum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))
+    return np.asarray(narrowest * side / step, dtype=np.float64)
+
+
 def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
     """Pixels along the side of tiles whose normals are good to about 3 degrees at the median range."""
-    valid = np.isfinite(ranges) & np.isfinite(sigma)
+    some, spread = ranges[::_EVERY, ::_EVERY], sigma[::_EVERY, ::_EVERY]
+    valid = np.isfinite(some) & np.isfinite(spread)
     if not valid.any():
         return LEAST_TILE
-    footprint = float(np.median(ranges[valid])) * spacing
-    noise = float(np.median(sigma[valid]))
+    footprint = float(np.median(some[valid])) * spacing
+    noise = float(np.median(spread[valid]))
     side = np.ceil(np.sqrt(noise * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
     return int(np.clip(side, LEAST_TILE, MOST_TILE))
 
@@ -114,7 +124,7 @@ def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:  # pragma: no cover - compiled
+def solve_plane(a, b, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Solve the symmetric system of ten sums for w by Cholesky; False where it is singular."""
     if a[0] <= 0.0:
         return False
