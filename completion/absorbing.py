@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.competition import gap_to
 from completion.observation import Observation
+from completion.packed import gap_to
 from completion.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces import Surface

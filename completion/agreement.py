@@ -123,7 +123,7 @@ def compare(one: Part, other: Part) -> Agreement:
 
 
 def lies_on(small: Part, large: Part) -> bool:
-    """Whether a part that may have no shape of its own lies on a surface of another kind, facing alike."""
+    """Whether a part that may have no shape of its own lies within noise of a surface, facing alike."""
     surface = large.fit.surface
     allowed = np.square(small.scale) + large.variance_at(small.points)
     square = float(np.mean(np.square(surface.distance(small.points)) / allowed))

@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from completion.observation import Observation
+from completion.packed import gap_to
 from completion.regions import SegmentationOptions
 from completion.tiles import Tiles
 from scenes.checks import FloatArray
@@ -50,28 +51,6 @@ def compete(
         np.radians(options.max_angle_deg), _MOST_VISITS,
     )  # fmt: skip
     return result
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def gap_to(model, x, y, z, r, normal):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Distance of the point r (x, y, z) from a packed surface, and the cosine of its ray with the normal.
-
-    The unit normal away from the sensor is written to `normal`; where the surface faces away, the cosine is
-    not positive.
-    """
-    if model[0] == 0.0:
-        normal[0], normal[1], normal[2] = model[1], model[2], model[3]
-        cosine = model[1] * x + model[2] * y + model[3] * z
-        return r * cosine - model[7], cosine
-    ox, oy, oz = r * x - model[1], r * y - model[2], r * z - model[3]
-    along = ox * model[4] + oy * model[5] + oz * model[6]
-    ox -= along * model[4]
-    oy -= along * model[5]
-    oz -= along * model[6]
-    length = max(np.sqrt(ox * ox + oy * oy + oz * oz), 1e-12)
-    side = -model[8] / length
-    normal[0], normal[1], normal[2] = ox * side, oy * side, oz * side
-    return length - model[7], normal[0] * x + normal[1] * y + normal[2] * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

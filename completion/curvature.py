@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from completion.growing import Cluster, deviations, flood, pack, tile_cut, with_smooth_ring
+from completion.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.observation import Observation
+from completion.packed import pack
 from completion.refitting import Beams, improve
 from completion.regions import SegmentationOptions, observed_arc
 from completion.tiles import Tiles

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numba import njit
 
+from completion.packed import pack_plane, tangent_plane
 from completion.regions import SegmentationOptions
 from completion.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder, Plane, Surface
 
 _N_ROUNDS = 12
 _CHI2_3 = 16.27  # 99.9 % quantile for three parameters
@@ -53,30 +53,6 @@ class Seeds:
 
     flat: BoolArray
     coherent: BoolArray
-
-
-def pack_plane(w: FloatArray) -> FloatArray:
-    """A plane w . x = 1 as the numbers that the compiled loops read.
-
-    Kind 0, unit normal away from the sensor, three unused, distance from the sensor.
-    """
-    size = np.sqrt(w @ w)
-    model = np.zeros(9)
-    model[1:4], model[7] = w / size, 1.0 / size
-    return model
-
-
-def pack(surface: Surface, origin: FloatArray) -> FloatArray:
-    """A plane or cylinder as the compiled loops read it, relative to the sensor at `origin`.
-
-    A cylinder is kind 1, axis point, axis, radius, and -1 where it is concave; see `pack_plane`.
-    """
-    if isinstance(surface, Plane):
-        return pack_plane(surface.normal_direction / ((surface.point - origin) @ surface.normal_direction))
-    if not isinstance(surface, Cylinder):
-        raise TypeError(f"cannot pack a {type(surface).__name__}")
-    sign = -1.0 if surface.concave else 1.0
-    return np.concatenate([[1.0], surface.point - origin, surface.direction, [surface.radius, sign]])
 
 
 def find_seeds(tiles: Tiles) -> Seeds:
@@ -177,29 +153,6 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
     where = np.argwhere(members)
     found: FloatArray = _deviations(model, where, tiles.matrix, tiles.plane, tiles.centre)
     return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def tangent_plane(model, c, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Write the tangent plane w . x = 1 of the model nearest to c; False where it faces away."""
-    if model[0] == 0.0:
-        w[0], w[1], w[2] = model[1] / model[7], model[2] / model[7], model[3] / model[7]
-        return True
-    ox, oy, oz = c[0] - model[1], c[1] - model[2], c[2] - model[3]
-    along = ox * model[4] + oy * model[5] + oz * model[6]
-    ox -= along * model[4]
-    oy -= along * model[5]
-    oz -= along * model[6]
-    length = np.sqrt(ox * ox + oy * oy + oz * oz)
-    if length < 1e-12:
-        return False
-    nx, ny, nz = ox / length, oy / length, oz / length
-    gap = length - model[7]
-    offset = nx * c[0] + ny * c[1] + nz * c[2] - gap
-    if offset * model[8] >= 0.0:  # the sensor must be on the side that the surface shows
-        return False
-    w[0], w[1], w[2] = nx / offset, ny / offset, nz / offset
-    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

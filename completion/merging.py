@@ -17,7 +17,6 @@ from completion.observation import Observation
 from completion.refitting import refit
 from completion.regions import Region
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
@@ -153,13 +152,16 @@ def _adopt_small(
     observations: Sequence[Observation],
     options: EvidenceOptions,
 ) -> None:
-    """Put small planes that lie on a cylinder, as its slivers do, into its group."""
-    for j, small in enumerate(pieces):
-        for i, large in enumerate(pieces):
-            if not isinstance(large.region.fit.surface, Cylinder) or group[i] == group[j]:
-                continue
-            if small.n_pixels > _SMALL * large.n_pixels or (group == group[j]).sum() > 1:
-                continue
+    """Put small parts that lie on a much larger one, but say too little of their own, into its group."""
+    by_size = sorted(range(len(pieces)), key=lambda index: -pieces[index].n_pixels)
+    for j in reversed(by_size):
+        small = pieces[j]
+        if (group == group[j]).sum() > 1:
+            continue
+        for i in by_size:
+            large = pieces[i]
+            if small.n_pixels > _SMALL * large.n_pixels:
+                break
             if lies_on(small.part, large.part) and _hidden_between(large, small, observations, options):
                 group[j] = group[i]
                 break

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from skimage.measure import label as connected_parts
 
 from completion.observation import Observation
+from completion.packed import unpack
 from completion.regions import SegmentationOptions
 from scenes.checks import FloatArray
-from scenes.surfaces import Cylinder, Plane, Surface
+from scenes.surfaces import Surface
 
 
 def split_parts(
@@ -28,17 +29,6 @@ def split_parts(
     number[order] = np.arange(1, len(order) + 1)
     surfaces = [unpack(models[model[part] - 1], centre[part], observation.scan.origin) for part in order]
     return number[parts], surfaces
-
-
-def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface:
-    """The surface that a packed model stands for, its own point next to `centre`, facing the sensor."""
-    if model[0] == 0.0:
-        normal = -model[1:4]
-        height = float((centre - origin) @ normal) + float(model[7])
-        return Plane(centre - height * normal, normal)
-    point, direction = model[1:4] + origin, model[4:7]
-    point = point + float((centre - point) @ direction) * direction
-    return Cylinder(point, direction, float(model[7]), None, bool(model[8] < 0))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -10,10 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.competition import gap_to
 from completion.fitting.charts import axis_frame
 from completion.fitting.result import FitError, SurfaceFit
 from completion.observation import Observation
+from completion.packed import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 
@@ -125,18 +125,12 @@ def refit(
         None where the pixels determine no such surface.
     """
     beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
-    return refit_beams(surfaces, beams, flatness_m, n_rounds)
-
-
-def refit_beams(
-    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int = 1
-) -> list[SurfaceFit | None]:
-    """Fit to any sets of beams as `refit` does to the pixels of scans."""
     placed = improve(surfaces, beams, flatness_m, n_rounds)
     sums = _accumulate(placed, beams, flatness_m)
+    excess = _correlation(placed, observations, labels, flatness_m)
     return [
-        None if surface is None or found.n <= len(found.vector) else _fit(surface, found)
-        for surface, found in zip(placed, sums, strict=True)
+        None if surface is None or found.n <= len(found.vector) else _fit(surface, found, growth)
+        for surface, found, growth in zip(placed, sums, excess, strict=True)
     ]
 
 
@@ -151,10 +145,37 @@ def improve(
     return placed
 
 
-def _fit(surface: Surface, sums: _Sums) -> SurfaceFit:
-    k = len(sums.vector)
-    rms = float(np.sqrt(sums.square / (sums.n - k)))
-    return SurfaceFit(surface, rms, sums.covariance(), sums.n)
+def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
+    rms = float(np.sqrt(sums.square / (sums.n - len(sums.vector))))
+    return SurfaceFit(surface, rms, sums.covariance() * inflation, sums.n, inflation=float(inflation))
+
+
+def _correlation(
+    surfaces: Sequence[Surface | None],
+    observations: Sequence[Observation],
+    labels: Sequence[NDArray[np.int32]],
+    flatness_m: float,
+) -> FloatArray:
+    """By how much the residuals' means over blocks vary more than independent ones would, at least 1 (n,).
+
+    Surfaces with too few blocks to tell take what holds for all together.
+    """
+    n = len(surfaces)
+    sums = np.zeros((n, 4))
+    for observation, label in zip(observations, labels, strict=True):
+        scan = observation.scan
+        models = np.array(
+            [np.full(9, np.nan) if surface is None else pack(surface, scan.origin) for surface in surfaces]
+        ).reshape(n, 9)
+        _block_means(
+            label, models, scan.ranges, observation.rays, observation.sigma, flatness_m, _BLOCK, sums
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = (sums[:, 0] / sums[:, 1]) / (sums[:, 2] / sums[:, 3])
+        total = sums.sum(axis=0)
+        together = (total[0] / total[1]) / (total[2] / total[3])
+    own = np.where(sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0)
+    return np.fmax(own, 1.0)
 
 
 def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from completion.absorbing import absorb
 from completion.clusters import find_clusters
 from completion.competition import compete
-from completion.growing import Cluster, pack
+from completion.growing import Cluster
 from completion.observation import Observation
+from completion.packed import pack
 from completion.parts import split_parts
 from completion.refitting import Beams, improve, refit
 from completion.regions import Region, SegmentationOptions

@@ -91,7 +91,7 @@ def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_
 
 
 def _narrowest(rays: FloatArray, side: int) -> FloatArray:
-    """Angle (rows, columns) across each tile where it is narrowest: near the pole of a panorama, very narrow."""
+    """Angle (rows, columns) across each tile where it is narrowest, as near a panorama's pole."""
     first = rays[::side, ::side]
     rows, columns = rays.shape[:2]
     step = max(side - 1, 1)
