@@ -65,8 +65,8 @@ def score_regions(
 
     Examples
     --------
-    >>> truth = np.array([[0, 0, 0, 1, 1, 1]])
-    >>> score_regions(truth, np.array([[5, 5, 5, 5, 7, 8]])).correct
+    >>> truth = np.array([[0, 0, 0, 0, 1, 1, 1]])
+    >>> score_regions(truth, np.array([[5, 5, 5, 5, 5, 7, 8]])).correct
     ((0, 5),)
     """
     check_number("overlap", overlap, 0.5, 1.0)

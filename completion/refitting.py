@@ -182,6 +182,8 @@ def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
     """The surface after a step, None where it is lost."""
     if surface is None:
         return None
+    if not isinstance(surface, Plane | Cylinder):
+        raise TypeError(f"cannot refit a {type(surface).__name__}")
     try:
         step = sums.step()
     except FitError:
@@ -190,8 +192,6 @@ def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
         offset, by_u, by_v = step
         normal = surface.normal_direction - by_u * surface.u_direction - by_v * surface.v_direction
         return Plane(surface.point + offset * surface.normal_direction, normal, surface.u_direction)
-    if not isinstance(surface, Cylinder):
-        raise TypeError(f"cannot refit a {type(surface).__name__}")
     radius = surface.radius + step[4]
     if not 0 < radius < _LARGEST * surface.radius:
         return None
