@@ -14,7 +14,7 @@ from completion.evidence import EvidenceOptions
 from completion.fitting.result import SurfaceFit
 from completion.gaps import gap_is_hidden
 from completion.observation import Observation
-from completion.refitting import refit
+from completion.refitting import Beams, improve, refit
 from completion.regions import Region
 from scenes.checks import BoolArray, FloatArray
 
@@ -59,6 +59,8 @@ class _Piece:
     region: Region
     part: Part
     n_pixels: int
+    stray_m: float  # what neighbouring ranges may stray by together
+    beams: Beams  # of the points in `part`
 
 
 def merge(
@@ -68,8 +70,9 @@ def merge(
 
     Two regions join where the difference of their parameters passes a chi-square test against both
     covariances (inflated for correlated residuals, the surface's flatness and the sensor's systematic error
-    added), where that is strong evidence, and where the gap between them was hidden along a strip. All
-    pairs are tried, the best agreeing first; groups join where all their pairs pass the test.
+    added), where that is strong evidence, where the surface fitted to both together is no rougher than they
+    are, and where the gap between them was hidden along a strip. All pairs are tried, the best agreeing
+    first; groups join where all their pairs pass the test.
 
     Parameters
     ----------
@@ -94,7 +97,8 @@ def merge(
             continue
         if _contradicted(group, group[i], group[j], agreements, pieces):
             continue
-        if _hidden_between(pieces[i], pieces[j], observations, options):
+        joined = [pieces[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
+        if _fits_all(joined, options) and _hidden_between(pieces[i], pieces[j], observations, options):
             group[group == group[j]] = group[i]
     _adopt_small(group, pieces, observations, options)
     merged = _merged(group, pieces, observations, options)
@@ -110,7 +114,14 @@ def _piece(scan: int, region: Region, observation: Observation, options: Evidenc
     stray = float(np.hypot(options.flatness_m, observation.noise.bias(np.array([reach]))[0]))
     stray = float(np.hypot(stray, options.registration_m))
     scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), options.flatness_m))
-    return _Piece(scan, region, Part.of(region.fit, points, scale, stray), n_pixels)
+    beams = Beams(
+        observation.scan.origin,
+        np.ones(len(pixel), np.int32),
+        observation.scan.ranges.ravel()[pixel],
+        observation.sigma.ravel()[pixel],
+        observation.rays.reshape(-1, 3)[pixel],
+    )
+    return _Piece(scan, region, Part.of(region.fit, points, scale, stray), n_pixels, stray, beams)
 
 
 def _agreements(pieces: Sequence[_Piece]) -> dict[tuple[int, int], Agreement]:
@@ -136,6 +147,18 @@ def _contradicted(
             if found.chi2 > 1:
                 return True
     return False
+
+
+def _fits_all(pieces: Sequence[_Piece], options: EvidenceOptions) -> bool:
+    """Tell whether one surface leaves all pieces together no rougher than their own noise and warps do."""
+    start = max(pieces, key=lambda piece: piece.n_pixels).region.fit.surface
+    (joint,) = improve([start], [piece.beams for piece in pieces], options.flatness_m, n_rounds=2)
+    if joint is None:
+        return False
+    points = np.concatenate([piece.part.points for piece in pieces])
+    own = np.mean([piece.region.fit.rms**2 + piece.stray_m**2 for piece in pieces])
+    slack = 1 + 3 * np.sqrt(2 / len(points))
+    return bool(np.mean(np.square(joint.distance(points))) <= slack * own)
 
 
 def _hidden_between(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.stats import chi2
 
 from completion.tiles import cut_tiles
 from scenes.checks import FloatArray
@@ -14,6 +15,7 @@ from scenes.range_image import RangeImage
 
 _N_RANGE_BINS = 12
 _TILE = 7
+_QUARTILE = float(chi2.ppf(0.25, _TILE**2 - 3) / (_TILE**2 - 3))  # of a flat tile's variance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +51,8 @@ class RangeNoise:
 def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
     """Estimate the range noise from the scan: lower-middle roughness of its tiles along the rays, by range.
 
-    Tiles that hold an edge are rougher than the noise, so each range bin takes the 40th percentile.
+    Tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile, less what
+    the quartile of flat tiles lies below their mean.
     Depths that come in steps add a twelfth of the step's square, which tiles inside
     one step cannot show. The variances are fitted by a constant and a fourth-power term, both at least zero.
     """
@@ -65,7 +68,7 @@ def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
         return RangeNoise(0.0, 0.0)
     middle = np.array([np.median(ranges[which == b]) for b in bins])
     step = _steps(scan, edges)[bins]
-    variance = np.array([np.quantile(square[which == b], 0.4) for b in bins]) + step**2 / 12
+    variance = np.array([np.quantile(square[which == b], 0.25) for b in bins]) / _QUARTILE + step**2 / 12
     weight = 1.0 / np.maximum(variance, 1e-16)  # relative errors: near bins count as much as far ones
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
     terms, _ = nnls(basis * weight[:, None], variance * weight)
