@@ -20,6 +20,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
+_APART = 3.0  # standard deviations of the warps by which parts of one surface may stand off their common fit
 _SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
 
 
@@ -156,7 +157,7 @@ def _fits_all(pieces: Sequence[_Piece], options: EvidenceOptions) -> bool:
     if joint is None:
         return False
     points = np.concatenate([piece.part.points for piece in pieces])
-    own = np.mean([piece.region.fit.rms**2 + piece.stray_m**2 for piece in pieces])
+    own = np.mean([piece.region.fit.rms**2 + (_APART * piece.stray_m) ** 2 for piece in pieces])
     slack = 1 + 3 * np.sqrt(2 / len(points))
     return bool(np.mean(np.square(joint.distance(points))) <= slack * own)
 
