@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from completion.fitting.charts import axis_frame
 from completion.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.observation import Observation
 from completion.packed import pack
 from completion.refitting import Beams, improve
 from completion.regions import SegmentationOptions, observed_arc
 from completion.tiles import Tiles
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray
 from scenes.surfaces import Cylinder
 
 _SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
@@ -40,7 +41,7 @@ def bending_cylinder(
     where = np.argwhere(members)
     centre = tiles.centre[members].mean(axis=0)
     centre = centre - (centre @ normal + cluster.model[7]) * normal
-    frame = _plane_frame(normal)
+    frame = axis_frame(normal)
     reach = float(np.sqrt(np.mean(np.square((tiles.centre[members] - centre) @ frame[:2].T)))) + 1e-12
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_BEND)))
     arguments = (where, tiles.side, step, tiles.ranges, observation.rays, observation.sigma,
@@ -134,22 +135,9 @@ def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams
     where = np.argwhere(members)
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_FIT)))
     pixel = _pixels(where, tiles.side, step, tiles.ranges)
-    everything = Beams.of(observation, np.ones(observation.scan.shape, np.int32))
-    return Beams(
-        everything.origin,
-        everything.label[: len(pixel)],
-        everything.ranges[pixel],
-        everything.sigma[pixel],
-        everything.rays[pixel],
-    )
-
-
-def _plane_frame(normal: FloatArray) -> FloatArray:
-    """Rows u, v, normal."""
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    u = np.cross(helper, normal)
-    u = u / np.linalg.norm(u)
-    return np.stack([u, np.cross(normal, u), normal])
+    rays, sigma = observation.rays.reshape(-1, 3)[pixel], observation.sigma.ravel()[pixel]
+    ranges = tiles.ranges.ravel()[pixel]
+    return Beams(observation.scan.origin, np.ones(len(pixel), np.int32), ranges, sigma, rays)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

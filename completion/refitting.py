@@ -19,6 +19,7 @@ from scenes.surfaces import Cylinder, Plane, Surface
 
 _LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
 _MAX_CONDITION = 1e12
+_THINNING = 3  # of the pixels that covariances are read from
 _BLOCK = 10  # pixels: neighbours within so many have residuals alike
 _LEAST_BLOCKS = 8
 _LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
@@ -46,6 +47,12 @@ class _Sums:
             raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
         step: FloatArray = np.linalg.solve(scaled, self.vector / scale) / scale
         return step
+
+    def repeated(self, times: int) -> _Sums:
+        """The sums of so many times as many pixels like these."""
+        return _Sums(
+            self.matrix * times, self.vector * times, self.cost * times, self.square * times, self.n * times
+        )
 
     def covariance(self) -> FloatArray:
         """Of the parameters, by the weighted residuals themselves."""
@@ -126,7 +133,8 @@ def refit(
     """
     beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
     placed = improve(surfaces, beams, flatness_m, n_rounds)
-    sums = _accumulate(placed, beams, flatness_m)
+    some = [beam.thinned(_THINNING) for beam in beams]
+    sums = [found.repeated(_THINNING) for found in _accumulate(placed, some, flatness_m)]
     excess = _correlation(placed, observations, labels, flatness_m)
     return [
         None if surface is None or found.n <= len(found.vector) else _fit(surface, found, growth)
@@ -190,7 +198,7 @@ def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
         return None
     if isinstance(surface, Plane):
         offset, by_u, by_v = step
-        normal = surface.normal_direction - by_u * surface.u_direction - by_v * surface.v_direction
+        normal = surface.normal_direction - by_u * surface.u_direction - by_v * _v_direction(surface)
         return Plane(surface.point + offset * surface.normal_direction, normal, surface.u_direction)
     radius = surface.radius + step[4]
     if not 0 < radius < _LARGEST * surface.radius:
@@ -226,10 +234,16 @@ def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flat
     ]
 
 
+def _v_direction(plane: Plane) -> FloatArray:
+    """The plane's v direction; spelt out, since numpy's cross product takes ten times as long."""
+    (a, b, c), (x, y, z) = plane.normal_direction.tolist(), plane.u_direction.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
     """Kind (0 plane, 1 cylinder, -1 none), origin from the sensor, frame by rows, radius with its sign."""
     if isinstance(surface, Plane):
-        frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
+        frame = np.stack([surface.u_direction, _v_direction(surface), surface.normal_direction])
         return np.concatenate([[0.0], surface.point - origin, frame.ravel(), [0.0]])
     if isinstance(surface, Cylinder):
         frame = axis_frame(surface.direction)
@@ -300,7 +314,7 @@ def _block_means(labels, models, ranges, rays, sigma, flat, side, sums):  # type
     present = np.empty(side * side, np.int64)
     normal = np.zeros(3)
     for top in range(0, rows, side):
-        for left in range(0, columns, side):
+        for left in range(top % (2 * side), columns, 2 * side):  # like the dark squares of a chessboard
             n_present = 0
             for i in range(top, min(top + side, rows)):
                 for j in range(left, min(left + side, columns)):
