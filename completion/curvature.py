@@ -6,11 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from completion.beams import Beams
 from completion.fitting.charts import axis_frame
 from completion.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.observation import Observation
 from completion.packed import pack
-from completion.refitting import Beams, improve
+from completion.refitting import improve
 from completion.regions import SegmentationOptions, observed_arc
 from completion.tiles import Tiles
 from scenes.checks import BoolArray

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_number
 
+_ROUNDING = 1e-12  # of sums of shares, whatever their order
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HooverScore:
@@ -115,6 +117,6 @@ def _shared(lies_on: NDArray[np.bool_], share: FloatArray, overlap: float) -> di
     result = {}
     for row in range(len(lies_on)):
         members = np.flatnonzero(lies_on[row])
-        if len(members) >= 2 and share[row, members].sum() >= overlap:
+        if len(members) >= 2 and share[row, members].sum() >= overlap - _ROUNDING:
             result[row] = tuple(int(column) for column in members)
     return result

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.agreement import Agreement, Part, compare, find_candidates, lies_on
+from completion.beams import Beams
 from completion.evidence import EvidenceOptions
 from completion.fitting.result import SurfaceFit
 from completion.gaps import gap_is_hidden
 from completion.observation import Observation
-from completion.refitting import Beams, improve, refit
+from completion.refitting import improve, refit
 from completion.regions import Region
 from scenes.checks import BoolArray, FloatArray
 

@@ -10,18 +10,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from completion.beams import Beams
+from completion.correlation import residual_correlation
 from completion.fitting.charts import axis_frame
 from completion.fitting.result import FitError, SurfaceFit
 from completion.observation import Observation
-from completion.packed import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 
 _LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
 _MAX_CONDITION = 1e12
 _THINNING = 3  # of the pixels that covariances are read from
-_BLOCK = 10  # pixels: neighbours within so many have residuals alike
-_LEAST_BLOCKS = 8
 _LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
 
 
@@ -60,47 +59,6 @@ class _Sums:
         return np.asarray(self.cost / (self.n - k) * np.linalg.inv(self.matrix), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Beams:
-    """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none.
-
-    Attributes
-    ----------
-    origin : (3,) float
-        Where they start, metres.
-    label : (n,) int32
-        Surface of each.
-    ranges, sigma : (n,) float
-        Measured range and its standard deviation, metres.
-    rays : (n, 3) float
-        Unit directions.
-    """
-
-    origin: FloatArray
-    label: NDArray[np.int32]
-    ranges: FloatArray
-    sigma: FloatArray
-    rays: FloatArray
-
-    @classmethod
-    def of(cls, observation: Observation, label: NDArray[np.int32]) -> Beams:
-        """All beams of a scan, from labels (rows, columns)."""
-        scan = observation.scan
-        return cls(
-            scan.origin,
-            label.ravel(),
-            scan.ranges.ravel(),
-            observation.sigma.ravel(),
-            observation.rays.reshape(-1, 3),
-        )
-
-    def thinned(self, step: int) -> Beams:
-        """Every step-th beam."""
-        return Beams(
-            self.origin, self.label[::step], self.ranges[::step], self.sigma[::step], self.rays[::step]
-        )
-
-
 def refit(
     surfaces: Sequence[Surface],
     observations: Sequence[Observation],
@@ -135,7 +93,7 @@ def refit(
     placed = improve(surfaces, beams, flatness_m, n_rounds)
     some = [beam.thinned(_THINNING) for beam in beams]
     sums = [found.repeated(_THINNING) for found in _accumulate(placed, some, flatness_m)]
-    excess = _correlation(placed, observations, labels, flatness_m)
+    excess = residual_correlation(placed, observations, labels, flatness_m)
     return [
         None if surface is None or found.n <= len(found.vector) else _fit(surface, found, growth)
         for surface, found, growth in zip(placed, sums, excess, strict=True)
@@ -156,34 +114,6 @@ def improve(
 def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
     rms = float(np.sqrt(sums.square / (sums.n - len(sums.vector))))
     return SurfaceFit(surface, rms, sums.covariance() * inflation, sums.n, inflation=float(inflation))
-
-
-def _correlation(
-    surfaces: Sequence[Surface | None],
-    observations: Sequence[Observation],
-    labels: Sequence[NDArray[np.int32]],
-    flatness_m: float,
-) -> FloatArray:
-    """By how much the residuals' means over blocks vary more than independent ones would, at least 1 (n,).
-
-    Surfaces with too few blocks to tell take what holds for all together.
-    """
-    n = len(surfaces)
-    sums = np.zeros((n, 4))
-    for observation, label in zip(observations, labels, strict=True):
-        scan = observation.scan
-        models = np.array(
-            [np.full(9, np.nan) if surface is None else pack(surface, scan.origin) for surface in surfaces]
-        ).reshape(n, 9)
-        _block_means(
-            label, models, scan.ranges, observation.rays, observation.sigma, flatness_m, _BLOCK, sums
-        )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        excess = (sums[:, 0] / sums[:, 1]) / (sums[:, 2] / sums[:, 3])
-        total = sums.sum(axis=0)
-        together = (total[0] / total[1]) / (total[2] / total[3])
-    own = np.where(sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0)
-    return np.fmax(own, 1.0)
 
 
 def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
@@ -303,39 +233,3 @@ def _add_rays(labels, charts, ranges, rays, sigma, flat, least, matrix, vector, 
             vector[label, a] += weight * row[a] * gap
             for b in range(a + 1):
                 matrix[label, a, b] += weight * row[a] * row[b]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _block_means(labels, models, ranges, rays, sigma, flat, side, sums):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Add up, by label: n * mean^2 of each block's residuals, blocks; squares, pixels."""
-    rows, columns = labels.shape
-    n = models.shape[0]
-    total, count = np.zeros(n), np.zeros(n, np.int64)
-    present = np.empty(side * side, np.int64)
-    normal = np.zeros(3)
-    for top in range(0, rows, side):
-        for left in range(top % (2 * side), columns, 2 * side):  # like the dark squares of a chessboard
-            n_present = 0
-            for i in range(top, min(top + side, rows)):
-                for j in range(left, min(left + side, columns)):
-                    label = labels[i, j] - 1
-                    if label < 0:
-                        continue
-                    d = rays[i, j]
-                    gap, cosine = gap_to(models[label], d[0], d[1], d[2], ranges[i, j], normal)
-                    if not cosine > 0.0:
-                        continue
-                    residual = gap / np.sqrt(sigma[i, j] ** 2 * cosine * cosine + flat * flat + 1e-30)
-                    if count[label] == 0:
-                        present[n_present] = label
-                        n_present += 1
-                    count[label] += 1
-                    total[label] += residual
-                    sums[label, 2] += residual * residual
-                    sums[label, 3] += 1.0
-            for index in range(n_present):
-                label = present[index]
-                if 2 * count[label] >= side * side:
-                    sums[label, 0] += total[label] * total[label] / count[label]
-                    sums[label, 1] += 1.0
-                total[label], count[label] = 0.0, 0
