@@ -10,8 +10,8 @@ from .fitting import fit_cylinder as fit_cylinder
 from .fitting import fit_plane as fit_plane
 from .fitting import inflated as inflated
 from .fitting import select as select
-from .growing import SegmentationOptions as SegmentationOptions
 from .pipeline import Completion as Completion
 from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
+from .regions import SegmentationOptions as SegmentationOptions
 from .texturing import TexturingOptions as TexturingOptions

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Region growing: from a seed to all connected pixels that one plane or cylinder explains."""
+"""Growing: from a seed tile to all connected tiles that one plane or one cylinder explains."""
 
 from __future__ import annotations
 
@@ -7,228 +7,270 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 
-from completion.fitting.consensus import consensus_cylinder
-from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.fitting.result import FitError, SurfaceFit
-from completion.observation import Observation
-from scenes.checks import BoolArray, FloatArray, check_options
-from scenes.surfaces import Cylinder
+from completion.packed import pack_plane, tangent_plane
+from completion.regions import SegmentationOptions
+from completion.tiles import Tiles, solve_plane
+from scenes.checks import BoolArray, FloatArray
 
-_N_GROWTHS = 15
-_FIT_SAMPLE = 20_000
-
-Box = tuple[slice, slice]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SegmentationOptions:
-    """How a range image is cut into regions.
-
-    Attributes
-    ----------
-    n_sigma : float
-        A pixel belongs to a surface within this many standard deviations.
-    flatness_m : float
-        How far a real wall may stray from its plane, beside the noise, metres.
-    max_angle_deg : float
-        Largest angle between a pixel's normal and the surface's.
-    min_pixels : int
-        Smaller regions are left unsegmented.
-    min_arc_deg : float
-        A cylinder seen over less of an arc is kept as the plane it looks like.
-    max_regions : int
-        Stop after so many regions.
-    """
-
-    n_sigma: float = 3.0
-    flatness_m: float = 0.001
-    max_angle_deg: float = 25.0
-    min_pixels: int = 80
-    min_arc_deg: float = 40.0
-    max_regions: int = 150
-
-    def __post_init__(self) -> None:
-        check_options(
-            self,
-            n_sigma=(0.0, np.inf),
-            flatness_m=(0.0, np.inf),
-            max_angle_deg=(0.0, 90.0),
-            min_pixels=(3, np.inf),
-            min_arc_deg=(0.0, 360.0),
-            max_regions=(0, np.inf),
-        )
+_N_ROUNDS = 12
+_CHI2_3 = 16.27  # 99.9 % quantile for three parameters
+_MAX_MISFIT = 3.0  # of a tile that an edge may not cross
+_SEED_CUT = 0.25  # excess of the plane through 3 x 3 tiles below which they are one surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
-    """A connected part of a scan that lies on one surface.
+class Cluster:
+    """Connected tiles on one surface.
 
     Attributes
     ----------
-    fit : SurfaceFit
-        Its surface, in the working frame.
-    mask : (rows, columns) bool
-        Its pixels.
+    tiles : (rows, columns) bool
+        Which.
+    model : (9,) float
+        The surface as `pack` writes it, relative to the sensor.
+    n_pixels : int
+        Measured pixels in them.
     """
 
-    fit: SurfaceFit
-    mask: BoolArray
-
-    @property
-    def n_pixels(self) -> int:
-        """How many pixels it has."""
-        return int(self.mask.sum())
+    tiles: BoolArray
+    model: FloatArray
+    n_pixels: int
 
 
-def grow(
-    fit: SurfaceFit,
-    seed: BoolArray,
-    free: BoolArray,
-    observation: Observation,
-    tolerance: FloatArray,
-    options: SegmentationOptions,
-) -> Region | None:
-    """Grow and refit in turn until the region stands still; None when it stays too small."""
-    if not seed.any():
+@dataclass(frozen=True, slots=True, eq=False)
+class Seeds:
+    """Where growing may begin and go.
+
+    Attributes
+    ----------
+    flat : (rows, columns) bool
+        Tiles that no edge crosses.
+    coherent : (rows, columns) bool
+        Those that lie on one plane with the tiles around.
+    """
+
+    flat: BoolArray
+    coherent: BoolArray
+
+
+def find_seeds(tiles: Tiles) -> Seeds:
+    """Tell which tiles lie inside one surface, alone and with their neighbours."""
+    flat: BoolArray = tiles.misfit <= _MAX_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
+    return Seeds(flat, _coherent(flat, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit))
+
+
+def tile_cut(options: SegmentationOptions) -> float:
+    """How far a tile may deviate from a surface, root mean square, in standard deviations of a pixel."""
+    return options.n_sigma / 3
+
+
+def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
+    """The tile in the middle of the largest candidate area, None when nothing is left."""
+    if not candidates.any():
         return None
-    mask, size = seed, 0
-    for _ in range(_N_GROWTHS):
-        box = _box_around(mask, observation.window)
-        members = _members(fit, box, free, observation, tolerance, options)
-        mask = np.zeros_like(free)
-        mask[box] = _connected(members, seed[box])
-        n_pixels = int(mask.sum())
-        if n_pixels < options.min_pixels:
+    padded = cv2.copyMakeBorder(candidates.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    return int(row), int(column)
+
+
+def grow_plane(
+    seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
+) -> Cluster | None:
+    """Grow and refit in turn until the plane's tiles stand still.
+
+    Parameters
+    ----------
+    seed : (int, int)
+        Where to begin.
+    free : (rows, columns) bool
+        Tiles that may be taken.
+    tiles : Tiles
+        The image.
+    cut : float
+        How far a tile's own plane may deviate, root mean square, in standard deviations of a pixel.
+    max_angle : float
+        Largest angle between a tile's normal and the plane's, radians, beside its error.
+    """
+    around = np.zeros_like(free)
+    around[max(seed[0] - 1, 0) : seed[0] + 2, max(seed[1] - 1, 0) : seed[1] + 2] = True
+    around &= free
+    w = np.zeros(3)
+    pooled = solve_plane(tiles.matrix[around].sum(axis=0), tiles.vector[around].sum(axis=0), w)
+    if not pooled or not flood(pack_plane(w), seed, around, tiles, cut, max_angle)[seed]:
+        w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
+    size = 0
+    for _ in range(_N_ROUNDS):
+        members, matrix, vector, now = _grown(pack_plane(w), seed, free, tiles, cut, max_angle)
+        if now == 0 or not solve_plane(matrix, vector, w):
             return None
-        try:
-            fit = refit(fit, mask, observation)
-        except FitError:
-            return None
-        if abs(n_pixels - size) <= 0.002 * n_pixels:
+        if abs(now - size) <= 0.002 * now:
             break
-        size = n_pixels
-    return Region(fit, mask)
+        size = now
+    return Cluster(members, pack_plane(w), int(tiles.count[members].sum()))
 
 
-def _box_around(mask: BoolArray, window: int) -> Box:
-    """Rows and columns of the mask and as much again on every side."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    up = max(int(rows[-1] - rows[0]), 3 * window)
-    across = max(int(columns[-1] - columns[0]), 3 * window)
-    return (
-        slice(max(int(rows[0]) - up, 0), int(rows[-1]) + up + 1),
-        slice(max(int(columns[0]) - across, 0), int(columns[-1]) + across + 1),
-    )
-
-
-def _members(
-    fit: SurfaceFit,
-    box: Box,
-    free: BoolArray,
-    observation: Observation,
-    tolerance: FloatArray,
-    options: SegmentationOptions,
+def flood(
+    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
 ) -> BoolArray:
-    """Free pixels of the box within tolerance of the surface whose normals, where known, agree with it."""
-    members = free[box].copy()
-    members[members] = (
-        np.abs(fit.surface.distance(observation.points[box][members])) <= tolerance[box][members]
-    )
-    points, normals = observation.points[box][members], observation.normals[box][members]
-    cosine = np.abs(np.einsum("ij,ij->i", normals, fit.surface.normal(points)))
-    allowed = np.radians(options.max_angle_deg) + 2.0 * observation.normal_sd[box][members]
-    rough = observation.roughness[box][members] > tolerance[box][members]
-    members[members] = (cosine >= np.cos(np.minimum(allowed, np.pi / 2))) | ~np.isfinite(cosine) | rough
-    return members
+    """Free tiles connected with `seed` that lie on the model."""
+    return _grown(model, seed, free, tiles, cut, max_angle)[0]
 
 
-def _connected(members: BoolArray, seed: BoolArray) -> BoolArray:
-    """The part of `members` connected with `seed`, thin bridges cut first."""
-    opened = cv2.morphologyEx(members.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    n_parts, part = cv2.connectedComponents(opened, connectivity=4)
-    inside = np.bincount(part[seed & (opened > 0)], minlength=n_parts)
-    inside[0] = 0
-    if inside.sum() == 0:
-        return np.zeros_like(members)
-    core = (part == int(np.argmax(inside))).astype(np.uint8)
-    grown = cv2.dilate(core, np.ones((3, 3), np.uint8)) > 0
-    return np.asarray(grown & members, dtype=np.bool_)
+def _grown(
+    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
+) -> tuple[BoolArray, FloatArray, FloatArray, int]:
+    """The tiles of `flood`, the sums of their moments, and how many there are."""
+    members = np.zeros(free.shape, np.bool_)
+    matrix, vector = np.zeros(6), np.zeros(3)
+    count = _flood(
+        model, seed, free, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit, tiles.centre,
+        tiles.normal_sd, cut, max_angle, members, matrix, vector,
+    )  # fmt: skip
+    return members, matrix, vector, int(count)
 
 
-def refit(fit: SurfaceFit, mask: BoolArray, observation: Observation) -> SurfaceFit:
-    """Fit the same kind of surface again, to the pixels of `mask`; raises FitError."""
-    points = _thinned(observation.points[mask])
-    if isinstance(fit.surface, Cylinder):
-        return fit_cylinder(points, fit.surface)
-    return fit_plane(points, observation.scan.origin)
+def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: Tiles, max_angle: float) -> BoolArray:
+    """The members and the free tiles next to them that go on from them without a crease or jump.
+
+    Parameters
+    ----------
+    members, free : (rows, columns) bool
+        Tiles of a patch, and tiles that may be added.
+    tiles : Tiles
+        The image.
+    max_angle : float
+        Largest angle between neighbouring tiles' normals, radians, beside their error.
+    """
+    grown: BoolArray = _with_smooth_ring(members, free, tiles.plane, tiles.centre, tiles.normal_sd, max_angle)
+    return grown
 
 
-def _thinned(points: FloatArray) -> FloatArray:
-    return points[:: max(1, len(points) // _FIT_SAMPLE)]
-
-
-def is_curved(plane: Region, observation: Observation) -> bool:
-    """Tell whether the residuals of a plane bend by more than the noise can explain."""
-    points = _thinned(observation.points[plane.mask])
-    uv = plane.fit.surface.to_uv(points)
-    uv = uv / np.maximum(np.abs(uv).max(), 1e-12)
-    residual = plane.fit.surface.distance(points)
-    u, v = uv[:, 0], uv[:, 1]
-    basis = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])
-    solution, _, rank, _ = np.linalg.lstsq(basis, residual, rcond=None)
-    if rank < 6:
-        return False
-    bent = basis @ solution
-    left = float(np.var(residual - bent))
-    return float(np.var(bent)) > 0.05 * left
-
-
-def grow_cylinder(
-    around: BoolArray,
-    free: BoolArray,
-    observation: Observation,
-    tolerance: FloatArray,
-    options: SegmentationOptions,
-) -> Region | None:
-    """Grow a cylinder from the neighbourhood of a patch; None when it is none or its arc is too short."""
-    start_mask = _smooth_neighbourhood(around, free, observation, tolerance)
-    if start_mask.sum() < options.min_pixels:
-        return None
-    points, normals = _thinned(observation.points[start_mask]), _thinned(observation.normals[start_mask])
-    limit = float(np.median(tolerance[start_mask]))
-    try:
-        first, inliers = consensus_cylinder(points, normals, limit)
-        fit = fit_cylinder(points[inliers], first)
-        box = _box_around(start_mask, observation.window)
-        start_mask[box] &= _members(fit, box, free, observation, tolerance, options)
-        region = grow(fit, start_mask, free, observation, tolerance, options)
-    except FitError:
-        return None
-    if region is None or not isinstance(region.fit.surface, Cylinder):
-        return None
-    arc = observed_arc(region.fit.surface, observation.points[region.mask])
-    noise = float(np.sqrt(np.median(tolerance[region.mask]) ** 2 / options.n_sigma**2))
-    if arc < np.radians(options.min_arc_deg) or region.fit.rms > 2.0 * noise:
-        return None
-    return region
-
-
-def _smooth_neighbourhood(
-    around: BoolArray, free: BoolArray, observation: Observation, tolerance: FloatArray
-) -> BoolArray:
-    """Smooth pixels connected with a patch, in a box that reaches as far again on every side."""
-    box = _box_around(around, observation.window)
-    smooth = free[box] & (observation.roughness[box] <= tolerance[box])
-    found = np.zeros_like(around)
-    found[box] = _connected(smooth, around[box]) & np.isfinite(observation.normals[box]).all(axis=-1)
+def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArray:
+    """Weighted square deviation (n,) of each member's own plane from the model, summed over its pixels."""
+    where = np.argwhere(members)
+    found: FloatArray = _deviations(model, where, tiles.matrix, tiles.plane, tiles.centre)
     return found
 
 
-def observed_arc(cylinder: Cylinder, points: FloatArray) -> float:
-    """Angle in radians that `points` cover around the axis: a full turn less the largest gap."""
-    angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
-    if len(angle) < 2:
-        return 0.0
-    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    return float(2 * np.pi - gaps.max())
+@njit(cache=True, nogil=True, error_model="numpy")
+def _quadratic(a, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    return a[0] * x * x + a[3] * y * y + a[5] * z * z + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flood(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    model, seed, free, count, matrix, vector, plane, misfit, centre, normal_sd, cut, max_angle,
+    members, total_matrix, total_vector,
+):  # fmt: skip
+    rows, columns = free.shape
+    seen = np.zeros((rows, columns), np.bool_)
+    stack = np.empty((rows * columns, 2), np.int64)
+    w = np.zeros(3)
+    top, n = 0, 0
+    for i in range(max(seed[0] - 1, 0), min(seed[0] + 2, rows)):
+        for j in range(max(seed[1] - 1, 0), min(seed[1] + 2, columns)):
+            if free[i, j]:
+                stack[top, 0], stack[top, 1] = i, j
+                seen[i, j] = True
+                top += 1
+    while top > 0:
+        top -= 1
+        i, j = stack[top, 0], stack[top, 1]
+        if not tangent_plane(model, centre[i, j], w):
+            continue
+        own = plane[i, j]
+        excess = _quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+        worst = max(1.0, misfit[i, j])
+        if excess > cut * cut * worst * count[i, j] + _CHI2_3 * worst:
+            continue
+        size = np.sqrt((w * w).sum() * (own * own).sum())
+        cosine = min(1.0, (w[0] * own[0] + w[1] * own[1] + w[2] * own[2]) / size)
+        if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
+            continue
+        members[i, j] = True
+        n += 1
+        for t in range(6):
+            total_matrix[t] += matrix[i, j, t]
+        for t in range(3):
+            total_vector[t] += vector[i, j, t]
+        for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            k, l = i + di, j + dj  # noqa: E741
+            if 0 <= k < rows and 0 <= l < columns and free[k, l] and not seen[k, l]:
+                seen[k, l] = True
+                stack[top, 0], stack[top, 1] = k, l
+                top += 1
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _deviations(model, where, matrix, plane, centre):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    result = np.full(len(where), np.inf)
+    w = np.zeros(3)
+    for index in range(len(where)):
+        i, j = where[index]
+        if tangent_plane(model, centre[i, j], w):
+            own = plane[i, j]
+            result[index] = _quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _coherent(flat, count, matrix, vector, plane, misfit):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    rows, columns = flat.shape
+    result = np.zeros((rows, columns), np.bool_)
+    a, b, w = np.zeros(6), np.zeros(3), np.zeros(3)
+    for i in range(rows):
+        for j in range(columns):
+            if not flat[i, j]:
+                continue
+            a[:], b[:] = 0.0, 0.0
+            n, n_pixels = 0, 0.0
+            for k in range(max(i - 1, 0), min(i + 2, rows)):
+                for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
+                    if flat[k, l]:
+                        for t in range(6):
+                            a[t] += matrix[k, l, t]
+                        for t in range(3):
+                            b[t] += vector[k, l, t]
+                        n += 1
+                        n_pixels += count[k, l]
+            if n < 5 or not solve_plane(a, b, w):
+                continue
+            excess, worst = 0.0, 1.0
+            for k in range(max(i - 1, 0), min(i + 2, rows)):
+                for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
+                    if flat[k, l]:
+                        own = plane[k, l]
+                        excess += _quadratic(matrix[k, l], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+                        worst = max(worst, misfit[k, l])
+            result[i, j] = excess <= (_SEED_CUT * n_pixels + _CHI2_3 * n) * worst
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _with_smooth_ring(members, free, plane, centre, normal_sd, max_angle):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    rows, columns = free.shape
+    grown = members.copy()
+    for i in range(rows):
+        for j in range(columns):
+            if not members[i, j]:
+                continue
+            w = plane[i, j]
+            size = np.sqrt((w * w).sum())
+            for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                k, l = i + di, j + dj  # noqa: E741
+                if not (0 <= k < rows and 0 <= l < columns) or grown[k, l] or not free[k, l]:
+                    continue
+                v = plane[k, l]
+                cosine = (w * v).sum() / (size * np.sqrt((v * v).sum()))
+                allowed = max_angle + 2.0 * np.hypot(normal_sd[i, j], normal_sd[k, l])
+                step = centre[k, l] - centre[i, j]
+                gap = abs((w * centre[k, l]).sum() - 1.0) / size
+                if np.arccos(min(1.0, cosine)) <= allowed and gap <= np.sin(allowed) * np.sqrt(
+                    (step * step).sum()
+                ):
+                    grown[k, l] = True
+    return grown

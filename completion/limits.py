@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.growing import observed_arc
 from completion.merging import MergedSurface
 from completion.observation import Observation
+from completion.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 

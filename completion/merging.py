@@ -7,19 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 
-from completion.evidence import EvidenceOptions, Label, label_points
-from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.fitting.result import FitError, SurfaceFit, inflated
-from completion.growing import Region
+from completion.agreement import Agreement, Part, compare, find_candidates, lies_on
+from completion.beams import Beams
+from completion.evidence import EvidenceOptions
+from completion.fitting.result import SurfaceFit
+from completion.gaps import gap_is_hidden
 from completion.observation import Observation
+from completion.refitting import improve, refit
+from completion.regions import Region
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder, Surface
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
-_N_BRIDGES = 24
-_N_STEPS = 24
+_LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
+_APART = 3.0  # standard deviations of the warps by which parts of one surface may stand off their common fit
+_SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +46,7 @@ class MergedSurface:
     @property
     def n_pixels(self) -> int:
         """Pixels in all scans together."""
-        return int(sum(mask.sum() for mask in self.masks))
+        return int(sum(np.count_nonzero(mask) for mask in self.masks))
 
     def points(self, observations: Sequence[Observation]) -> FloatArray:
         """Its measured points (n, 3) in the working frame."""
@@ -51,26 +54,27 @@ class MergedSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """A region with what the pair tests need."""
+class _Piece:
+    """A region with the scan it is from and what the tests need."""
 
     scan: int
     region: Region
-    sample: FloatArray
-    scale: float  # standard deviation that its pixels may show
-    curved: bool
+    part: Part
+    n_pixels: int
+    stray_m: float  # what neighbouring ranges may stray by together
+    beams: Beams  # of the points in `part`
 
 
 def merge(
-    observations: Sequence[Observation],
-    regions: Sequence[Sequence[Region]],
-    scales: Sequence[FloatArray],
-    options: EvidenceOptions,
+    observations: Sequence[Observation], regions: Sequence[Sequence[Region]], options: EvidenceOptions
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
 
-    Two regions join when one surface fitted to both leaves each of them within its own noise, and when
-    they touch or no beam went through the gap between them. All pairs are tried, large ones first.
+    Two regions join where the difference of their parameters passes a chi-square test against both
+    covariances (inflated for correlated residuals, the surface's flatness and the sensor's systematic error
+    added), where that is strong evidence, where the surface fitted to both together is no rougher than they
+    are, and where the gap between them was hidden along a strip. All pairs are tried, the best agreeing
+    first; groups join where all their pairs pass the test.
 
     Parameters
     ----------
@@ -78,130 +82,142 @@ def merge(
         The scans.
     regions : sequence of sequence of Region
         The regions of each scan.
-    scales : sequence of (rows, columns) float
-        For each scan, the standard deviation that a surface's pixels may show, flatness included, metres.
     options : EvidenceOptions
-        Tolerances of the gap test.
+        Flatness, registration, and tolerances of the gap test.
     """
-    parts = [
-        _part(index, region, observation, scale)
-        for index, (observation, found, scale) in enumerate(zip(observations, regions, scales, strict=True))
+    pieces = [
+        _piece(index, region, observation, options)
+        for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
-    parts.sort(key=lambda part: -part.region.n_pixels)
-    groups: list[list[_Part]] = []
-    fits: list[SurfaceFit] = []
-    for part in parts:
-        for index, group in enumerate(groups):
-            joined = _joined_fit(fits[index], group, part)
-            if joined is not None and _gap_is_closed(joined.surface, group, part, observations, options):
-                group.append(part)
-                fits[index] = joined
-                break
-        else:
-            groups.append([part])
-            fits.append(part.region.fit)
-    merged = [_merged(fit, group, observations) for fit, group in zip(fits, groups, strict=True)]
+    group = np.arange(len(pieces))
+    agreements = _agreements(pieces)
+    for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
+        if agreement.chi2 > 1:
+            break
+        if group[i] == group[j] or agreement.log_evidence < _LEAST_EVIDENCE:
+            continue
+        if _contradicted(group, group[i], group[j], agreements, pieces):
+            continue
+        joined = [pieces[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
+        if _fits_all(joined, options) and _hidden_between(pieces[i], pieces[j], observations, options):
+            group[group == group[j]] = group[i]
+    _adopt_small(group, pieces, observations, options)
+    merged = _merged(group, pieces, observations, options)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
-def _part(scan: int, region: Region, observation: Observation, scale: FloatArray) -> _Part:
-    points = observation.points[region.mask]
-    sample = points[np.linspace(0, len(points) - 1, min(_N_SAMPLE, len(points))).astype(np.int64)]
-    curved = isinstance(region.fit.surface, Cylinder)
-    return _Part(scan, region, sample, float(np.median(scale[region.mask])), curved)
-
-
-def _joined_fit(fit: SurfaceFit, group: list[_Part], part: _Part) -> SurfaceFit | None:
-    """The surface through all of `group` and `part`, None where it leaves one of them outside its noise."""
-    if _is_speck(fit, group, part):
-        return fit
-    if part.curved != group[0].curved or not _may_agree(fit, part):
-        return None
-    members = [*group, part]
-    weight = [max(1, round(8 * m.region.n_pixels / max(p.region.n_pixels for p in members))) for m in members]
-    points = np.concatenate([m.sample for m, w in zip(members, weight, strict=True) for _ in range(w)])
-    try:
-        if isinstance(fit.surface, Cylinder):
-            joined = fit_cylinder(points, fit.surface)
-        else:
-            joined = _plane_facing_as(fit, points)
-    except FitError:
-        return None
-    for member in (max(group, key=lambda m: m.region.n_pixels), part):
-        residual = joined.surface.distance(member.sample)
-        if abs(float(np.mean(residual))) > 1.5 * member.scale or float(np.std(residual)) > 2.0 * member.scale:
-            return None
-    return joined
-
-
-def _is_speck(fit: SurfaceFit, group: list[_Part], part: _Part) -> bool:
-    """Tell whether a part is too small to have a say and lies within the surface's noise."""
-    if part.region.n_pixels > 0.05 * max(member.region.n_pixels for member in group):
-        return False
-    return float(np.quantile(np.abs(fit.surface.distance(part.sample)), 0.9)) <= 3.0 * part.scale
-
-
-def _may_agree(fit: SurfaceFit, part: _Part) -> bool:
-    """Quick look: the part's points within reach of the surface, as far as that is known there."""
-    distance = np.abs(fit.surface.distance(part.sample))
-    normal = np.einsum(
-        "ij,ij->i", fit.surface.normal(part.sample[:1]), part.region.fit.surface.normal(part.sample[:1])
+def _piece(scan: int, region: Region, observation: Observation, options: EvidenceOptions) -> _Piece:
+    pixel = np.flatnonzero(region.mask)
+    n_pixels = len(pixel)
+    pixel = pixel[np.linspace(0, len(pixel) - 1, min(_N_SAMPLE, len(pixel))).astype(np.int64)]
+    points = observation.points.reshape(-1, 3)[pixel]
+    reach = float(np.median(observation.scan.ranges.ravel()[pixel]))
+    stray = float(np.hypot(options.flatness_m, observation.noise.bias(np.array([reach]))[0]))
+    stray = float(np.hypot(stray, options.registration_m))
+    scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), options.flatness_m))
+    beams = Beams(
+        observation.scan.origin,
+        np.ones(len(pixel), np.int32),
+        observation.scan.ranges.ravel()[pixel],
+        observation.sigma.ravel()[pixel],
+        observation.rays.reshape(-1, 3)[pixel],
     )
-    reach = 4.0 * np.hypot(part.scale, fit.standard_deviation(part.sample)) + 3.0 * part.scale
-    return bool(np.median(distance - reach) <= 0) and float(normal[0]) > 0.8
+    return _Piece(scan, region, Part.of(region.fit, points, scale, stray), n_pixels, stray, beams)
 
 
-def _plane_facing_as(fit: SurfaceFit, points: FloatArray) -> SurfaceFit:
-    """The plane through `points` whose normal points to the side that the plane of `fit` faces."""
-    middle = points.mean(axis=0)
-    return fit_plane(points, middle + fit.surface.normal(middle[None])[0])
+def _agreements(pieces: Sequence[_Piece]) -> dict[tuple[int, int], Agreement]:
+    """How the pairs compare that come into question at all."""
+    if len(pieces) < 2:
+        return {}
+    candidates = np.argwhere(np.triu(find_candidates([piece.part for piece in pieces]), 1))
+    return {(int(i), int(j)): compare(pieces[i].part, pieces[j].part) for i, j in candidates}
 
 
-def _gap_is_closed(
-    surface: Surface,
-    group: list[_Part],
-    part: _Part,
+def _contradicted(
+    group: NDArray[np.int64],
+    one: int,
+    other: int,
+    agreements: dict[tuple[int, int], Agreement],
+    pieces: Sequence[_Piece],
+) -> bool:
+    """Tell whether some pair across two groups fails the test that their best pair passed."""
+    for i in np.flatnonzero(group == one):
+        for j in np.flatnonzero(group == other):
+            pair = (min(int(i), int(j)), max(int(i), int(j)))
+            found = agreements.get(pair) or compare(pieces[pair[0]].part, pieces[pair[1]].part)
+            if found.chi2 > 1:
+                return True
+    return False
+
+
+def _fits_all(pieces: Sequence[_Piece], options: EvidenceOptions) -> bool:
+    """Tell whether one surface leaves all pieces together no rougher than their own noise and warps do."""
+    start = max(pieces, key=lambda piece: piece.n_pixels).region.fit.surface
+    (joint,) = improve([start], [piece.beams for piece in pieces], options.flatness_m, n_rounds=2)
+    if joint is None:
+        return False
+    points = np.concatenate([piece.part.points for piece in pieces])
+    own = np.mean([piece.region.fit.rms**2 + (_APART * piece.stray_m) ** 2 for piece in pieces])
+    slack = 1 + 3 * np.sqrt(2 / len(points))
+    return bool(np.mean(np.square(joint.distance(points))) <= slack * own)
+
+
+def _hidden_between(
+    one: _Piece, other: _Piece, observations: Sequence[Observation], options: EvidenceOptions
+) -> bool:
+    larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
+    surface, scale = larger.region.fit.surface, max(one.part.scale, other.part.scale)
+    return gap_is_hidden(surface, smaller.part.points, larger.part.points, scale, observations, options)
+
+
+def _adopt_small(
+    group: NDArray[np.int64],
+    pieces: Sequence[_Piece],
     observations: Sequence[Observation],
     options: EvidenceOptions,
-) -> bool:
-    """Tell whether the shortest bridges between the parts cross nothing that a beam went through."""
-    there = np.concatenate([member.sample for member in group])
-    distance, nearest = cKDTree(there).query(part.sample)
-    order = np.argsort(distance, kind="stable")[:_N_BRIDGES]
-    start, end = surface.to_uv(part.sample[order]), surface.to_uv(there[nearest[order]])
-    if np.isfinite(surface.period):
-        end[:, 0] += np.rint((start[:, 0] - end[:, 0]) / surface.period) * surface.period
-    along = (np.arange(_N_STEPS) + 0.5) / _N_STEPS
-    bridges = start[:, None, :] + along[None, :, None] * (end - start)[:, None, :]
-    points = surface.from_uv(bridges.reshape(-1, 2))
-    crossed = np.zeros(len(points), dtype=np.bool_)
-    seen = np.zeros(len(points), dtype=np.bool_)
-    spread = np.full(len(points), part.scale)
-    for observation in observations:
-        said, pixel, _, _ = label_points(surface, points, spread, observation, options)
-        seen |= said >= Label.OCCLUDED
-        measured = observation.scan.ranges.ravel()[pixel]
-        beyond = measured - np.linalg.norm(points - observation.scan.origin, axis=1)
-        crossed |= (pixel >= 0) & np.isfinite(measured) & (beyond > 0) & (said == Label.NO_RETURN)
-    return float(crossed.mean()) < 0.1 and float(seen.mean()) > 0.5
+) -> None:
+    """Put small parts that lie on a much larger one, but say too little of their own, into its group."""
+    by_size = sorted(range(len(pieces)), key=lambda index: -pieces[index].n_pixels)
+    for j in reversed(by_size):
+        small = pieces[j]
+        if (group == group[j]).sum() > 1:
+            continue
+        for i in by_size:
+            large = pieces[i]
+            if small.n_pixels > _SMALL * large.n_pixels:
+                break
+            if lies_on(small.part, large.part) and _hidden_between(large, small, observations, options):
+                group[j] = group[i]
+                break
 
 
-def _merged(fit: SurfaceFit, group: list[_Part], observations: Sequence[Observation]) -> MergedSurface:
+def _merged(
+    group: NDArray[np.int64],
+    pieces: Sequence[_Piece],
+    observations: Sequence[Observation],
+    options: EvidenceOptions,
+) -> list[MergedSurface]:
+    """One surface for each group, those of several parts fitted anew."""
+    members = [[pieces[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
+    joined = [several for several in members if len(several) > 1]
+    labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
+    for number, several in enumerate(joined, start=1):
+        for piece in several:
+            labels[piece.scan][piece.region.mask] = number
+    starts = [max(several, key=lambda piece: piece.n_pixels).region.fit for several in joined]
+    fits = refit([fit.surface for fit in starts], observations, labels, options.flatness_m, n_rounds=2)
+    surfaces = [
+        MergedSurface(start if fit is None else fit, _masks(several, observations), len(several))
+        for several, start, fit in zip(joined, starts, fits, strict=True)
+    ]
+    single = [several[0] for several in members if len(several) == 1]
+    return surfaces + [MergedSurface(one.region.fit, _masks([one], observations), 1) for one in single]
+
+
+def _masks(pieces: Sequence[_Piece], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
     masks = []
     for index, observation in enumerate(observations):
-        mask = np.zeros(observation.valid.shape, dtype=np.bool_)
-        for part in group:
-            if part.scan == index:
-                mask |= part.region.mask
-        masks.append(mask)
-    points = np.concatenate([o.points[mask] for o, mask in zip(observations, masks, strict=True)])
-    thinned = points[:: max(1, len(points) // 200_000)]
-    if len(group) > 1:
-        if isinstance(fit.surface, Cylinder):
-            fit = fit_cylinder(thinned, fit.surface)
-        else:
-            fit = _plane_facing_as(fit, thinned)
-    footprint = float(np.median([np.median(o.scan.ranges[m]) * o.scan.projection.pixel_angle
-                                 for o, m in zip(observations, masks, strict=True) if m.any()]))  # fmt: skip
-    return MergedSurface(inflated(fit, thinned, 10 * footprint), tuple(masks), len(group))
+        own = [piece.region.mask for piece in pieces if piece.scan == index]
+        masks.append(np.logical_or.reduce(own) if own else np.zeros(observation.scan.shape, dtype=np.bool_))
+    return tuple(masks)

@@ -16,12 +16,12 @@ from completion.audit import audit
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.growing import SegmentationOptions
 from completion.limits import Mode, find_enclosing, find_touching, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
-from completion.segmentation import segment, tolerance_image
+from completion.regions import SegmentationOptions
+from completion.segmentation import segment
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
 from scenes.checks import FloatArray, InputError, check_options
 from scenes.range_image import RangeImage
@@ -136,11 +136,8 @@ def complete(
             scans,
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
-        scales = [
-            tolerance_image(seen, options.segmentation) / options.segmentation.n_sigma
-            for seen in observations
-        ]
-        surfaces = _large(merge(observations, regions, scales, evidence), observations, options.min_share)
+        scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
+        surfaces = _large(merge(observations, regions, evidence), observations, options.min_share)
         owners = number_pixels(surfaces, observations)
 
         cloud = measured_points(observations)

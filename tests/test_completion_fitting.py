@@ -5,7 +5,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from completion.fitting import FitError, fit_cylinder, fit_plane, inflated, surface_parameters
-from completion.fitting.consensus import consensus_cylinder
 from scenes.pose import Pose
 from scenes.surfaces import Cylinder, Plane, surfaces_close
 
@@ -94,24 +93,6 @@ def test_independent_residuals_are_not_inflated_and_correlated_ones_are():
         assert low <= growth <= high
 
 
-def test_consensus_finds_the_cylinder_among_outliers():
-    rng = np.random.default_rng(4)
-    good = arc(TRUE, 600, 120, rng, 2e-4)
-    bad = rng.uniform(-0.2, 0.2, (300, 3)) + TRUE.point
-    normals = np.concatenate([TRUE.normal(good), Plane((0, 0, 0), (0, 1, 0)).normal(bad)])
-    cylinder, inliers = consensus_cylinder(np.concatenate([good, bad]), normals, 1e-3)
-    assert not cylinder.concave
-    assert inliers[:600].mean() > 0.6
-    assert inliers[600:].mean() < 0.05
-    assert cylinder.radius == pytest.approx(TRUE.radius, rel=0.1)
-
-
-def test_consensus_tells_inside_from_outside():
-    points = arc(TRUE, 400, 150, np.random.default_rng(5))
-    assert consensus_cylinder(points, -TRUE.normal(points), 1e-3)[0].concave
-
-
-SPREAD = np.random.default_rng(0).uniform(0, 1, (50, 3))
 ALONG = np.arange(9.0)
 
 
@@ -129,7 +110,6 @@ ALONG = np.arange(9.0)
             lambda: fit_cylinder(TRUE.from_uv(np.column_stack([0 * ALONG, ALONG])), TRUE),
             "determine no cylinder",
         ),
-        (lambda: consensus_cylinder(SPREAD, np.tile([0, 0, 1.0], (50, 1)), 0.01), "normals hardly spread"),
     ],
 )
 def test_degenerate_points_raise_and_say_why(call, message):

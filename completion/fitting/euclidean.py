@@ -61,8 +61,8 @@ def fit_plane(points: object, towards: FloatArray | None = None) -> SurfaceFit:
 def fit_cylinder(points: object, start: Cylinder) -> SurfaceFit:
     """Fit a circular cylinder by Gauss-Newton on orthogonal distances from a start near by.
 
-    Steps are not damped: points from which Gauss-Newton runs away in 30 steps are not near this cylinder,
-    and region growing wants to know. `fit` needs no start and damps.
+    Steps are not damped: points from which Gauss-Newton runs away in 30 steps are not near this cylinder.
+    `fit` needs no start and damps.
 
     Parameters
     ----------

@@ -69,9 +69,13 @@ class SurfaceFit:
 
     def standard_deviation(self, points: FloatArray) -> FloatArray:
         """Predicted standard deviation (n,) of the surface along its normal at `points`, metres."""
-        gradient = _gradient(self.surface, points)
+        gradient = self.gradient(points)
         variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
+
+    def gradient(self, points: FloatArray) -> FloatArray:
+        """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
+        return _gradient(self.surface, points)
 
     def parameters(self) -> dict[str, object]:
         """The parameters by name, in the order that files use."""

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Absorbing: warps of a large surface that grew into regions of their own go back to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from completion.observation import Observation
+from completion.packed import gap_to
+from completion.regions import SegmentationOptions
+from scenes.checks import FloatArray
+from scenes.surfaces import Surface
+
+_WITHIN = 0.9  # of an island's pixels within tolerance of the surface around
+_ENCLOSED = 0.5  # of its outline next to that surface
+
+
+def absorb(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    surfaces: Sequence[Surface],
+    observation: Observation,
+    options: SegmentationOptions,
+) -> NDArray[np.int32]:
+    """Relabel islands that their surroundings explain as well as the sensor's systematic error allows.
+
+    An island goes to the larger region that most of its outline touches where nearly all its pixels are
+    within tolerance of that surface, where it does not tilt by more than a pixel's normal may, and where
+    its mean distance is within `n_sigma` of what neighbouring ranges may stray by together. Noise alone
+    would tell them apart; a sensor that bends walls does not let us.
+
+    Parameters
+    ----------
+    labels : (rows, columns) int32
+        Regions from 1, largest first.
+    models : (m, 9) float
+        Their surfaces as compiled loops read them.
+    surfaces : sequence of Surface
+        The same.
+    observation, options
+        The scan, and its tolerances.
+    """
+    n = len(surfaces)
+    contact, outline = _contacts(labels, n)
+    host = np.array([int(np.argmax(contact[i, :i])) if i else -1 for i in range(n)], np.int64)
+    enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
+    sums = _distances(
+        labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays,
+        observation.sigma, options.flatness_m, options.n_sigma,
+    )  # fmt: skip
+    goes_to = np.arange(n + 1)
+    for i in np.flatnonzero(enclosed).tolist():
+        count, within, mean, reach = sums[i, 0], sums[i, 1], sums[i, 2:5], sums[i, 5]
+        if within < _WITHIN * count:
+            continue
+        middle = (observation.scan.origin + mean / count)[None]
+        gap = abs(sums[i, 6] / count)
+        stray = np.hypot(options.flatness_m, observation.noise.bias(np.array([reach / count]))[0])
+        cosine = float(surfaces[i].normal(middle)[0] @ surfaces[host[i]].normal(middle)[0])
+        if gap <= options.n_sigma * stray and cosine >= np.cos(np.radians(options.max_angle_deg)):
+            goes_to[i + 1] = goes_to[host[i] + 1]
+    return np.asarray(goes_to[labels], dtype=np.int32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _contacts(labels, n):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Pairs of neighbouring pixels between regions (n, n), and between each region and any other (n,)."""
+    contact, outline = np.zeros((n, n), np.int64), np.zeros(n, np.int64)
+    rows, columns = labels.shape
+    for i in range(rows):
+        for j in range(columns):
+            own = labels[i, j]
+            for k, l in ((i + 1, j), (i, j + 1)):  # noqa: E741
+                if k < rows and l < columns:
+                    other = labels[k, l]
+                    if own == other:
+                        continue
+                    if own > 0:
+                        outline[own - 1] += 1
+                    if other > 0:
+                        outline[other - 1] += 1
+                    if own > 0 and other > 0:
+                        contact[own - 1, other - 1] += 1
+                        contact[other - 1, own - 1] += 1
+    return contact, outline
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distances(labels, models, host, ranges, rays, sigma, flat, n_sigma):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """For each region with a host: pixels, those within tolerance, sums of points, ranges and distances."""
+    sums = np.zeros((len(host), 7))
+    normal = np.zeros(3)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            own = labels[i, j] - 1
+            if own < 0 or host[own] < 0:
+                continue
+            d, r, s = rays[i, j], ranges[i, j], sigma[i, j]
+            gap, cosine = gap_to(models[host[own]], d[0], d[1], d[2], r, normal)
+            variance = s * s * cosine * cosine + flat * flat
+            sums[own, 0] += 1.0
+            sums[own, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
+            for k in range(3):
+                sums[own, 2 + k] += r * d[k]
+            sums[own, 5] += r
+            sums[own, 6] += gap
+    return sums

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: MIT
+"""Agreement: whether two fitted surfaces are one, by their covariances and what real surfaces stray by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Cylinder
+
+_CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
+_CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed
+_STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
+_LEAST_COSINE = 0.5  # of the normals of two parts of one surface
+_FEW = 24  # points of a part that differences are read at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A fitted surface with what tests of sameness need.
+
+    Attributes
+    ----------
+    fit : SurfaceFit
+        Covariance inflated for correlated residuals.
+    covariance : (k, k) float
+        That, and what the surface and the sensor may stray by systematically.
+    points : (m, 3) float
+        Some of its measured points, metres.
+    scale : float
+        What a single one of them may stray by, metres.
+    """
+
+    fit: SurfaceFit
+    covariance: FloatArray
+    points: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, stray_m: float) -> Part:
+        """A part whose surface may stray by `stray_m` as a whole: a warp as long as the part itself.
+
+        Such a warp is one sample of the surface, not many: it moves the parameters by stray^2 (mean g g')^-1,
+        g the gradient of the surface's height by its parameters.
+        """
+        gradient = fit.gradient(points)
+        moment = gradient.T @ gradient / len(points)
+        systematic = stray_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
+        return cls(fit, fit.covariance + systematic, points, scale)
+
+    def middle(self) -> FloatArray:
+        """The place (3,) on its surface nearest to the mean of its points."""
+        mean = self.points.mean(axis=0, keepdims=True)
+        surface = self.fit.surface
+        return np.asarray(
+            (mean - surface.distance(mean)[:, None] * surface.normal(mean))[0], dtype=np.float64
+        )
+
+    def variance_at(self, points: FloatArray) -> FloatArray:
+        """Variance (n,) of its surface along the normal at `points`, metres squared."""
+        gradient = self.fit.gradient(points)
+        return np.asarray(np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """How two parts compare.
+
+    Attributes
+    ----------
+    chi2 : float
+        Of the difference of their parameters, in units of its 99.9 % quantile: they differ above 1.
+    log_evidence : float
+        Logarithm of how many times likelier the difference is if they are one surface than if they are not.
+    """
+
+    chi2: float
+    log_evidence: float
+
+
+def find_candidates(parts: Sequence[Part]) -> BoolArray:
+    """Tell for each pair (n, n) whether each surface passes near the other's middle, both of one kind."""
+    middles = np.array([one.middle() for one in parts]).reshape(-1, 3)
+    height = np.array([one.fit.surface.distance(middles) for one in parts])
+    variance = np.array([one.variance_at(middles) for one in parts])
+    reach = _CANDIDATE**2 * (variance + np.diag(variance)[None, :])
+    kind = np.array([one.fit.surface.kind for one in parts])
+    normal = np.array([one.fit.surface.normal(one.middle()[None])[0] for one in parts]).reshape(-1, 3)
+    turned = (kind[:, None] == "plane") & (normal @ normal.T < _LEAST_COSINE)
+    near = (np.square(height) <= reach) & ~turned
+    return np.asarray(near & near.T & (kind[:, None] == kind[None, :]), dtype=np.bool_)
+
+
+def compare(one: Part, other: Part) -> Agreement:
+    """Compare two parts of one kind.
+
+    The heights of the other surface above this one, at points of both, are expressed by this one's
+    parameters, and so is the other's covariance. An unrelated surface would lie anywhere within the reach
+    of the points, with any tilt: the evidence is against that.
+    """
+    here, there = one.fit.surface, other.fit.surface
+    points = np.concatenate([_few(one.points), _few(other.points)])
+    feet = points - there.distance(points)[:, None] * there.normal(points)
+    facing = np.einsum("ij,ij->i", here.normal(feet), there.normal(feet))
+    if float(np.median(facing)) < _LEAST_COSINE:
+        return Agreement(np.inf, -np.inf)
+    basis = np.linalg.pinv(one.fit.gradient(feet))
+    difference = basis @ here.distance(feet)
+    carried = basis @ other.fit.gradient(feet)
+    covariance = one.covariance + carried @ other.covariance @ carried.T
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(scale, scale)
+    unit = difference / scale
+    chi2 = float(unit @ np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) @ unit)
+    _, log_det = np.linalg.slogdet(2 * np.pi * correlation + 1e-12 * np.eye(len(unit)))
+    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+    log_density = -(chi2 + float(log_det)) / 2 - float(np.log(scale).sum())
+    return Agreement(chi2 / _CHI2[len(unit)], log_density + _log_prior_volume(here, reach))
+
+
+def lies_on(small: Part, large: Part) -> bool:
+    """Whether a part that may have no shape of its own lies within noise of a surface, facing alike."""
+    surface = large.fit.surface
+    allowed = np.square(small.scale) + large.variance_at(small.points)
+    square = float(np.mean(np.square(surface.distance(small.points)) / allowed))
+    facing = np.einsum("ij,ij->i", surface.normal(small.points), small.fit.surface.normal(small.points))
+    slack = 3 * np.sqrt(2 / len(small.points))
+    return square <= 1 + slack and float(np.median(facing)) > 0.8
+
+
+def _log_prior_volume(surface: object, reach: float) -> float:
+    """Logarithm of the volume of parameters that an unrelated surface within the reach may have."""
+    lengths = 3 if isinstance(surface, Cylinder) else 1
+    return lengths * float(np.log(2 * reach)) + 2 * float(np.log(2 * _STEEPEST))
+
+
+def _few(points: FloatArray) -> FloatArray:
+    return points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]

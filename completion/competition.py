@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""Competition: every pixel goes to the surface near by that it fits best, seams kept smooth."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from completion.observation import Observation
+from completion.packed import gap_to
+from completion.regions import SegmentationOptions
+from completion.tiles import Tiles
+from scenes.checks import FloatArray
+
+_SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual
+_FLAT = 3.0  # misfit of tiles whose normal counts
+_MOST_VISITS = 12
+
+
+def compete(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    observation: Observation,
+    tiles: Tiles,
+    options: SegmentationOptions,
+) -> NDArray[np.int32]:
+    """Relabel pixels by iterated conditional modes (Besag 1986) over the labels of their neighbours.
+
+    A pixel may take its own label or one of its eight neighbours', where its residual in its own standard
+    deviations is within `n_sigma` and the surface faces the sensor; it takes the one with the least squared
+    residual plus a cost for each neighbour that is on another surface. Pixels on seams wait in a queue, so
+    that labels spread evenly into pixels that no tile explained.
+
+    Parameters
+    ----------
+    labels : (rows, columns) int32
+        First labels, from 1; 0 for none.
+    models : (m, 9) float
+        Surface of each label, as `pack_plane` and `pack_cylinder` write them.
+    observation, tiles
+        The scan; no label spreads to unlabelled pixels of a flat tile whose normal is off by more than
+        the option `max_angle_deg`.
+    options : SegmentationOptions
+        `n_sigma` is the largest residual in standard deviations.
+    """
+    result = labels.copy()
+    _settle(
+        result, models, observation.scan.ranges, observation.rays, observation.sigma, tiles.flatness_m,
+        tiles.plane, tiles.misfit, tiles.normal_sd, tiles.side, options.n_sigma,
+        np.radians(options.max_angle_deg), _MOST_VISITS,
+    )  # fmt: skip
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _settle(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    labels, models, ranges, rays, sigma, flat, plane, misfit, normal_sd, side, n_sigma, max_angle,
+    most_visits,
+):  # fmt: skip
+    """Drop labels that do not fit, then visit pixels on seams, first come first served, until all rest."""
+    rows, columns = labels.shape
+    normal = np.zeros(3)
+    limit = n_sigma * n_sigma
+    for i in range(rows):
+        for j in range(columns):
+            if labels[i, j] == 0:
+                continue
+            model, d, r = models[labels[i, j] - 1], rays[i, j], ranges[i, j]
+            gap, cosine = gap_to(model, d[0], d[1], d[2], r, normal)
+            variance = sigma[i, j] * sigma[i, j] * cosine * cosine + flat * flat + 1e-30
+            if not (cosine > 0.0 and gap * gap <= limit * variance):
+                labels[i, j] = 0
+    queue = np.empty(rows * columns, np.int32)
+    waiting = np.zeros((rows, columns), np.bool_)
+    visits = np.zeros((rows, columns), np.uint8)
+    length = 0
+    for i in range(rows):
+        for j in range(columns):
+            own = labels[i, j]
+            if np.isfinite(ranges[i, j]) and (
+                (i > 0 and labels[i - 1, j] != own)
+                or (j > 0 and labels[i, j - 1] != own)
+                or (i < rows - 1 and labels[i + 1, j] != own)
+                or (j < columns - 1 and labels[i, j + 1] != own)
+            ):
+                queue[length] = i * columns + j
+                waiting[i, j] = True
+                length += 1
+    head = 0
+    while length > 0:
+        i, j = queue[head] // columns, queue[head] % columns
+        head = (head + 1) % queue.size
+        length -= 1
+        waiting[i, j] = False
+        visits[i, j] += 1
+        best = _best_label(
+            labels, models, i, j, ranges[i, j], rays[i, j], sigma[i, j], flat, plane[i // side, j // side],
+            misfit[i // side, j // side], max_angle + 3.0 * normal_sd[i // side, j // side], limit, normal,
+        )  # fmt: skip
+        if best == labels[i, j]:
+            continue
+        labels[i, j] = best
+        for k in range(max(i - 1, 0), min(i + 2, rows)):
+            for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
+                if not waiting[k, l] and visits[k, l] < most_visits and np.isfinite(ranges[k, l]):
+                    waiting[k, l] = True
+                    queue[(head + length) % queue.size] = k * columns + l
+                    length += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _best_label(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    labels, models, i, j, r, ray, s, flat, own_plane, misfit, max_angle, limit, normal
+):
+    """The label among those of the pixel and its neighbours with the least cost; 0 where none fits."""
+    rows, columns = labels.shape
+    near = np.empty(9, np.int32)
+    n_near = 0
+    own = labels[i, j]
+    for k in range(max(i - 1, 0), min(i + 2, rows)):
+        for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
+            if labels[k, l] > 0 and not (k == i and l == j):
+                near[n_near] = labels[k, l]
+                n_near += 1
+    best, least = 0, np.inf
+    for index in range(-1, n_near):
+        label = own if index < 0 else near[index]
+        if label == 0 or (index >= 0 and label == own):
+            continue
+        known, others = False, 0
+        for other in range(n_near):
+            known |= other < index and near[other] == label
+            others += near[other] != label
+        if known:
+            continue
+        gap, cosine = gap_to(models[label - 1], ray[0], ray[1], ray[2], r, normal)
+        square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
+        if not (cosine > 0.0 and square <= limit):
+            continue
+        cost = square + _SEAM * others
+        if own == 0 and misfit <= _FLAT:
+            size = np.sqrt(own_plane[0] ** 2 + own_plane[1] ** 2 + own_plane[2] ** 2)
+            cosine = own_plane[0] * normal[0] + own_plane[1] * normal[1] + own_plane[2] * normal[2]
+            if np.arccos(min(1.0, max(-1.0, cosine / size))) > max_angle:
+                continue
+        if cost < least:
+            best, least = label, cost
+    return best

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: MIT
+"""Tiles: a range image in small squares, each with its own plane and the moments that merge into larger ones.
+
+Along a unit ray d a plane w . x = 1 has the inverse range w . d: linear in w. Least squares of inverse
+ranges, weighted by (range^2 / sigma)^2, is the fit with errors along the rays, in closed form, from sums that
+add up over tiles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray
+
+LEAST_TILE, MOST_TILE = 3, 16  # pixels
+_EVERY = 3  # pixels: medians need no more
+_NORMAL_SD = np.radians(3.0)  # that tiles at the median range are large enough for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tiles:
+    """Squares of a range image, with planes in coordinates relative to the sensor.
+
+    Attributes
+    ----------
+    side : int
+        Pixels along a tile's side.
+    count : (rows, columns) float
+        Measured pixels in each tile.
+    matrix : (rows, columns, 6) float
+        Weighted sums of d d', d the unit ray: xx, xy, xz, yy, yz, zz.
+    vector : (rows, columns, 3) float
+        Weighted sums of d / range.
+    plane : (rows, columns, 3) float
+        The w of each tile's own plane w . x = 1, x from the sensor; NaN where there is none.
+    misfit : (rows, columns) float
+        Weighted square residual over the degrees of freedom: 1 for noise alone; inf where there is no plane.
+    centre : (rows, columns, 3) float
+        Mean of the tile's points, from the sensor, metres.
+    normal_sd : (rows, columns) float
+        Expected error of the normal, radians.
+    flatness_m : float
+        How far a surface may stray from its ideal form, metres: part of the weights.
+    ranges : (rows, columns) float
+        Of the pixels that were cut into tiles; inf elsewhere.
+    """
+
+    side: int
+    count: FloatArray
+    matrix: FloatArray
+    vector: FloatArray
+    plane: FloatArray
+    misfit: FloatArray
+    centre: FloatArray
+    normal_sd: FloatArray
+    flatness_m: float
+    ranges: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        return int(self.count.shape[0]), int(self.count.shape[1])
+
+
+def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_m: float, side: int) -> Tiles:
+    """Cut an image into tiles and fit a plane to each.
+
+    Parameters
+    ----------
+    ranges : (rows, columns) float
+        Metres, inf where nothing came back.
+    rays : (rows, columns, 3) float
+        Unit rays.
+    sigma : (rows, columns) float
+        Standard deviation of each range, metres.
+    flatness_m : float
+        How far a surface may stray from its ideal form, along its normal, metres.
+    side : int
+        Pixels along a tile's side.
+    """
+    count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
+    reach = np.linalg.norm(centre, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        normal_sd = scale / (reach * _narrowest(rays, side))  # as if the noise were one step across the tile
+    normal_sd = np.nan_to_num(normal_sd, nan=np.inf)
+    return Tiles(side, count, matrix, vector, plane, misfit, centre, normal_sd, flatness_m, ranges)
+
+
+def _narrowest(rays: FloatArray, side: int) -> FloatArray:
+    """Angle (rows, columns) across each tile where it is narrowest, as near a panorama's pole."""
+    first = rays[::side, ::side]
+    rows, columns = rays.shape[:2]
+    step = max(side - 1, 1)
+    down = rays[np.minimum(np.arange(0, rows, side) + step, rows - 1)][:, ::side] - first
+    right = rays[:, np.minimum(np.arange(0, columns, side) + step, columns - 1)][::side] - first
+    narrowest = np.minimum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))
+    return np.asarray(narrowest * side / step, dtype=np.float64)
+
+
+def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
+    """Pixels along the side of tiles whose normals are good to about 3 degrees at the median range."""
+    some, spread = ranges[::_EVERY, ::_EVERY], sigma[::_EVERY, ::_EVERY]
+    valid = np.isfinite(some) & np.isfinite(spread)
+    if not valid.any():
+        return LEAST_TILE
+    footprint = float(np.median(some[valid])) * spacing
+    noise = float(np.median(spread[valid]))
+    side = np.ceil(np.sqrt(noise * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
+    return int(np.clip(side, LEAST_TILE, MOST_TILE))
+
+
+def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
+    """Give every pixel of an image of this shape its tile's value; 0 beyond the last whole tile."""
+    image = np.zeros(shape, np.int32)
+    rows, columns = tiles.shape[0] * tiles.side, tiles.shape[1] * tiles.side
+    image[:rows, :columns] = np.repeat(np.repeat(values, tiles.side, axis=0), tiles.side, axis=1)[
+        : shape[0], : shape[1]
+    ]
+    return image
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_plane(a, b, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Solve the symmetric system of ten sums for w by Cholesky; False where it is singular."""
+    if a[0] <= 0.0:
+        return False
+    l00 = np.sqrt(a[0])
+    l10, l20 = a[1] / l00, a[2] / l00
+    d1 = a[3] - l10 * l10
+    if d1 <= 1e-14 * a[3]:
+        return False
+    l11 = np.sqrt(d1)
+    l21 = (a[4] - l20 * l10) / l11
+    d2 = a[5] - l20 * l20 - l21 * l21
+    if d2 <= 1e-14 * a[5]:
+        return False
+    l22 = np.sqrt(d2)
+    y0 = b[0] / l00
+    y1 = (b[1] - l10 * y0) / l11
+    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
+    w[2] = y2 / l22
+    w[1] = (y1 - l21 * w[2]) / l11
+    w[0] = (y0 - l10 * w[1] - l20 * w[2]) / l00
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit_tiles(ranges, rays, sigma, flatness, side):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    rows, columns = (ranges.shape[0] + side - 1) // side, (ranges.shape[1] + side - 1) // side
+    count = np.zeros((rows, columns))
+    matrix, vector = np.zeros((rows, columns, 6)), np.zeros((rows, columns, 3))
+    plane, misfit = np.full((rows, columns, 3), np.nan), np.full((rows, columns), np.inf)
+    centre, scale = np.zeros((rows, columns, 3)), np.full((rows, columns), np.nan)
+    w = np.zeros(3)
+    for row in range(rows):
+        for column in range(columns):
+            a, b, c = matrix[row, column], vector[row, column], centre[row, column]
+            n, variance = 0, 0.0
+            top, left = row * side, column * side
+            bottom, right = min(top + side, ranges.shape[0]), min(left + side, ranges.shape[1])
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    r = ranges[i, j]
+                    if not np.isfinite(r):
+                        continue
+                    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+                    s2 = sigma[i, j] * sigma[i, j] + flatness * flatness
+                    weight = r * r * r * r / s2
+                    a[0] += weight * x * x
+                    a[1] += weight * x * y
+                    a[2] += weight * x * z
+                    a[3] += weight * y * y
+                    a[4] += weight * y * z
+                    a[5] += weight * z * z
+                    q = weight / r
+                    b[0] += q * x
+                    b[1] += q * y
+                    b[2] += q * z
+                    c[0] += r * x
+                    c[1] += r * y
+                    c[2] += r * z
+                    n += 1
+                    variance += s2
+            count[row, column] = n
+            if n == 0:
+                continue
+            c /= n
+            if 2 * n < (bottom - top) * (right - left) or n < 6 or not solve_plane(a, b, w):
+                continue
+            cost = 0.0
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    r = ranges[i, j]
+                    if not np.isfinite(r):
+                        continue
+                    s2 = sigma[i, j] * sigma[i, j] + flatness * flatness
+                    inverse = w[0] * rays[i, j, 0] + w[1] * rays[i, j, 1] + w[2] * rays[i, j, 2]
+                    gap = r * r * (1.0 / r - inverse)
+                    cost += gap * gap / s2
+            size = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+            reach = np.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+            cosine = min(1.0, max(0.02, 1.0 / (size * reach)))
+            # A stray of the surface by its flatness moves the range by flatness / cosine.
+            whole = variance / n
+            share = whole / (whole + flatness * flatness * (1.0 / (cosine * cosine) - 1.0))
+            a *= share
+            b *= share
+            plane[row, column] = w
+            misfit[row, column] = cost * share / (n - 3)
+            scale[row, column] = np.sqrt(whole)
+    return count, matrix, vector, plane, misfit, centre, scale
