@@ -18,6 +18,7 @@ from .range_image import RangeImage as RangeImage
 from .range_image import ScanTruth as ScanTruth
 from .raycast import Hits as Hits
 from .raycast import RayCaster as RayCaster
+from .scene import Opening as Opening
 from .scene import Scene as Scene
 from .surfaces import Cone as Cone
 from .surfaces import Cylinder as Cylinder
