@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
 from scenes.mesh import Appearance, LabelledMesh
-from scenes.scene import Mode, Opening, Scene
+from scenes.opening import Opening
+from scenes.scene import Mode, Scene
 from scenes.surfaces import Cylinder, Plane, Surface
 
 _N_FACETS = 256  # around a full cylinder; at r = 0.25 m the sagitta is 0.02 mm

@@ -6,32 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from scenes.checks import FloatArray, InputError, check_points, frozen_copy
+from scenes.checks import InputError
 from scenes.mesh import LabelledMesh
+from scenes.opening import Opening
 from scenes.pose import Pose
 from scenes.raycast import RayCaster
 from scenes.surfaces import Surface
 
 Mode = Literal["room", "object"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Opening:
-    """An opening in a surface that one sees through: a window, a door opening.
-
-    Parameters
-    ----------
-    surface : int
-        Id of the surface it is in.
-    outline : (n, 3) float
-        Its corners in order, world coordinates, metres.
-    """
-
-    surface: int
-    outline: FloatArray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "outline", frozen_copy(check_points("outline", self.outline)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,5 +73,5 @@ class Scene:
     def transformed(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""
         surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
-        openings = tuple(Opening(hole.surface, pose.apply(hole.outline)) for hole in self.openings)
+        openings = tuple(opening.transformed(pose) for opening in self.openings)
         return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces, openings=openings)

@@ -7,8 +7,9 @@ from hypothesis import given
 
 from scenes.checks import InputError
 from scenes.mesh import LabelledMesh
+from scenes.opening import Opening
 from scenes.pose import Pose
-from scenes.scene import Opening, Scene
+from scenes.scene import Scene
 from scenes.surfaces import Plane, surfaces_close
 from tests.strategies import ROUNDING_M, law, poses
 
