@@ -54,7 +54,8 @@ def outline_errors(
     Notes
     -----
     Gaps of up to four cells between what is seen and what was inferred are closed: there the rim of a pixel
-    was measured. Boundary IoU as in Cheng et al., "Boundary IoU", CVPR 2021, with a band of 2 cm, on the hidden part.
+    was measured. Boundary IoU as in Cheng et al., "Boundary IoU", CVPR 2021, with a band of 2 cm, on the
+    hidden part.
     """
     known = cells.sight != Sight.OUT
     true, found = cells.visible | cells.reachable, _closed(cells.visible | inferred, cells.chart.grid.wraps)
