@@ -39,7 +39,7 @@ def test_the_shadow_of_the_board_is_what_is_hidden() -> None:
     # Cells whose centre is in the shadow: its sides to within half a cell each.
     assert area == pytest.approx(SHADOW_M2, abs=2 * (0.8 + 0.6) * CELL / 2)
     assert (wall.wall.reachable == wall.wall.hidden).all()
-    strata = strata_of(wall.wall, int(wall.model.objects()[0]))
+    strata = strata_of(wall.wall)
     assert set(np.unique(strata)) == {-1, Stratum.INTERIOR}
 
 
@@ -146,7 +146,7 @@ def test_samples_keep_the_area_and_lie_on_the_mesh() -> None:
 
 def test_window_cut_by_the_board_is_of_stratum_six_and_so_is_what_fills_it() -> None:
     wall = wall_with_window()
-    strata = strata_of(wall.wall, int(wall.model.objects()[0]))
+    strata = strata_of(wall.wall)
     assert set(np.unique(strata)) == {-1, Stratum.OPENING}
     result = scored(wall, wall.rectangle())  # the whole shadow, the hidden corner of the window with it
     opening = result.areas.pooled(surfaces=[0], strata=[Stratum.OPENING])

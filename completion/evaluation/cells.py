@@ -35,12 +35,15 @@ class TrueCells:
         Object that hides a cell, -1 where none does.
     reachable : (rows, columns) bool
         Hidden part of the surface that is connected with a visible one.
+    faces_away : (rows, columns) bool
+        Where the surface shows its back to every scan.
     """
 
     chart: TrueChart
     sight: NDArray[np.int8]
     occluder: NDArray[np.int32]
     reachable: BoolArray
+    faces_away: BoolArray
 
     @property
     def visible(self) -> BoolArray:
@@ -96,25 +99,35 @@ def look(
     result = []
     for chart in charts:
         centres = chart.grid.centres()
-        seen = sight_of(centres, scans, caster, _EXACT_M, chart.grid.surface.normal(centres))
+        normals = chart.grid.surface.normal(centres)
+        seen = sight_of(centres, scans, caster, _EXACT_M, normals)
         occluder = np.full(len(centres), -1, np.int32)
         hides = seen.blocker >= 0
         occluder[hides] = objects[model.mesh.face_surface[seen.blocker[hides]]]
         shape = chart.grid.shape
         enough = bool(pixels[chart.surface] >= min_pixels)
-        result.append(_cells_of(chart, seen.sight.reshape(shape), occluder.reshape(shape), enough))
+        away = np.ones(len(centres), dtype=np.bool_)
+        for scan in scans:
+            away &= np.einsum("ij,ij->i", scan.origin - centres, normals) <= 0
+        cells = _cells_of(chart, seen.sight.reshape(shape), occluder.reshape(shape), enough, away)
+        result.append(cells)
     return tuple(result)
 
 
 def _cells_of(
-    chart: TrueChart, sight: NDArray[np.int8], occluder: NDArray[np.int32], seen_enough: bool
+    chart: TrueChart,
+    sight: NDArray[np.int8],
+    occluder: NDArray[np.int32],
+    seen_enough: bool,
+    away: BoolArray,
 ) -> TrueCells:
     visible, hidden = chart.present & (sight == Sight.VISIBLE), chart.present & (sight == Sight.HIDDEN)
     part = pieces(visible | hidden, chart.grid.wraps)
     reached = np.zeros(int(part.max(initial=0)) + 1, dtype=np.bool_)
     reached[np.unique(part[visible])] = seen_enough
     reached[0] = False
-    return TrueCells(chart, sight, occluder, np.asarray(hidden & reached[part], dtype=np.bool_))
+    reachable = np.asarray(hidden & reached[part], dtype=np.bool_)
+    return TrueCells(chart, sight, occluder, reachable, away.reshape(chart.grid.shape))
 
 
 def pieces(mask: BoolArray, wraps: bool) -> NDArray[np.int32]:

@@ -88,8 +88,7 @@ def score(
     InputError
         A scan without truth.
     """
-    objects = model.objects()
-    strata = [strata_of(cell, int(objects[cell.chart.surface])) for cell in cells]
+    strata = [strata_of(cell) for cell in cells]
     samples = sample(hypothesis, _SAMPLE_M)
     caster = RayCaster(model.mesh.vertices, model.mesh.faces, n_threads)
     return Score(

@@ -22,36 +22,31 @@ class Stratum(IntEnum):
     INTERIOR = 1  # S1, surface-preserving: an occluder hides part of it, the rest stays one region
     BREAKING = 2  # S2, surface-breaking: the visible rest falls apart
     BOUNDARY = 3  # S3, boundary-breaking: part of the surface's own boundary is hidden too
-    SELF = 4  # S4: the side of a cylinder that it hides itself
+    SELF = 4  # S4: the side of a cylinder that shows its back to all scans
     OPENING = 6  # S6: an opening's outline is partly hidden
 
 
-def strata_of(cells: TrueCells, own_object: int) -> NDArray[np.int8]:
+def strata_of(cells: TrueCells) -> NDArray[np.int8]:
     """Return the stratum of every reachable hidden cell, -1 for all other cells.
 
-    What one object hides of one surface, in one piece, is of one stratum: S4 where the object is the
-    cylinder itself; S6 where the piece borders on a hidden part of an opening; S2 where it borders on two
-    visible parts; S3 where it borders on where the surface ends; else S1.
-
-    Parameters
-    ----------
-    cells : TrueCells
-        A surface as the scans see it.
-    own_object : int
-        Number of the object that the surface is part of.
+    The back of a cylinder is S4. What one object hides of the rest of a surface, in one piece, is of one
+    stratum: S6 where the piece borders on a hidden part of an opening; S2 where it borders on two visible
+    parts; S3 where it borders on where the surface ends; else S1.
     """
     result = np.full(cells.chart.grid.shape, -1, np.int8)
     visible = _large_parts(cells)
     hidden_opening = cells.chart.in_opening & (cells.sight == Sight.HIDDEN)
     wraps = cells.chart.grid.wraps
-    for occluder in np.unique(cells.occluder[cells.reachable]):
-        shadows = pieces(cells.reachable & (cells.occluder == occluder), wraps)
+    open_ = cells.reachable
+    if isinstance(cells.chart.grid.surface, Cylinder):
+        result[open_ & cells.faces_away] = Stratum.SELF
+        open_ = open_ & ~cells.faces_away
+    for occluder in np.unique(cells.occluder[open_]):
+        shadows = pieces(open_ & (cells.occluder == occluder), wraps)
         for number in np.unique(shadows[shadows > 0]):
             shadow = shadows == number
             rim = grown(shadow, wraps) & ~shadow
-            if occluder == own_object and isinstance(cells.chart.grid.surface, Cylinder):
-                stratum = Stratum.SELF
-            elif (rim & hidden_opening).any():
+            if (rim & hidden_opening).any():
                 stratum = Stratum.OPENING
             elif len(np.unique(visible[rim & (visible > 0)])) > 1:
                 stratum = Stratum.BREAKING
