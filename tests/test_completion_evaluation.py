@@ -6,16 +6,19 @@ import pytest
 
 from completion.evaluation.calibration import Reliability, deviation_bins, no_reliability, summary
 from completion.evaluation.hypothesis import Hypothesis, continued_surfaces, sample
+from completion.evaluation.other_scans import score_by_others
 from completion.evaluation.score import Score, score
 from completion.evaluation.sight import Sight, sight_of
 from completion.evaluation.splits import PairCounts, merge_counts
 from completion.evaluation.strata import Stratum, strata_of
 from completion.evaluation.tally import HEADLINE, TOLERANCES_M, Tally
 from completion.evaluation.truth import TrueModel
+from nbv.scanner import scan_scene
 from scenes.checks import InputError
 from scenes.opening import Opening
+from scenes.pose import Pose
 from scenes.range_image import RangeImage
-from tests.evaluation_examples import WALL_Y, Wall, hypothesis, plain_wall, wall_with_window
+from tests.evaluation_examples import CAMERA, WALL_Y, Wall, hypothesis, plain_wall, wall_with_window
 
 SHADOW_M2 = 0.8 * 0.6
 CELL = 0.01
@@ -287,3 +290,24 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
     bare = RangeImage(wall.scan.ranges, wall.scan.projection, wall.scan.world_from_sensor, name="bare")
     with pytest.raises(InputError, match="scan 'bare' has no truth channels"):
         score(wall.model, wall.cells, [bare], good)
+
+
+def test_another_scan_knows_what_one_could_not_see() -> None:
+    wall = plain_wall()
+    other = scan_scene(wall.scene, Pose.looking_at((1.2, 0, 0), (0, 2, 0)), CAMERA)
+    # Counted: the shadow less 10 cm all around; all of it where it is 10 cm off the frame's own returns.
+    cases = ((0.0, 1, 1, 0, 0.6 * 0.4), (0.1, 0, 0, 0, SHADOW_M2), (-0.1, np.nan, 0, 1, SHADOW_M2))
+    for offset, precision, recall, unknown, area in cases:
+        samples = sample(wall.rectangle(offset=offset), CELL)
+        result = score_by_others(wall.scan, [other], samples)
+        assert result.precision == pytest.approx(precision, abs=1e-9, nan_ok=True)
+        assert result.recall == pytest.approx(recall, abs=1e-9)
+        assert result.unknown_share == pytest.approx(unknown, abs=1e-9)
+        counted = result.right_m2 + result.wrong_m2 + result.unknown_m2
+        assert counted == pytest.approx(area, rel=0.15)
+        # The wall lies where voxels meet: some places fall into two of them.
+        assert 0.9 <= result.n_reference / (0.6 * 0.4 / 0.02**2) <= 2
+    blind = score_by_others(wall.scan, [wall.scan], sample(wall.rectangle(), CELL))
+    assert blind.n_reference == 0
+    assert np.isnan(blind.recall)
+    assert blind.unknown_share == 1

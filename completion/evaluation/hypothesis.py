@@ -212,16 +212,19 @@ def continued_surfaces(
     owners : sequence of (rows, columns) int
         For each scan the number of the inferred surface of each pixel, from 1; 0 for none.
     scans : sequence of RangeImage
-        With truth.
+        Those without truth say nothing.
     n_inferred : int
         How many surfaces were inferred.
     """
-    result = np.full(n_inferred, -1, np.int32)
-    most = np.zeros(n_inferred, np.int64)
-    truth = [scan.truth.surface for scan in scans if scan.truth is not None]
-    n_true = 1 + max((int(surface.max(initial=-1)) for surface in truth), default=-1)
+    result, most = np.full(n_inferred, -1, np.int32), np.zeros(n_inferred, np.int64)
+    known = [
+        (owner, scan.truth.surface)
+        for owner, scan in zip(owners, scans, strict=True)
+        if scan.truth is not None
+    ]
+    n_true = 1 + max((int(surface.max(initial=-1)) for _, surface in known), default=-1)
     count = np.zeros((n_inferred + 1, n_true + 1), np.int64)
-    for owner, surface in zip(owners, truth, strict=True):
+    for owner, surface in known:
         np.add.at(count, (owner.ravel(), surface.ravel()), 1)
     if n_true:
         result, most = count[1:, :n_true].argmax(axis=1).astype(np.int32), count[1:, :n_true].max(axis=1)
