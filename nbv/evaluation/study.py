@@ -111,17 +111,19 @@ def evaluate(
     n_threads : int, optional
         Threads; results do not depend on it.
     progress : callable, optional
-        Called with a stage's name, cases done and cases in all.
+        Called with a stage's name, cases done and cases in all; the manifest's times of stages come from it.
     """
     for index, case in enumerate(cases):
-        progress(f"evaluate, {noise}", index, len(cases))
+        progress("scan and look", index, len(cases))
         scans = case.scans(noise, seed + 1000 * index)
         cells = case.cells(scans)
         kinds = tuple((_kind(name), number) for number, name in enumerate(case.scene.surface_names))
         for mode in modes:
+            progress(f"complete, {mode}", index, len(cases))
             completed = complete(
                 scans, CompletionOptions(mode=mode, texture=False), rng=seed, n_threads=n_threads
             )
+            progress("score", index, len(cases))
             found = hypothesis_of(completed, scans)
             yield Outcome(
                 case.name,
@@ -135,6 +137,7 @@ def evaluate(
                 kinds,
             )
         for baseline in BASELINES if with_baselines else ():
+            progress("baselines", index, len(cases))
             guessed = baseline_hypothesis(baseline, case.model, cells, scans, n_threads)
             result = score(case.model, cells, scans, guessed, n_threads=n_threads)
             area = float(result.claims.claimed.sum())
@@ -149,7 +152,7 @@ def evaluate(
                 result.claims.violation_m2,
                 kinds,
             )
-        progress(f"evaluate, {noise}", index + 1, len(cases))
+        progress("score", index + 1, len(cases))
 
 
 def _kind(name: str) -> str:
