@@ -191,6 +191,16 @@ def test_openings_are_matched_by_overlap() -> None:
     assert moved.counts == PairCounts(right=1, wrong=1)
     assert moved.edge_m.max() == pytest.approx(0.05, abs=1e-6)
     assert scored(wall, base).openings.counts == PairCounts(missed=1)
+    half = true.copy()
+    half[:, 0] = np.where(half[:, 0] < 0.5, half[:, 0], 0.45)  # less than half of it
+    assert scored(wall, with_openings(half)).openings.counts == PairCounts(wrong=1, missed=1)
+    aside = Wall((0.9, -0.1, 1.5, 0.5))  # half out of view: neither asked for nor wrong
+    found = Hypothesis(
+        base.vertices, base.faces, base.surface, base.sd, base.confidence, base.true_surface,
+        (Opening(0, aside.scene.openings[0].outline * [0.8, 1, 1]),),
+    )  # fmt: skip
+    assert scored(aside, found).openings.counts == PairCounts()
+    assert scored(aside, aside.rectangle()).openings.counts == PairCounts()
 
 
 def test_deviations_are_compared_with_all_errors() -> None:

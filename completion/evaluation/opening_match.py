@@ -16,7 +16,8 @@ from completion.evaluation.splits import PairCounts
 from completion.evaluation.truth import TrueModel
 from scenes.checks import FloatArray
 
-_SEEN_SHARE = 0.1  # of an opening's area that a beam must go through for it to be known at all
+_SEEN_SHARE = 0.1  # of an opening's area that beams must go through for it to be known at all
+_OUT_SHARE = 0.1  # of it that may lie out of view
 _SAME_IOU = 0.5
 _STEP_M = 0.01
 
@@ -32,46 +33,56 @@ class OpeningScore:
 def match_openings(model: TrueModel, cells: Sequence[TrueCells], hypothesis: Hypothesis) -> OpeningScore:
     """Match found openings with true ones of the same surface: the same at an IoU of a half.
 
-    True openings that no beam goes through (to less than a tenth) are neither asked for nor counted as
-    wrong when found.
+    True openings that hardly a beam goes through (less than a tenth), or of which more than a tenth is out
+    of view, are not asked for; what is found of them is not wrong.
     """
     by_surface = {cell.chart.surface: cell for cell in cells}
-    right, wrong, missed, edges = 0, 0, 0, [np.zeros(0)]
-    matched: set[int] = set()
+    right, missed, edges = 0, 0, [np.zeros(0)]
+    settled: set[int] = set()  # found openings that are no longer wrong
     for opening in model.openings:
-        if opening.surface not in by_surface:
+        cell = by_surface.get(opening.surface)
+        if cell is None:
             continue
-        cell = by_surface[opening.surface]
-        surface = cell.chart.grid.surface
-        true = shapely.Polygon(surface.to_uv(opening.outline))
-        overlap = {
-            index: _iou(true, shapely.Polygon(surface.to_uv(found.outline)).buffer(0))
-            for index, found in enumerate(hypothesis.openings)
-            if hypothesis.true_surface[found.surface] == opening.surface and index not in matched
-        }
-        best = max(overlap, key=lambda index: overlap[index], default=-1)
-        seen = _share_seen(cell, true)
-        if best >= 0 and overlap[best] >= _SAME_IOU:
-            matched.add(best)
-            right += seen >= _SEEN_SHARE
-            edges.append(_edge_errors(true, surface.to_uv(hypothesis.openings[best].outline)))
+        true = shapely.Polygon(cell.chart.grid.surface.to_uv(opening.outline))
+        found = _found_in(cell, hypothesis)
+        overlap = {k: _iou(true, polygon) for k, polygon in found.items() if k not in settled}
+        best = max(overlap, key=lambda k: overlap[k], default=-1)
+        matches = best >= 0 and overlap[best] >= _SAME_IOU
+        if matches:
+            settled.add(best)
+            edges.append(_edge_errors(true, found[best]))
+        if _is_asked_for(cell, true):
+            right, missed = right + matches, missed + (not matches)
         else:
-            missed += seen >= _SEEN_SHARE
-    wrong = len(hypothesis.openings) - len(matched)
-    return OpeningScore(PairCounts(right, wrong, missed), np.concatenate(edges))
+            settled |= {
+                k for k, polygon in found.items() if true.intersection(polygon).area > polygon.area / 2
+            }
+    return OpeningScore(
+        PairCounts(right, len(hypothesis.openings) - len(settled), missed), np.concatenate(edges)
+    )
+
+
+def _found_in(cell: TrueCells, hypothesis: Hypothesis) -> dict[int, shapely.Polygon]:
+    """Openings found in the surfaces that continue this one, in its chart, by their number."""
+    return {
+        number: shapely.Polygon(cell.chart.grid.surface.to_uv(opening.outline)).buffer(0)
+        for number, opening in enumerate(hypothesis.openings)
+        if hypothesis.true_surface[opening.surface] == cell.chart.surface
+    }
 
 
 def _iou(one: shapely.Polygon, other: shapely.Polygon) -> float:
     return float(one.intersection(other).area / max(one.union(other).area, 1e-12))
 
 
-def _share_seen(cell: TrueCells, opening: shapely.Polygon) -> float:
+def _is_asked_for(cell: TrueCells, opening: shapely.Polygon) -> bool:
     uv = cell.chart.grid.centres_uv()
-    inside = shapely.contains_xy(opening, uv[..., 0], uv[..., 1])
-    return float((cell.sight[inside] == Sight.FREE).mean()) if inside.any() else 0.0
+    sight = cell.sight[shapely.contains_xy(opening, uv[..., 0], uv[..., 1])]
+    seen, out = (sight == Sight.FREE).sum(), (sight == Sight.OUT).sum()
+    return bool(len(sight) and seen >= _SEEN_SHARE * len(sight) and out <= _OUT_SHARE * len(sight))
 
 
-def _edge_errors(true: shapely.Polygon, found: FloatArray) -> FloatArray:
+def _edge_errors(true: shapely.Polygon, found: shapely.Polygon) -> FloatArray:
     ring = true.exterior
     places = shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, _STEP_M))
-    return np.asarray(shapely.distance(places, shapely.LinearRing(found)), dtype=np.float64)
+    return np.asarray(shapely.distance(places, found.boundary), dtype=np.float64)

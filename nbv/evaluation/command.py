@@ -59,11 +59,7 @@ def evaluation(
     with running("evaluation", shared, default=str(out), is_folder=True) as run:
         for name in noises:
             noise_model(name)
-        groups: dict[str, list[Case]] = {}
-        if Scenes.office in wanted:
-            groups["office"] = office_cases(frames)
-        if Scenes.generated in wanted:
-            groups["generated"] = generated_cases(rooms, first_room)
+        groups = _groups(wanted, frames, rooms, first_room)
         outcomes = [
             (group, outcome)
             for group, cases in groups.items()
@@ -88,6 +84,16 @@ def evaluation(
         if page is not None:
             write_page(result, options, page, lambda name: page.parent / name)
         run.finish([], options, result.headline(), result.lines())
+
+
+def _groups(wanted: list[Scenes], frames: int, rooms: int, first_room: int) -> dict[str, list[Case]]:
+    """Return the cases of each kind of scenes."""
+    groups: dict[str, list[Case]] = {}
+    if Scenes.office in wanted:
+        groups["office"] = office_cases(frames)
+    if Scenes.generated in wanted:
+        groups["generated"] = generated_cases(rooms, first_room)
+    return groups
 
 
 def _modes(names: list[str] | None) -> tuple[Mode, ...]:

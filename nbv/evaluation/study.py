@@ -117,42 +117,30 @@ def evaluate(
         progress("scan and look", index, len(cases))
         scans = case.scans(noise, seed + 1000 * index)
         cells = case.cells(scans)
-        kinds = tuple((_kind(name), number) for number, name in enumerate(case.scene.surface_names))
         for mode in modes:
             progress(f"complete, {mode}", index, len(cases))
-            completed = complete(
-                scans, CompletionOptions(mode=mode, texture=False), rng=seed, n_threads=n_threads
-            )
+            options = CompletionOptions(mode=mode, texture=False)
+            completed = complete(scans, options, rng=seed, n_threads=n_threads)
             progress("score", index, len(cases))
             found = hypothesis_of(completed, scans)
-            yield Outcome(
-                case.name,
-                case.breaks_prior,
-                mode,
-                noise,
-                score(case.model, cells, scans, found, n_threads=n_threads),
-                merge_counts(scans, completed.owners, case.model.scored),
-                completed.hypothesised_m2,
-                completed.free_space_violation_m2,
-                kinds,
-            )
+            result = score(case.model, cells, scans, found, n_threads=n_threads)
+            merges = merge_counts(scans, completed.owners, case.model.scored)
+            areas = completed.hypothesised_m2, completed.free_space_violation_m2
+            yield _outcome(case, mode, noise, result, merges, areas)
         for baseline in BASELINES if with_baselines else ():
             progress("baselines", index, len(cases))
             guessed = baseline_hypothesis(baseline, case.model, cells, scans, n_threads)
             result = score(case.model, cells, scans, guessed, n_threads=n_threads)
-            area = float(result.claims.claimed.sum())
-            yield Outcome(
-                case.name,
-                case.breaks_prior,
-                baseline.name,
-                noise,
-                result,
-                PairCounts(),
-                area,
-                result.claims.violation_m2,
-                kinds,
-            )
-        progress("score", index + 1, len(cases))
+            areas = float(result.claims.claimed.sum()), result.claims.violation_m2
+            yield _outcome(case, baseline.name, noise, result, PairCounts(), areas)
+    progress("score", len(cases), len(cases))
+
+
+def _outcome(
+    case: Case, method: str, noise: str, result: Score, merges: PairCounts, areas: tuple[float, float]
+) -> Outcome:
+    kinds = tuple((_kind(name), number) for number, name in enumerate(case.scene.surface_names))
+    return Outcome(case.name, case.breaks_prior, method, noise, result, merges, *areas, kinds)
 
 
 def _kind(name: str) -> str:
