@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Real scans: one frame completed alone, scored by what registered frames saw behind its occluders.
 
-Run it with `python examples/score_hidden_by_other_scans.py [FOLDER]`: it writes `hidden-by-other-scans.md`
-and a picture for each data set into the folder (default: docs). The data are read from UNSEEN_DATA (default
-../shared/data).
+Run it with `python examples/score_hidden_by_other_scans.py [FOLDER] [PICTURES]`: it writes
+`hidden-by-other-scans.md` into the folder (default: docs), and a picture for each data set into the second
+(default: out/hidden): blue is right, orange wrong, yellow unknown, grey not counted. The data are read from
+UNSEEN_DATA (default ../shared/data).
 """
 
 import os
@@ -78,10 +79,11 @@ def line(data: DataSet, frame: int, mode: Mode, result: HiddenScore) -> str:
     )
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, pictures: Path) -> None:
     """Score all data sets and write page and pictures."""
-    (folder / "pictures").mkdir(parents=True, exist_ok=True)
-    rows, pictures = [], []
+    for place in (folder, pictures):
+        place.mkdir(parents=True, exist_ok=True)
+    rows = []
     for data in SETS:
         for frame in range(1, data.n_frames + 1):
             for mode in MODES if frame == 1 else ("standard",):
@@ -89,10 +91,8 @@ def main(folder: Path) -> None:
                 rows.append(line(data, frame, mode, result))
                 print(rows[-1], flush=True)
                 if (frame, mode) == (1, "standard"):
-                    name = f"pictures/hidden_{data.name}.png"
-                    picture.quantize(64).save(folder / name, optimize=True)
-                    pictures.append(f"![{data.name}]({name})")
-    page = "\n\n".join([HEAD, TABLE + "\n".join(rows), *pictures]) + "\n"
+                    picture.quantize(64).save(pictures / f"{data.name}.png", optimize=True)
+    page = HEAD + "\n\n" + TABLE + "\n".join(rows) + "\n"
     (folder / "hidden-by-other-scans.md").write_text(page, "utf-8")
 
 
@@ -101,13 +101,13 @@ HEAD = """<!-- Written by `python examples/score_hidden_by_other_scans.py`; do n
 # Real frames completed alone, scored by other frames
 
 Counted is inferred area behind something in the frame and more than 10 cm from all that it measured. Right:
-within 3 cm of a point of another frame (blue); wrong: a beam of another frame goes through (orange); unknown:
-neither (yellow); not counted: grey. Recall is the share of the other frames' points (one in each 2 cm) hidden
-from the frame and as far from its own that have inferred area within 3 cm. A set of which more than 70 % is
-unknown decides nothing."""
+within 3 cm of a point of another frame; wrong: a beam of another frame goes through; unknown: neither.
+Recall is the share of the other frames' points (one in each 2 cm) hidden from the frame and as far from its
+own that have inferred area within 3 cm. A set of which more than 70 % is unknown decides nothing."""
 TABLE = """| set | mode | precision | recall | unknown | right m2 | wrong m2 | unknown m2 | reference points |
 |---|---|---|---|---|---|---|---|---|
 """
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "docs"))
+    given = [Path(text) for text in sys.argv[1:]]
+    main(*given, *(Path("docs"), Path("out/hidden"))[len(given) :])
