@@ -103,7 +103,7 @@ def coverage_curve(
         axes.set_ylabel("measured as required, % of the area")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
-    return _plot(draw, (5.4, 4.1))
+    return drawn_plot(draw, (5.4, 4.1))
 
 
 def floor_plan(
@@ -161,7 +161,7 @@ def floor_plan(
         axes.set_ylabel("y, m")
         axes.grid(visible=False)
 
-    return _plot(draw, (width + 0.5, height + 0.4))
+    return drawn_plot(draw, (width + 0.5, height + 0.4))
 
 
 def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
@@ -196,7 +196,8 @@ def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool =
     )  # fmt: skip
 
 
-def _plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
+def drawn_plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
+    """Return the plot that `draw` makes of an axes, in both themes; `size` in inches."""
     light, dark = (_drawn(draw, theme, size) for theme in (_LIGHT, _DARK))
     return Plot(light, dark, round(size[0] * _DPI), round(size[1] * _DPI))
 

@@ -10,6 +10,7 @@ from .loading import load_scene as load_scene
 from .loading import open_scene as open_scene
 from .mesh import Appearance as Appearance
 from .mesh import LabelledMesh as LabelledMesh
+from .opening import Opening as Opening
 from .pose import Pose as Pose
 from .projection import PinholeProjection as PinholeProjection
 from .projection import Projection as Projection

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
 from scenes.mesh import Appearance, LabelledMesh
+from scenes.opening import Opening
 from scenes.scene import Mode, Scene
 from scenes.surfaces import Cylinder, Plane, Surface
 
@@ -47,6 +50,7 @@ class SceneBuilder:
     _finish: list[Finish] = field(default_factory=list)
     _surfaces: list[Surface] = field(default_factory=list)
     _names: list[str] = field(default_factory=list)
+    _openings: list[Opening] = field(default_factory=list)
 
     def add_rectangle(self, name: str, corner: object, u: object, v: object, finish: Finish) -> None:
         """Add the rectangle from `corner` along edges `u` and `v` (metres); its normal is u x v."""
@@ -55,10 +59,64 @@ class SceneBuilder:
         quad = np.stack([origin, origin + along, origin + along + up, origin + up])
         self._add(name, plane, quad[[[0, 1, 2], [0, 2, 3]]], finish)
 
-    def add_box(self, name: str, low: object, high: object, finish: Finish, *, inward: bool = False) -> None:
-        """Add the six sides of an upright box, seen from outside or, `inward`, from within."""
+    def add_panel(
+        self,
+        name: str,
+        corner: object,
+        u: object,
+        v: object,
+        finish: Finish,
+        holes: Sequence[tuple[float, float, float, float]] = (),
+        *,
+        are_openings: bool = True,
+    ) -> None:
+        """Add a rectangle as `add_rectangle` does, less rectangular holes.
+
+        Each hole is (u, v) of its near and of its far corner in metres along the edges from `corner`. They
+        are openings that one sees through, unless `are_openings` says that something fills them.
+        """
+        origin, along, up = (np.asarray(x, dtype=np.float64) for x in (corner, u, v))
+        width, height = float(np.linalg.norm(along)), float(np.linalg.norm(up))
+        cut_u = np.unique([0.0, width, *(hole[k] for hole in holes for k in (0, 2))])
+        cut_v = np.unique([0.0, height, *(hole[k] for hole in holes for k in (1, 3))])
+        tiles = [
+            (u0, v0, u1, v1)
+            for u0, u1 in pairwise(cut_u)
+            for v0, v1 in pairwise(cut_v)
+            if not any(h[0] < (u0 + u1) / 2 < h[2] and h[1] < (v0 + v1) / 2 < h[3] for h in holes)
+        ]
+
+        def outline(tile: tuple[float, float, float, float]) -> FloatArray:
+            across, high = along / width, up / height
+            ring = ((0, 1), (2, 1), (2, 3), (0, 3))
+            return np.stack([origin + tile[i] * across + tile[j] * high for i, j in ring])
+
+        quads = np.stack([outline(tile) for tile in tiles])
+        corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        if are_openings:
+            self._openings += [Opening(len(self._surfaces), outline(hole)) for hole in holes]
+        self._add(name, Plane(origin, np.cross(along, up), along), corners, finish)
+
+    def add_box(
+        self,
+        name: str,
+        low: object,
+        high: object,
+        finish: Finish,
+        *,
+        inward: bool = False,
+        yaw: float = 0.0,
+    ) -> None:
+        """Add the six sides of an upright box, seen from outside or, `inward`, from within.
+
+        `yaw` turns it about the vertical through its middle, radians, counter-clockwise seen from above.
+        """
         a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        x, y, z = np.diag(b - a)
+        turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1.0]])
+        x, y, z = np.diag(b - a) @ turn
+        if yaw:
+            middle = np.array([*(a + b)[:2] / 2, a[2]])
+            a = middle - (x + y) / 2
         sides = {
             "west": (a + y, -y, z),
             "east": (a + x, y, z),
@@ -72,13 +130,26 @@ class SceneBuilder:
             self.add_rectangle(f"{name} {side}", start, along, v, finish)
 
     def add_cylinder(
-        self, name: str, foot: object, axis: object, radius: float, finish: Finish, *, caps: bool = True
+        self,
+        name: str,
+        foot: object,
+        axis: object,
+        radius: float,
+        finish: Finish,
+        *,
+        caps: bool = True,
+        facing: object | None = None,
     ) -> None:
-        """Add the cylinder from `foot` along `axis` (metres, its length the height), with caps as planes."""
+        """Add the cylinder from `foot` along `axis` (metres, its length the height), with caps as planes.
+
+        With `facing`, a direction at right angles to the axis, only the half that looks that way is there.
+        """
         start, along = np.asarray(foot, dtype=np.float64), np.asarray(axis, dtype=np.float64)
         height = float(np.linalg.norm(along))
-        surface = Cylinder(start, along, radius)
-        arc = np.linspace(-np.pi, np.pi, _N_FACETS + 1) * radius
+        surface = Cylinder(start, along, radius, facing)
+        reach = np.pi if facing is None else np.pi / 2
+        n_facets = _N_FACETS if facing is None else _N_FACETS // 2
+        arc = np.linspace(-reach, reach, n_facets + 1) * radius
         low = np.stack([arc, np.zeros_like(arc)], axis=1)
         high = np.stack([arc, np.full_like(arc, height)], axis=1)
         uv = np.concatenate([
@@ -121,7 +192,14 @@ class SceneBuilder:
             labels,
             Appearance(tint, tuple(images), face_image, corner_uv),
         )
-        return Scene(mesh, tuple(self._surfaces), tuple(self._names), self.name, self.mode)
+        return Scene(
+            mesh,
+            tuple(self._surfaces),
+            tuple(self._names),
+            self.name,
+            self.mode,
+            openings=tuple(self._openings),
+        )
 
     def _add(
         self, name: str, surface: Surface, corners: FloatArray, finish: Finish, uv: FloatArray | None = None

@@ -8,6 +8,7 @@ from typing import Literal
 
 from scenes.checks import InputError
 from scenes.mesh import LabelledMesh
+from scenes.opening import Opening
 from scenes.pose import Pose
 from scenes.raycast import RayCaster
 from scenes.surfaces import Surface
@@ -33,11 +34,13 @@ class Scene:
         Whether it is scanned from within or from around.
     warnings : tuple of str
         What a reader noticed and mended.
+    openings : tuple of Opening
+        Windows and door openings, where they are known.
 
     Raises
     ------
     InputError
-        As many names as surfaces are needed, and no face may name another surface.
+        As many names as surfaces are needed, and no face and no opening may name another surface.
     """
 
     mesh: LabelledMesh
@@ -46,6 +49,7 @@ class Scene:
     name: str
     mode: Mode = "room"
     warnings: tuple[str, ...] = ()
+    openings: tuple[Opening, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.surfaces) != len(self.surface_names):
@@ -56,6 +60,11 @@ class Scene:
             raise InputError(
                 f"faces name surface {int(unknown[0])}, but there are {len(self.surfaces)} surfaces"
             )
+        for opening in self.openings:
+            if not 0 <= opening.surface < len(self.surfaces):
+                raise InputError(
+                    f"an opening names surface {opening.surface}, but there are {len(self.surfaces)} surfaces"
+                )
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:
         """Return the mesh prepared for ray casting."""
@@ -64,4 +73,5 @@ class Scene:
     def transformed(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""
         surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
-        return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces)
+        openings = tuple(opening.transformed(pose) for opening in self.openings)
+        return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces, openings=openings)

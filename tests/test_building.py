@@ -136,6 +136,53 @@ def test_a_texture_around_a_cylinder_follows_its_chart() -> None:
     assert np.ptp(look.corner_uv[:, :, 0], axis=1).max() < 0.1  # no face spans the seam
 
 
+def test_a_turned_box_is_the_box_turned_about_its_middle() -> None:
+    build = SceneBuilder("box", "object")
+    build.add_box("crate", (1, 2, 3), (2, 4, 6), GREY, yaw=0.3)
+    scene, straight = build.finish(), box()
+    np.testing.assert_allclose(signed_volume(scene), 6.0, rtol=1e-12)
+    assert open_edges(scene) == 0
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
+    middle = np.array([1.5, 3.0, 3.0])
+    expected = (straight.mesh.corners - middle) @ turn.T + middle
+    np.testing.assert_allclose(scene.mesh.corners, expected, atol=2e-12)  # vertices are rounded
+
+
+def test_a_panel_is_a_rectangle_less_its_openings() -> None:
+    build = SceneBuilder("wall", "object")
+    holes = [(0.5, 0.0, 1.5, 2.0), (2.0, 1.0, 3.0, 2.2)]
+    build.add_panel("wall", (1, 0, 0), (4, 0, 0), (0, 0, 3), GREY, holes)
+    scene = build.finish()
+    np.testing.assert_allclose(scene.mesh.face_areas().sum(), 12 - 2 - 1.2, rtol=1e-12)
+    assert [opening.surface for opening in scene.openings] == [0, 0]
+    np.testing.assert_allclose(
+        scene.openings[1].outline, [[3, 0, 1], [4, 0, 1], [4, 0, 2.2], [3, 0, 2.2]], atol=1e-12
+    )
+    through = [[1.0 + (u0 + u1) / 2, -1.0, (v0 + v1) / 2] for u0, v0, u1, v1 in holes]
+    assert not scene.ray_caster().first_hit(through, [[0, 1.0, 0]] * 2).hit.any()
+    beside = scene.ray_caster().first_hit([[1.2, -1.0, 1.0], [4.5, -1, 2.5]], [[0, 1.0, 0]] * 2)
+    assert beside.hit.all()
+
+
+def test_what_fills_a_hole_makes_it_no_opening() -> None:
+    build = SceneBuilder("wall", "object")
+    build.add_panel("wall", (0, 0, 0), (4, 0, 0), (0, 0, 3), GREY, [(1, 0, 2, 3)], are_openings=False)
+    scene = build.finish()
+    assert scene.openings == ()
+    np.testing.assert_allclose(scene.mesh.face_areas().sum(), 9, rtol=1e-12)
+
+
+def test_half_a_column_looks_the_way_it_faces() -> None:
+    build = SceneBuilder("column", "object")
+    build.add_cylinder("column", (1, 2, 0), (0, 0, 2), 0.5, GREY, facing=(0, -1, 0))
+    scene = build.finish()
+    assert scene.mesh.bounds()[:, 1].tolist() == pytest.approx([1.5, 2.0])
+    side = scene.mesh.face_surface == 0
+    np.testing.assert_allclose(scene.mesh.face_areas()[side].sum(), np.pi * 0.5 * 2, rtol=1e-4)
+    np.testing.assert_allclose(scene.mesh.face_areas()[~side].sum(), np.pi * 0.5**2, rtol=2e-4)
+    assert (scene.mesh.face_normals()[side][:, 1] < 0.01).all()
+
+
 def test_parts_without_area_are_refused() -> None:
     build = SceneBuilder("nothing", "object")
     with pytest.raises(InputError, match=r"normal has length 0\.0"):

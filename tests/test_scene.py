@@ -7,6 +7,7 @@ from hypothesis import given
 
 from scenes.checks import InputError
 from scenes.mesh import LabelledMesh
+from scenes.opening import Opening
 from scenes.pose import Pose
 from scenes.scene import Scene
 from scenes.surfaces import Plane, surfaces_close
@@ -58,3 +59,13 @@ def test_a_scene_without_faces_is_a_scene() -> None:
     nothing = Scene(LabelledMesh(np.zeros((0, 3)), np.zeros((0, 3), int)), (), (), "nothing")
     assert nothing.ray_caster().n_faces == 0
     assert nothing.mode == "room"
+
+
+def test_openings_move_with_their_wall_and_name_a_surface() -> None:
+    mesh = LabelledMesh(VERTICES, FACES)
+    hatch = Opening(0, VERTICES / 2)
+    scene = Scene(mesh, (FLOOR,), ("floor",), "square", openings=(hatch,))
+    pose = Pose.looking_at((1, 2, 3), (3, 1, 0))
+    np.testing.assert_allclose(scene.transformed(pose).openings[0].outline, pose.apply(VERTICES / 2))
+    with pytest.raises(InputError, match="an opening names surface 3, but there are 1 surfaces"):
+        Scene(mesh, (FLOOR,), ("floor",), "square", openings=(Opening(3, VERTICES),))

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: MIT
+"""Cases: a scene with its simulated scans, its truth as arrays, and a completion as a hypothesis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from completion.evaluation.cells import TrueCells, look
+from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
+from completion.evaluation.truth import TrueChart, TrueModel, true_charts
+from completion.export import completion_record
+from completion.extension import CONFIDENCE, Provenance
+from completion.model import CompletedModel
+from nbv.scanning.scanner import scan_scene
+from nbv.view import View
+from scenes.checks import FloatArray
+from scenes.opening import Opening
+from scenes.range_image import RangeImage
+from scenes.scene import Scene
+
+UNSCORED = ("outside",)  # what is seen through openings
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and the views it is scanned from.
+
+    Attributes
+    ----------
+    name : str
+        What to call it.
+    scene : Scene
+        The truth.
+    views : tuple of View
+        Where it is scanned from; all scans are completed together.
+    breaks : (k, 2, 3) float
+        Boxes in which the scene breaks the prior that hidden surface goes on.
+    """
+
+    name: str
+    scene: Scene
+    views: tuple[View, ...]
+    breaks: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 3)))
+
+    @property
+    def breaks_prior(self) -> bool:
+        """Whether it is one of the scenes of S7."""
+        return len(self.breaks) > 0
+
+    @cached_property
+    def model(self) -> TrueModel:
+        """The truth as arrays."""
+        scene = self.scene
+        scored = tuple(name not in UNSCORED for name in scene.surface_names)
+        return TrueModel(scene.mesh, scene.surfaces, scored, scene.openings, self.breaks)
+
+    @cached_property
+    def charts(self) -> tuple[TrueChart, ...]:
+        """The charts of the true surfaces."""
+        return true_charts(self.model)
+
+    def scans(self, noise: str, rng: int) -> tuple[RangeImage, ...]:
+        """Scan from all views, with a noise model of `nbv.scanning.effects`."""
+        caster = self.scene.ray_caster()
+        return tuple(
+            scan_scene(self.scene, view, noise=noise, rng=rng + index, caster=caster, name=self.name)
+            for index, view in enumerate(self.views)
+        )
+
+    def cells(self, scans: Sequence[RangeImage]) -> tuple[TrueCells, ...]:
+        """Return what the scans see and miss of the truth."""
+        return look(self.model, self.charts, scans)
+
+
+def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hypothesis:
+    """Return what a completion inferred from `scans`, in world coordinates."""
+    mesh = completed.hypothesised
+    first = mesh.faces[:, 0]
+    provenance = mesh.provenance[mesh.faces].max(axis=1, initial=0)
+    prior = np.array([CONFIDENCE[Provenance(code)] for code in range(len(Provenance))])
+    openings = tuple(
+        Opening(number, np.asarray(opening["points"], dtype=np.float64))
+        for number, surface in enumerate(completion_record(completed)["surfaces"])
+        for opening in surface["openings"]
+    )
+    return Hypothesis(
+        completed.world_from_reference.apply(mesh.vertices),
+        mesh.faces,
+        mesh.surface[first] - 1,
+        mesh.sd[mesh.faces].max(axis=1, initial=0.0),
+        prior[provenance],
+        continued_surfaces(completed.owners, scans, len(completed.patches)),
+        openings,
+    )
