@@ -189,7 +189,7 @@ def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
     at = ("--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "-o", tmp_path / "a.npz")
     said = succeed("scan", CHAIR, *at, "--sensor", "kinect_v1", "--noise", "profile").stdout
     active = "noise khoshelham2012 (per_m 0.001425); quantisation (inverse_depth_step_per_m 0.00285)"
-    assert f"kinect_v1: noise {active}" in said
+    assert f"kinect_v1: errs by {active}" in said
     described = json.loads(succeed("info", tmp_path / "a.npz", "--json").stdout)["scans"][0]
     assert (described["sensor"], described["noise"]) == ("kinect_v1", active)
     report = ("coverage", CHAIR, "--scans", tmp_path / "a.npz", "-o", tmp_path / "out", "--quiet")

@@ -59,4 +59,5 @@ def run_scan(
             "at": eye, "look": target, "sensor": profile.sensor.to_json(), "sources": dict(profile.sources),
             "noise": noise, "effects": taken.noise, "truth": truth, "up": up, "units": units,
         }  # fmt: skip
-        run.finish([scene, sensor], options, summary, [line, f"{profile.sensor.name}: noise {taken.noise}"])
+        errs = "exact ranges" if taken.noise == "none" else f"errs by {taken.noise}"
+        run.finish([scene, sensor], options, summary, [line, f"{profile.sensor.name}: {errs}"])
