@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from completion.hoover import score_regions
+from completion.evaluation.hoover import score_regions
 from tests.bench_frames import LEAST_PIXELS, NOISE_M, Frame, frames, judged, labels_of, prepared, segmented
 from tests.data_paths import requires_bench
 

@@ -13,5 +13,5 @@ from .fitting import select as select
 from .pipeline import Completion as Completion
 from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
-from .regions import SegmentationOptions as SegmentationOptions
+from .segmentation.regions import SegmentationOptions as SegmentationOptions
 from .texturing import TexturingOptions as TexturingOptions

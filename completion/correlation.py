@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from completion.observation import Observation
-from completion.packed import gap_to, pack
+from completion.segmentation.packed import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.surfaces import Surface
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from completion.merging import MergedSurface
 from completion.observation import Observation
-from completion.regions import observed_arc
+from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 

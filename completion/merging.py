@@ -16,7 +16,7 @@ from completion.fitting.result import SurfaceFit
 from completion.gaps import gap_is_hidden
 from completion.observation import Observation
 from completion.refitting import improve, refit
-from completion.regions import Region
+from completion.segmentation.regions import Region
 from scenes.checks import BoolArray, FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests

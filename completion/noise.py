@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import chi2
 
-from completion.tiles import cut_tiles
+from completion.segmentation.tiles import cut_tiles
 from scenes.checks import FloatArray
 from scenes.range_image import RangeImage
 

@@ -20,8 +20,8 @@ from completion.limits import Mode, find_enclosing, find_touching, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
-from completion.regions import SegmentationOptions
-from completion.segmentation import segment
+from completion.segmentation.pipeline import segment
+from completion.segmentation.regions import SegmentationOptions
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
 from scenes.checks import FloatArray, InputError, check_options
 from scenes.range_image import RangeImage

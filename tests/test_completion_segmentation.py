@@ -8,8 +8,8 @@ from completion.evidence import EvidenceOptions
 from completion.merging import merge
 from completion.noise import estimate_noise
 from completion.observation import Observation, observe
-from completion.regions import SegmentationOptions
-from completion.segmentation import segment
+from completion.segmentation.pipeline import segment
+from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from completion.hoover import score_regions
+from completion.evaluation.hoover import score_regions
 from scenes.checks import InputError
 
 

@@ -13,11 +13,11 @@ from completion.fitting.euclidean import fit_cylinder, fit_plane
 from completion.merging import merge
 from completion.noise import RangeNoise
 from completion.observation import observe
-from completion.packed import pack, unpack
 from completion.refitting import refit
-from completion.regions import SegmentationOptions
-from completion.segmentation import segment
-from completion.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
+from completion.segmentation.packed import pack, unpack
+from completion.segmentation.pipeline import segment
+from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
 from scenes.range_image import RangeImage

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.absorbing import absorb
 from completion.beams import Beams
-from completion.clusters import find_clusters
-from completion.competition import compete
-from completion.growing import Cluster
 from completion.observation import Observation
-from completion.packed import pack
-from completion.parts import split_parts
 from completion.refitting import improve, refit
-from completion.regions import Region, SegmentationOptions
-from completion.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
+from completion.segmentation.absorbing import absorb
+from completion.segmentation.clusters import find_clusters
+from completion.segmentation.competition import compete
+from completion.segmentation.growing import Cluster
+from completion.segmentation.packed import pack
+from completion.segmentation.parts import split_parts
+from completion.segmentation.regions import Region, SegmentationOptions
+from completion.segmentation.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
 from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to

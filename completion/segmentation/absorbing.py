@@ -10,8 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from completion.observation import Observation
-from completion.packed import gap_to
-from completion.regions import SegmentationOptions
+from completion.segmentation.packed import gap_to
+from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces import Surface
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.curvature import bending_cylinder, grow_cylinder
-from completion.growing import Cluster, find_seeds, grow_plane, next_seed, tile_cut
 from completion.observation import Observation
-from completion.regions import SegmentationOptions
-from completion.tiles import Tiles
+from completion.segmentation.curvature import bending_cylinder, grow_cylinder
+from completion.segmentation.growing import Cluster, find_seeds, grow_plane, next_seed, tile_cut
+from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.tiles import Tiles
 
 _LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from skimage.measure import label as connected_parts
 
 from completion.observation import Observation
-from completion.packed import unpack
-from completion.regions import SegmentationOptions
+from completion.segmentation.packed import unpack
+from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces import Surface
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numba import njit
 
-from completion.packed import pack_plane, tangent_plane
-from completion.regions import SegmentationOptions
-from completion.tiles import Tiles, solve_plane
+from completion.segmentation.packed import pack_plane, tangent_plane
+from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
 
 _N_ROUNDS = 12

@@ -8,9 +8,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from completion.observation import Observation
-from completion.packed import gap_to
-from completion.regions import SegmentationOptions
-from completion.tiles import Tiles
+from completion.segmentation.packed import gap_to
+from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.tiles import Tiles
 from scenes.checks import FloatArray
 
 _SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual

@@ -8,12 +8,12 @@ from numba import njit
 
 from completion.beams import Beams
 from completion.fitting.chart import axis_frame
-from completion.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.observation import Observation
-from completion.packed import pack
 from completion.refitting import improve
-from completion.regions import SegmentationOptions, observed_arc
-from completion.tiles import Tiles
+from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
+from completion.segmentation.packed import pack
+from completion.segmentation.regions import SegmentationOptions, observed_arc
+from completion.segmentation.tiles import Tiles
 from scenes.checks import BoolArray
 from scenes.surfaces import Cylinder
 
