@@ -2,11 +2,13 @@
 """Generated rooms are reproducible and labelled rightly; baselines and command do what they say."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from completion.evaluation.cells import TrueCells
 from completion.evaluation.score import score
 from completion.evaluation.sight import Sight
 from nbv.evaluation.baselines import BASELINES, baseline_hypothesis
@@ -16,6 +18,7 @@ from nbv.evaluation.rooms import BREAKS, break_of, random_case
 from nbv.evaluation.study import office_cases
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.view import View
+from scenes.range_image import RangeImage
 from scenes.surfaces import Cylinder, Plane
 from tests.evaluation_examples import plain_wall
 
@@ -93,15 +96,20 @@ def test_baselines_of_a_wall_behind_a_board() -> None:
             assert tally.claimed == pytest.approx(float(tally.hidden), rel=0.1)
 
 
+@cache
+def first_office() -> tuple[Case, tuple[RangeImage, ...], tuple[TrueCells, ...]]:
+    (case,) = office_cases(1)
+    scans = case.scans("none", 0)
+    return case, scans, case.cells(scans)
+
+
 @pytest.mark.parametrize(
     ("index", "recall", "precision"), [(0, 0.747, 0.726), (1, 0.747, 0.955), (2, 0.836, 0.934)]
 )
 def test_baselines_score_as_published(index: int, recall: float, precision: float) -> None:
     """The published figures are those of ten frames; this is the first of them."""
-    (case,) = office_cases(1)
+    case, scans, cells = first_office()
     planes = [k for k, surface in enumerate(case.scene.surfaces) if isinstance(surface, Plane)]
-    scans = case.scans("none", 0)
-    cells = case.cells(scans)
     found = baseline_hypothesis(BASELINES[index], case.model, cells, scans)
     tally = score(case.model, cells, scans, found).areas.pooled([*planes, len(case.scene.surfaces)])
     assert tally.hidden == pytest.approx(6.65, abs=0.2)
