@@ -223,9 +223,10 @@ def _run_to_cuts(
 ) -> tuple[FloatArray, FloatArray]:
     """Move each side of the rectangle out to the cut that lies beyond it, within all that was measured.
 
-    Unless `bold`, no further than the surface was measured along that axis.
+    Unless `bold`, no further than the diagonal of that rectangle; how well the surface is known across a
+    narrow strip is for its predicted standard deviation to say.
     """
-    low, high, measured = low.copy(), high.copy(), high - low
+    low, high, own_length = low.copy(), high.copy(), float(np.linalg.norm(high - low))
     cloud_low, cloud_high = np.quantile(cloud_uv, 0.001, axis=0), np.quantile(cloud_uv, 0.999, axis=0)
     for axis in (0, 1) if isinstance(chart, Plane) else (1,):
         for sign in (-1.0, 1.0):
@@ -239,7 +240,7 @@ def _run_to_cuts(
             if ends:
                 nearest = min(ends, key=lambda end: sign * end)
                 margin = 0.05 * abs(furthest - side[axis]) + 0.1
-                supported = bold or abs(nearest - side[axis]) <= measured[axis]
+                supported = bold or abs(nearest - side[axis]) <= own_length
                 if supported and sign * (nearest - furthest) <= margin:
                     side[axis] = nearest
             elif bold and sign * (furthest - side[axis]) > 0:

@@ -62,8 +62,7 @@ def test_office_has_two_walls_across_each_other_and_a_floor_that_runs_on():
     upright = np.abs(normals[:, 1]) < 0.1
     assert level.sum() == 1
     assert np.abs(normals[upright] @ normals[upright].T).min() < np.sin(np.radians(20))
-    # Left of the chair the floor shows in too few pixels, at 4 m, to be told from the foot of the wall.
-    assert large[int(np.argmax(level))].hypothesised_m2 > 0.1
+    assert large[int(np.argmax(level))].hypothesised_m2 > 0.3
 
 
 def test_living_room_walls_are_square_and_go_on_behind_the_lamp():
