@@ -47,7 +47,16 @@ def residual_correlation(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _block_means(labels, models, ranges, rays, sigma, flat, side, sums):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _block_means(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    side: int,
+    sums: FloatArray,
+) -> None:
     """Add up, by label: n * mean^2 of each block's residuals, blocks; squares, pixels."""
     rows, columns = labels.shape
     n = models.shape[0]

@@ -183,7 +183,19 @@ def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_rays(labels, charts, ranges, rays, sigma, flat, least, matrix, vector, sums):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _add_rays(
+    labels: NDArray[np.int32],
+    charts: FloatArray,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    least: float,
+    matrix: FloatArray,
+    vector: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many."""
     row = np.zeros(5)
     for i in range(labels.size):
         label = labels[i] - 1

@@ -65,7 +65,7 @@ class RayGrid:
         return out.reshape(*shape, 3)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _fill(
     scale: FloatArray,
     down: FloatArray,

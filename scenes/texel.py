@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scenes.checks import FloatArray
 
 
-@njit(inline="always")  # type: ignore[untyped-decorator]
+@njit(inline="always")
 def _mixed(
     corner_colour: NDArray[np.float32], face: int, channel: int, a: float, b: float, c: float
 ) -> float:
     value = a * corner_colour[face, 0, channel] + b * corner_colour[face, 1, channel]
-    return value + c * corner_colour[face, 2, channel]  # type: ignore[no-any-return]
+    return float(value + c * corner_colour[face, 2, channel])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def plain_colours(
     faces: NDArray[np.int32],
     barycentric: FloatArray,
@@ -42,7 +42,7 @@ def plain_colours(
                 colour[i, channel] = _mixed(corner_colour, face, channel, a, b, c)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def textured_colours(
     faces: NDArray[np.int32],
     barycentric: FloatArray,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scenes.checks import InputError
 from scenes.files import read_scan, write_scan, write_scans
 from scenes.formats.ply import write_mesh_ply
+from scenes.formats.ptx import read_ptx_points
 from scenes.points import POINT_SUFFIXES, PointCloud, read_points
 from scenes.pose import Pose
 from tests.data_paths import data_path, requires_data
@@ -374,3 +375,9 @@ def test_real_files() -> None:
     assert len(read_points(data_path("range/e57/pumpA.e57")).points) == 155201
     assert len(read_points(data_path("range/pyransac3d/caixa.ply")).points) == 46370
     assert len(read_points(data_path("range/ptx/no-color.ptx")).points) > 0
+
+
+def test_a_scan_that_is_not_there_is_named(tmp_path: Path) -> None:
+    write_scan(example_scan(LASER, colour=False), tmp_path / "one.ptx")
+    with pytest.raises(InputError, match="there is no scan 3: there are 1"):
+        read_ptx_points(tmp_path / "one.ptx", 2)

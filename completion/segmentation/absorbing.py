@@ -67,16 +67,16 @@ def absorb(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contacts(labels, n):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of neighbouring pixels between regions (n, n), and between each region and any other (n,)."""
     contact, outline = np.zeros((n, n), np.int64), np.zeros(n, np.int64)
     rows, columns = labels.shape
     for i in range(rows):
         for j in range(columns):
             own = labels[i, j]
-            for k, l in ((i + 1, j), (i, j + 1)):  # noqa: E741
-                if k < rows and l < columns:
-                    other = labels[k, l]
+            for k, m in ((i + 1, j), (i, j + 1)):
+                if k < rows and m < columns:
+                    other = labels[k, m]
                     if own == other:
                         continue
                     if own > 0:
@@ -90,7 +90,16 @@ def _contacts(labels, n):  # type: ignore[no-untyped-def]  # pragma: no cover - 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _distances(labels, models, host, ranges, rays, sigma, flat, n_sigma):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _distances(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    host: NDArray[np.int64],
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    n_sigma: float,
+) -> FloatArray:
     """For each region with a host: pixels, those within tolerance, sums of points, ranges and distances."""
     sums = np.zeros((len(host), 7))
     normal = np.zeros(3)

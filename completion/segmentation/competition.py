@@ -54,10 +54,21 @@ def compete(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _settle(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    labels, models, ranges, rays, sigma, flat, plane, misfit, normal_sd, side, n_sigma, max_angle,
-    most_visits,
-):  # fmt: skip
+def _settle(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    plane: FloatArray,
+    misfit: FloatArray,
+    normal_sd: FloatArray,
+    side: int,
+    n_sigma: float,
+    max_angle: float,
+    most_visits: int,
+) -> None:
     """Drop labels that do not fit, then visit pixels on seams, first come first served, until all rest."""
     rows, columns = labels.shape
     normal = np.zeros(3)
@@ -102,26 +113,38 @@ def _settle(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
             continue
         labels[i, j] = best
         for k in range(max(i - 1, 0), min(i + 2, rows)):
-            for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
-                if not waiting[k, l] and visits[k, l] < most_visits and np.isfinite(ranges[k, l]):
-                    waiting[k, l] = True
-                    queue[(head + length) % queue.size] = k * columns + l
+            for m in range(max(j - 1, 0), min(j + 2, columns)):
+                if not waiting[k, m] and visits[k, m] < most_visits and np.isfinite(ranges[k, m]):
+                    waiting[k, m] = True
+                    queue[(head + length) % queue.size] = k * columns + m
                     length += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _best_label(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    labels, models, i, j, r, ray, s, flat, own_plane, misfit, max_angle, limit, normal
-):
+def _best_label(
+    labels: NDArray[np.int32],
+    models: FloatArray,
+    i: int,
+    j: int,
+    r: float,
+    ray: FloatArray,
+    s: float,
+    flat: float,
+    own_plane: FloatArray,
+    misfit: float,
+    max_angle: float,
+    limit: float,
+    normal: FloatArray,
+) -> int:
     """The label among those of the pixel and its neighbours with the least cost; 0 where none fits."""
     rows, columns = labels.shape
     near = np.empty(9, np.int32)
     n_near = 0
     own = labels[i, j]
     for k in range(max(i - 1, 0), min(i + 2, rows)):
-        for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
-            if labels[k, l] > 0 and not (k == i and l == j):
-                near[n_near] = labels[k, l]
+        for m in range(max(j - 1, 0), min(j + 2, columns)):
+            if labels[k, m] > 0 and not (k == i and m == j):
+                near[n_near] = labels[k, m]
                 n_near += 1
     best, least = 0, np.inf
     for index in range(-1, n_near):

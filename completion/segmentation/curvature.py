@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from completion.beams import Beams
 from completion.fitting.chart import axis_frame
@@ -14,7 +15,7 @@ from completion.segmentation.growing import Cluster, deviations, flood, tile_cut
 from completion.segmentation.packed import pack
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from completion.segmentation.tiles import Tiles
-from scenes.checks import BoolArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder
 
 _SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
@@ -142,7 +143,7 @@ def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pixels(where, side, step, ranges):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) -> NDArray[np.int64]:
     """Flat numbers of every step-th measured pixel of the tiles along rows and columns."""
     result = np.empty(len(where) * side * side, np.int64)
     n = 0
@@ -156,7 +157,15 @@ def _pixels(where, side, step, ranges):  # type: ignore[no-untyped-def]  # pragm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _term(point_ray, r, s, flat, centre, frame, row):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _term(
+    point_ray: FloatArray,
+    r: float,
+    s: float,
+    flat: float,
+    centre: FloatArray,
+    frame: FloatArray,
+    row: FloatArray,
+) -> tuple[float, float]:
     """Write the basis of a pixel; return its height and weight."""
     x, y, z = r * point_ray[0] - centre[0], r * point_ray[1] - centre[1], r * point_ray[2] - centre[2]
     u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
@@ -169,7 +178,18 @@ def _term(point_ray, r, s, flat, centre, frame, row):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _quadratic_sums(where, side, step, ranges, rays, sigma, flat, centre, frame):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _quadratic_sums(
+    where: NDArray[np.int64],
+    side: int,
+    step: int,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    centre: FloatArray,
+    frame: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of a height that is quadratic over the tiles' pixels."""
     matrix, vector, row = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     for index in range(len(where)):
         for i in range(where[index, 0] * side, min((where[index, 0] + 1) * side, ranges.shape[0]), step):
@@ -188,9 +208,18 @@ def _quadratic_sums(where, side, step, ranges, rays, sigma, flat, centre, frame)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _residual_variance(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    where, side, step, ranges, rays, sigma, flat, centre, frame, solution
-):
+def _residual_variance(
+    where: NDArray[np.int64],
+    side: int,
+    step: int,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    centre: FloatArray,
+    frame: FloatArray,
+    solution: FloatArray,
+) -> float:
     """Mean square of the weighted residuals, or of the tiles' means in their own deviations if greater."""
     row = np.zeros(6)
     total, n, square, n_pixels = 0.0, 0, 0.0, 0

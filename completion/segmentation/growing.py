@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from completion.segmentation.packed import pack_plane, tangent_plane
 from completion.segmentation.regions import SegmentationOptions
@@ -156,15 +157,31 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _quadratic(a, x, y, z):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    return a[0] * x * x + a[3] * y * y + a[5] * z * z + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z)
+def _quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
+    """The quadratic form with packed symmetric matrix `a` at (x, y, z)."""
+    squares = a[0] * x * x + a[3] * y * y + a[5] * z * z
+    return float(squares + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _flood(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    model, seed, free, count, matrix, vector, plane, misfit, centre, normal_sd, cut, max_angle,
-    members, total_matrix, total_vector,
-):  # fmt: skip
+def _flood(
+    model: FloatArray,
+    seed: NDArray[np.int64],
+    free: BoolArray,
+    count: FloatArray,
+    matrix: FloatArray,
+    vector: FloatArray,
+    plane: FloatArray,
+    misfit: FloatArray,
+    centre: FloatArray,
+    normal_sd: FloatArray,
+    cut: float,
+    max_angle: float,
+    members: BoolArray,
+    total_matrix: FloatArray,
+    total_vector: FloatArray,
+) -> int:
+    """Grow `members` and its sums from the seed over tiles that agree with the model; return how many."""
     rows, columns = free.shape
     seen = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int64)
@@ -197,16 +214,19 @@ def _flood(  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
         for t in range(3):
             total_vector[t] += vector[i, j, t]
         for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            k, l = i + di, j + dj  # noqa: E741
-            if 0 <= k < rows and 0 <= l < columns and free[k, l] and not seen[k, l]:
-                seen[k, l] = True
-                stack[top, 0], stack[top, 1] = k, l
+            k, m = i + di, j + dj
+            if 0 <= k < rows and 0 <= m < columns and free[k, m] and not seen[k, m]:
+                seen[k, m] = True
+                stack[top, 0], stack[top, 1] = k, m
                 top += 1
     return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _deviations(model, where, matrix, plane, centre):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _deviations(
+    model: FloatArray, where: NDArray[np.int64], matrix: FloatArray, plane: FloatArray, centre: FloatArray
+) -> FloatArray:
+    """Weighted square deviation of each tile's own plane from the model, inf where that faces away."""
     result = np.full(len(where), np.inf)
     w = np.zeros(3)
     for index in range(len(where)):
@@ -218,7 +238,15 @@ def _deviations(model, where, matrix, plane, centre):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _coherent(flat, count, matrix, vector, plane, misfit):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _coherent(
+    flat: BoolArray,
+    count: FloatArray,
+    matrix: FloatArray,
+    vector: FloatArray,
+    plane: FloatArray,
+    misfit: FloatArray,
+) -> BoolArray:
+    """Which flat tiles agree with the plane of their flat neighbours."""
     rows, columns = flat.shape
     result = np.zeros((rows, columns), np.bool_)
     a, b, w = np.zeros(6), np.zeros(3), np.zeros(3)
@@ -229,29 +257,37 @@ def _coherent(flat, count, matrix, vector, plane, misfit):  # type: ignore[no-un
             a[:], b[:] = 0.0, 0.0
             n, n_pixels = 0, 0.0
             for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
-                    if flat[k, l]:
+                for m in range(max(j - 1, 0), min(j + 2, columns)):
+                    if flat[k, m]:
                         for t in range(6):
-                            a[t] += matrix[k, l, t]
+                            a[t] += matrix[k, m, t]
                         for t in range(3):
-                            b[t] += vector[k, l, t]
+                            b[t] += vector[k, m, t]
                         n += 1
-                        n_pixels += count[k, l]
+                        n_pixels += count[k, m]
             if n < 5 or not solve_plane(a, b, w):
                 continue
             excess, worst = 0.0, 1.0
             for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for l in range(max(j - 1, 0), min(j + 2, columns)):  # noqa: E741
-                    if flat[k, l]:
-                        own = plane[k, l]
-                        excess += _quadratic(matrix[k, l], w[0] - own[0], w[1] - own[1], w[2] - own[2])
-                        worst = max(worst, misfit[k, l])
+                for m in range(max(j - 1, 0), min(j + 2, columns)):
+                    if flat[k, m]:
+                        own = plane[k, m]
+                        excess += _quadratic(matrix[k, m], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+                        worst = max(worst, misfit[k, m])
             result[i, j] = excess <= (_SEED_CUT * n_pixels + _CHI2_3 * n) * worst
     return result
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _with_smooth_ring(members, free, plane, centre, normal_sd, max_angle):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _with_smooth_ring(
+    members: BoolArray,
+    free: BoolArray,
+    plane: FloatArray,
+    centre: FloatArray,
+    normal_sd: FloatArray,
+    max_angle: float,
+) -> BoolArray:
+    """The members and those free neighbours that go on from them smoothly."""
     rows, columns = free.shape
     grown = members.copy()
     for i in range(rows):
@@ -261,16 +297,16 @@ def _with_smooth_ring(members, free, plane, centre, normal_sd, max_angle):  # ty
             w = plane[i, j]
             size = np.sqrt((w * w).sum())
             for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-                k, l = i + di, j + dj  # noqa: E741
-                if not (0 <= k < rows and 0 <= l < columns) or grown[k, l] or not free[k, l]:
+                k, m = i + di, j + dj
+                if not (0 <= k < rows and 0 <= m < columns) or grown[k, m] or not free[k, m]:
                     continue
-                v = plane[k, l]
+                v = plane[k, m]
                 cosine = (w * v).sum() / (size * np.sqrt((v * v).sum()))
-                allowed = max_angle + 2.0 * np.hypot(normal_sd[i, j], normal_sd[k, l])
-                step = centre[k, l] - centre[i, j]
-                gap = abs((w * centre[k, l]).sum() - 1.0) / size
+                allowed = max_angle + 2.0 * np.hypot(normal_sd[i, j], normal_sd[k, m])
+                step = centre[k, m] - centre[i, j]
+                gap = abs((w * centre[k, m]).sum() - 1.0) / size
                 if np.arccos(min(1.0, cosine)) <= allowed and gap <= np.sin(allowed) * np.sqrt(
                     (step * step).sum()
                 ):
-                    grown[k, l] = True
+                    grown[k, m] = True
     return grown

@@ -46,7 +46,7 @@ def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def tangent_plane(model, c, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
     """Write the tangent plane w . x = 1 of the model nearest to c; False where it faces away."""
     if model[0] == 0.0:
         w[0], w[1], w[2] = model[1] / model[7], model[2] / model[7], model[3] / model[7]
@@ -69,7 +69,9 @@ def tangent_plane(model, c, w):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gap_to(model, x, y, z, r, normal):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def gap_to(
+    model: FloatArray, x: float, y: float, z: float, r: float, normal: FloatArray
+) -> tuple[float, float]:
     """Distance of the point r (x, y, z) from a packed surface, and the cosine of its ray with the normal.
 
     The unit normal away from the sensor is written to `normal`; where the surface faces away, the cosine is

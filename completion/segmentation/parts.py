@@ -32,7 +32,9 @@ def split_parts(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _part_sums(parts, labels, points, n):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _part_sums(
+    parts: NDArray[np.int64], labels: NDArray[np.int32], points: FloatArray, n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Of each part: pixels, whether a pixel has it all around, its label, and the mean of every 8th point."""
     count, core = np.zeros(n, np.int64), np.zeros(n, np.int64)
     model, sampled, centre = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3))

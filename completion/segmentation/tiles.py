@@ -124,7 +124,7 @@ def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_plane(a, b, w):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
     """Solve the symmetric system of ten sums for w by Cholesky; False where it is singular."""
     if a[0] <= 0.0:
         return False
@@ -149,7 +149,10 @@ def solve_plane(a, b, w):  # type: ignore[no-untyped-def]  # pragma: no cover - 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit_tiles(ranges, rays, sigma, flatness, side):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _fit_tiles(
+    ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness: float, side: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Pixels, sums, plane, misfit, centre and scale of every tile."""
     rows, columns = (ranges.shape[0] + side - 1) // side, (ranges.shape[1] + side - 1) // side
     count = np.zeros((rows, columns))
     matrix, vector = np.zeros((rows, columns, 6)), np.zeros((rows, columns, 3))

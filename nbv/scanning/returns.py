@@ -11,7 +11,7 @@ from scenes.checks import FloatArray
 FIRST, STRONGEST, LAST, MEAN = range(4)  # in the order of `nbv.scanning.footprint.Returns`
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def merge_returns(
     ranges: FloatArray,
     cosine: FloatArray,

@@ -50,17 +50,14 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     InputError
         Truncated, without points, not rigid, or no projection explains the grid.
     """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        scans = list(_scans(file, wanted=index))
-    found = scans[index]
-    assert found is not None  # the wanted one is parsed
+    found, n_scans = _scan(path, index)
     points = found.table[..., :3].copy()
     points[(points == 0).all(axis=-1)] = np.nan
     if not np.isfinite(points).any():
         raise InputError(f"scan {index + 1} has no return")
     points = SCANNER_FROM_SENSOR.inverse().apply(points)
     colour = colour_from_bytes(found.table[..., 4:7]) if found.table.shape[2] == 7 else None
-    name = f"{path.stem}#{index + 1}" if len(scans) > 1 else path.stem
+    name = f"{path.stem}#{index + 1}" if n_scans > 1 else path.stem
     return organised_scan(points, fit_grid(points), found.pose @ SCANNER_FROM_SENSOR, colour, name)
 
 
@@ -69,11 +66,19 @@ def read_ptx_points(path: Path, index: int) -> tuple[FloatArray, FloatArray]:
 
     No projection is needed.
     """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        found = list(_scans(file, wanted=index))[index]
-    assert found is not None  # the wanted one is parsed
+    found, _ = _scan(path, index)
     points = found.table[..., :3].reshape(-1, 3)
     return found.pose.apply(points[(points != 0).any(axis=1)]), found.pose.translation
+
+
+def _scan(path: Path, index: int) -> tuple[_PtxScan, int]:
+    """Return scan `index` (from 0), and how many the file holds."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        scans = list(_scans(file, wanted=index))
+    found = scans[index] if 0 <= index < len(scans) else None
+    if found is None:
+        raise InputError(f"there is no scan {index + 1}: there are {len(scans)}")
+    return found, len(scans)
 
 
 def _scans(file: TextIO, wanted: int | None = None) -> Iterator[_PtxScan | None]:
