@@ -9,14 +9,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from completion.chart import ChartGrid
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
-
-_MIN_OPENING_CELLS = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,22 +38,6 @@ class BoundarySegment:
     kind: str
     provenance: str
     confidence: float
-    points: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Opening:
-    """A hole that beams went through, all around enclosed by the surface.
-
-    Attributes
-    ----------
-    area_m2 : float
-        Its area in square metres.
-    points : (n, 3) float
-        Its outline, metres, working frame.
-    """
-
-    area_m2: float
     points: FloatArray
 
 
@@ -85,22 +66,6 @@ def trace_boundary(patch: Patch) -> list[BoundarySegment]:
     return segments
 
 
-def find_openings(patch: Patch) -> list[Opening]:
-    """Holes in the measured part that beams went through and that it encloses on all sides."""
-    free = patch.evidence.labels == Label.FREE
-    part, n_parts = ndimage.label(free & ~patch.observed)
-    solid = patch.observed | patch.hypothesised
-    enclosed = ndimage.binary_fill_holes(solid) & ~solid
-    openings = []
-    for index in range(1, n_parts + 1):
-        hole = part == index
-        if hole.sum() < _MIN_OPENING_CELLS or (hole & ~enclosed).any():
-            continue
-        outline = max(_contours(hole), key=len)
-        openings.append(Opening(float(hole.sum()) * patch.grid.cell_area, _polyline(patch.grid, outline)))
-    return openings
-
-
 def _classify(patch: Patch, mask: BoolArray) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
     """Kind and provenance that each cell of the mask would have on the outline."""
     labels = np.pad(patch.evidence.labels, 1, constant_values=Label.OUT)
@@ -122,7 +87,7 @@ def _classify(patch: Patch, mask: BoolArray) -> tuple[NDArray[np.str_], NDArray[
     uv = patch.grid.centres_uv()
     reach = 1.5 * patch.grid.cell
     limits = patch.limits
-    at_side = ((np.abs(uv - limits.low) <= reach) | (np.abs(uv - limits.high) <= reach)).any(axis=-1)
+    at_side = (np.abs(uv[..., None, :] - limits.ends) <= reach).any(axis=(-1, -2))
     beyond_own = ((uv < limits.own_low) | (uv > limits.own_high)).any(axis=-1)
     inferred = np.select(
         [at_cut & beyond_own, at_cut, at_side], ["architectural", "intersection", "collinear"], "shadow-limit"

@@ -9,12 +9,14 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
+from scipy.ndimage import binary_dilation, convolve1d
 
 from completion.chart import ChartGrid
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray, check_options
 from scenes.surfaces import Cylinder, Plane, Surface
+
+_STRAY_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
 class Label(IntEnum):
@@ -69,6 +71,11 @@ class Evidence:
         Flat pixel that sees each observed cell best, -1 elsewhere.
     scan : (rows, columns) int32
         The scan it belongs to, -1 elsewhere.
+    occluder : (rows, columns) int32
+        Number of the surface that stands before each occluded cell, 0 for none known.
+    through : (rows, columns) bool
+        Cells that some beam seems to have passed: the pixel at their centre measured farther. Too little for
+        a veto, but nothing that a surface hides behind.
     """
 
     labels: NDArray[np.int8]
@@ -76,6 +83,33 @@ class Evidence:
     own: BoolArray
     pixel: NDArray[np.int64]
     scan: NDArray[np.int32]
+    occluder: NDArray[np.int32]
+    through: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointLabels:
+    """What one scan says of points of a surface.
+
+    Attributes
+    ----------
+    label : (n,) int8
+        A `Label`; never FREE, which only beams can say.
+    pixel : (n,) int64
+        Flat pixel that sees each point, -1 outside the field of view.
+    cosine : (n,) float
+        Of the incidence angle, without sign.
+    sure : (n,) bool
+        Whether the tolerance was small enough to tell surfaces apart.
+    through : (n,) bool
+        Whether that pixel measured farther than the point by more than the tolerance.
+    """
+
+    label: NDArray[np.int8]
+    pixel: NDArray[np.int64]
+    cosine: FloatArray
+    sure: BoolArray
+    through: BoolArray
 
 
 def weigh(
@@ -108,22 +142,28 @@ def weigh(
     labels = np.full(n_cells, Label.OUT, np.int8)
     pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
     own = np.zeros(n_cells, dtype=np.bool_)
-    observed, footprint = np.zeros(n_cells, dtype=np.bool_), np.full(n_cells, np.inf)
+    observed, through = np.zeros(n_cells, dtype=np.bool_), np.zeros(n_cells, dtype=np.bool_)
+    footprint, occluder = np.full(n_cells, np.inf), np.zeros(n_cells, np.int32)
     for index, observation in enumerate(observations):
-        said, seen_by, cosine, sure = label_points(grid.surface, centres, spread, observation, options)
+        found = label_points(grid.surface, centres, spread, observation, options)
+        said, seen_by, sure = found.label, found.pixel, found.sure
         belongs = np.zeros(n_cells, dtype=np.bool_)
         visible = said == Label.VISIBLE
         owned_by = owners[index].ravel()[seen_by[visible]]
         belongs[visible] = (owned_by == owner) | ((owned_by == 0) & sure[visible])
         said[visible & ~sure & ~belongs] = Label.NO_RETURN
         size = np.where(
-            belongs, np.square(_range_to(observation, centres)) / np.maximum(cosine, 1e-3), np.inf
+            belongs, np.square(_range_to(observation, centres)) / np.maximum(found.cosine, 1e-3), np.inf
         )
         better = belongs & (size < footprint)
         footprint[better], pixel[better], scan[better] = size[better], seen_by[better], index
         observed |= belongs
         own[visible] |= owned_by == owner
+        through |= found.through & sure & (found.cosine > limb_cosine(grid.surface, observation, centres))
+        hides = said == Label.OCCLUDED
+        occluder[hides] = owners[index].ravel()[seen_by[hides]]
         labels = np.maximum(labels, said)
+    observed &= _beside(own, grid) | own
     vetoed = free_cells(grid, spread, observations, options)
     labels[vetoed & ~observed] = Label.FREE
     shape = grid.shape
@@ -133,7 +173,15 @@ def weigh(
         own.reshape(shape),
         pixel.reshape(shape),
         scan.reshape(shape),
+        occluder.reshape(shape),
+        (through & ~observed).reshape(shape),
     )
+
+
+def _beside(own: BoolArray, grid: ChartGrid) -> BoolArray:
+    """Cells that hang together with its own ones: stray returns on the plane of a surface are none of it."""
+    near = binary_dilation(own.reshape(grid.shape), np.ones((3, 3)), iterations=_STRAY_CELLS)
+    return np.asarray(near.ravel(), dtype=np.bool_)
 
 
 def label_points(
@@ -142,12 +190,8 @@ def label_points(
     spread: FloatArray,
     observation: Observation,
     options: EvidenceOptions,
-) -> tuple[NDArray[np.int8], NDArray[np.int64], FloatArray, BoolArray]:
-    """Label points of a surface by one scan.
-
-    Returns the label of each, the flat pixel that sees it, |cos| of the incidence angle, and whether the
-    tolerance was small enough to tell surfaces apart.
-    """
+) -> PointLabels:
+    """Label points of a surface by one scan."""
     scan = observation.scan
     said = np.full(len(points), Label.OUT, np.int8)
     pixels = np.full(len(points), -1, np.int64)
@@ -167,11 +211,11 @@ def label_points(
         behind > tolerance, Label.OCCLUDED, np.where(behind < -tolerance, Label.FREE, Label.VISIBLE)
     )
     # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
-    word = np.where(~np.isfinite(measured) | (word == Label.FREE), Label.NO_RETURN, word)
-    said[inside] = word
-    sure = np.zeros(len(points), dtype=np.bool_)
+    said[inside] = np.where(~np.isfinite(measured) | (word == Label.FREE), Label.NO_RETURN, word)
+    sure, through = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
     sure[inside] = tolerance <= options.max_tolerance_m
-    return said, pixels, cosine, sure
+    through[inside] = np.isfinite(measured) & (word == Label.FREE)
+    return PointLabels(said, pixels, cosine, sure, through)
 
 
 def free_cells(
@@ -210,6 +254,14 @@ def free_cells(
     if np.isfinite(grid.surface.period):
         vetoed = _neighbourhood_sum(vetoed.astype(np.float64), grid.wraps) > 0
     return np.asarray(vetoed.ravel(), dtype=np.bool_)
+
+
+def limb_cosine(surface: Surface, observation: Observation, points: FloatArray) -> FloatArray:
+    """|cos| of incidence (n,) under which a ray half a pixel away may miss the surface; 0 on planes."""
+    if not isinstance(surface, Cylinder):
+        return np.zeros(len(points))
+    pixel = _range_to(observation, points) * observation.scan.projection.pixel_angle
+    return np.asarray(np.sqrt(np.minimum(pixel / surface.radius, 1.0)), dtype=np.float64)
 
 
 def ray_tolerance(

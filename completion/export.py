@@ -17,11 +17,12 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from completion.boundary import find_openings, trace_boundary
-from completion.extension import CONFIDENCE, Patch, Provenance
+from completion.boundary import trace_boundary
+from completion.extension import Patch, Provenance
 from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
 from completion.model import CompletedModel, LabelledPoints, to_8_bits
+from completion.openings import find_openings
 from completion.texturing import ChartTexture
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
@@ -70,10 +71,7 @@ def completion_record(completion: CompletedModel) -> dict[str, Any]:
             {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
             for seen in completion.observations
         ],
-        "provenance": {
-            str(member.value): {"name": _word(member), "prior_confidence": CONFIDENCE[member]}
-            for member in Provenance
-        },
+        "provenance": {str(member.value): {"name": _word(member)} for member in Provenance},
     }
 
 
@@ -91,7 +89,11 @@ def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
         "hypothesised_m2": patch.hypothesised_m2,
         "encloses": patch.limits.encloses,
         "openings": [
-            {"area_m2": opening.area_m2, "points": world.apply(opening.points).tolist()}
+            {
+                "area_m2": opening.area_m2,
+                "seen_share": opening.seen_share,
+                "points": world.apply(opening.points).tolist(),
+            }
             for opening in find_openings(patch)
         ],
         "boundary": [
@@ -115,9 +117,7 @@ def completed_glb(completion: CompletedModel) -> bytes:
     for index, patch in enumerate(completion.patches):
         texture = completion.textures[index] if index < len(completion.textures) else None
         for state, cells in (("observed", patch.observed), ("hypothesised", patch.hypothesised)):
-            mesh = mesh_cells(
-                patch.grid, cells, patch.limits.cuts if state == "hypothesised" else (), merged=True
-            )
+            mesh = _state_mesh(patch, cells, state == "hypothesised")
             if len(mesh.faces):
                 name = f"{state} {index + 1} {patch.grid.surface.kind}"
                 _add(scene, name, _trimesh(mesh, patch, texture, state, completion.world_from_reference))
@@ -134,6 +134,12 @@ def completed_glb(completion: CompletedModel) -> bytes:
         return _empty_glb()
     data: bytes = scene.export(file_type="glb")
     return data
+
+
+def _state_mesh(patch: Patch, cells: NDArray[np.bool_], is_hypothesised: bool) -> ChartMesh:
+    """Cells as few triangles, inferred ones cut where the surface ends."""
+    cuts, trims = (patch.limits.cuts, patch.trims) if is_hypothesised else ((), ())
+    return mesh_cells(patch.grid, cells, cuts, trims, merged=True)
 
 
 def _empty_glb() -> bytes:
@@ -155,6 +161,7 @@ def remainder_mesh(completion: CompletedModel) -> LabelledPoints:
         points.surface[used],
         points.provenance[used],
         points.sd[used],
+        points.confidence[used],
         points.colour[used],
     )
 
@@ -180,7 +187,7 @@ def display_mesh(
         for state, cells in enumerate((patch.observed, patch.hypothesised)):
             if state == 1 and not hypothesised:
                 continue
-            mesh = mesh_cells(patch.grid, cells, patch.limits.cuts if state else (), merged=True)
+            mesh = _state_mesh(patch, cells, state == 1)
             plain = texture is None or (mark and state == 1)
             corners.append(mesh.vertices[mesh.faces])
             tint = np.array(
@@ -243,6 +250,7 @@ def _write_points(path: Path, points: LabelledPoints, world: Pose, comments: Seq
         "surface": points.surface,
         "provenance": points.provenance,
         "sd": points.sd.astype(np.float32),
+        "confidence": points.confidence.astype(np.float32),
     }
     write_mesh_ply(path, world.apply(points.vertices), points.faces, properties, comments)
 

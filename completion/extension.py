@@ -13,11 +13,20 @@ from scipy import ndimage
 from shapely import MultiPoint, contains_xy
 
 from completion.chart import ChartGrid
+from completion.confidence import estimate
+from completion.continuation import Stretch, continue_edges
+from completion.creases import meeting_line
+from completion.edges import Edge, edge_along, find_edges
 from completion.evidence import Evidence, EvidenceOptions, Label, weigh
+from completion.labelling import Labelling, label_pieces
 from completion.limits import Limits, Mode
 from completion.merging import MergedSurface
+from completion.meshing import Trim
 from completion.observation import Observation
+from completion.rim import Rim, RimPoints
+from completion.shadows import Shadows, divide
 from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Plane
 
 _MAX_CELLS = 200_000
 
@@ -33,15 +42,8 @@ class Provenance(IntEnum):
     FULL_TURN = 5  # around the back of a cylinder
 
 
-CONFIDENCE: dict[Provenance, float] = {
-    Provenance.MEASURED: 1.0,
-    Provenance.INTERIOR: 0.95,
-    Provenance.BETWEEN: 0.9,
-    Provenance.EDGES: 0.75,
-    Provenance.ARCHITECTURAL: 0.75,
-    Provenance.FULL_TURN: 0.8,
-}
-"""Prior probability that a surface inferred for this reason exists; priors of the method, not calibrated."""
+LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
+"""Probability below which a place is left unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +64,22 @@ class Patch:
         Cells that the surface is inferred to cover.
     provenance : (rows, columns) int8
         A `Provenance` for each observed or hypothesised cell, -1 elsewhere.
+    confidence : (rows, columns) float
+        Probability that the surface is there; 1 where it was measured, 0 where it cannot be.
     spread : (rows, columns) float
         Predicted standard deviation along the normal, metres.
+    is_within : (rows, columns) bool
+        Cells that are not beyond what the surface ends at, seen or not.
+    edges : tuple of Edge
+        Its creases and own edges.
+    stretches : tuple of Stretch
+        Its edges, continued where they are hidden.
+    shadows : Shadows
+        The hidden cells in the pieces that those edges part them into.
+    labelling : Labelling
+        Which pieces are surface.
+    trims : tuple of Trim
+        Where the mesh of hypothesised cells is cut along continued edges.
     """
 
     source: MergedSurface
@@ -72,7 +88,14 @@ class Patch:
     evidence: Evidence
     hypothesised: BoolArray
     provenance: NDArray[np.int8]
+    confidence: FloatArray
     spread: FloatArray
+    is_within: BoolArray
+    edges: tuple[Edge, ...]
+    stretches: tuple[Stretch, ...]
+    shadows: Shadows
+    labelling: Labelling
+    trims: tuple[Trim, ...]
 
     @property
     def observed(self) -> BoolArray:
@@ -92,6 +115,7 @@ class Patch:
 
 def extend(
     surface: MergedSurface,
+    rim: RimPoints,
     limits: Limits,
     observations: Sequence[Observation],
     owners: Sequence[NDArray[np.int32]],
@@ -102,21 +126,90 @@ def extend(
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its limits.
 
-    A cell is filled only where some scan says OCCLUDED and none says FREE, where it connects with the
-    measured part through cells of which the same holds, and where the surface is known to `max_sd_m`.
+    Its own edges are followed into the hidden zone and part it into pieces; the cheapest boundary says which
+    pieces are surface and how clearly. A cell is filled only where some scan says OCCLUDED and none says
+    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode.
     """
     grid = _grid(surface, limits, observations)
-    centres = grid.centres()
-    spread = surface.fit.standard_deviation(centres)
+    spread = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, spread, observations, owners, owner, options)
-    allowed = _allowed(grid, limits, evidence.observed, mode)
+    edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))
+
     known = (spread <= max_sd_m).reshape(grid.shape)
-    hidden = (evidence.labels == Label.OCCLUDED) & ~evidence.observed & allowed & known
-    silent = (evidence.labels == Label.NO_RETURN) & allowed
-    reachable = _connected(hidden | silent | evidence.observed, evidence.observed, grid.wraps)
-    hypothesised = hidden & reachable
+    open_ = (evidence.labels == Label.FREE) | evidence.through
+    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
+    within = _within(grid, limits, evidence)
+    hidden &= known & within & _in_window(grid, limits)
+    if mode == "conservative":
+        hidden &= _hull(grid, evidence.observed)
+    stretches = continue_edges(edges, grid, hidden)
+    shadows = divide(grid, hidden, evidence.observed, open_, stretches)
+    labelling = label_pieces(shadows)
+
+    confidence = estimate(grid, shadows, labelling, limits, evidence.observed, open_)
+    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode])
+    reached = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
+    hypothesised = probable & reached & (evidence.labels == Label.OCCLUDED)
+    hypothesised, trims = _trimmed(grid, evidence, hypothesised, shadows, stretches)
     provenance = _provenance(grid, limits, evidence.observed, hypothesised)
-    return Patch(surface, limits, grid, evidence, hypothesised, provenance, spread.reshape(grid.shape))
+    return Patch(
+        surface,
+        limits,
+        grid,
+        evidence,
+        hypothesised,
+        provenance,
+        confidence,
+        spread.reshape(grid.shape),
+        within,
+        tuple(edges),
+        tuple(stretches),
+        shadows,
+        labelling,
+        trims,
+    )
+
+
+def _boundaries(limits: Limits, rim: RimPoints) -> list[Edge]:
+    """Creases with the surfaces that it meets, and its own edges elsewhere."""
+    creases, free = [], rim.kind == Rim.OWN_EDGE
+    seen = np.isin(rim.kind, (Rim.CONTIGUOUS, Rim.OWN_EDGE))
+    for neighbour in limits.neighbours:
+        line = meeting_line(limits.chart, neighbour)
+        if line is not None:
+            edge, members = edge_along(line, rim.only(seen))
+            free[np.flatnonzero(seen)[members]] = False
+            creases.append(edge)
+    return [edge for edge in creases if len(edge.runs)] + find_edges(rim.only(free))
+
+
+def _trimmed(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hypothesised: BoolArray,
+    shadows: Shadows,
+    stretches: Sequence[Stretch],
+) -> tuple[BoolArray, tuple[Trim, ...]]:
+    """Add the hidden cells that a continued edge cuts in two, and say where to cut them."""
+    filled, occluded = hypothesised.ravel(), (evidence.labels == Label.OCCLUDED).ravel()
+    result, trims = filled.copy(), []
+    borders = shadows.borders
+    for number, stretch in enumerate(stretches):
+        at = borders.stretch == number
+        pairs = np.stack([borders.first[at], borders.second[at]])
+        pairs = pairs[:, filled[pairs[0]] != filled[pairs[1]]]
+        if not pairs.size:
+            continue
+        inner = pairs.T[filled[pairs].T]
+        uv = grid.centres_uv().reshape(-1, 2)[inner]
+        sign = 1.0 if np.mean(stretch.curve.across(uv) >= 0) > 0.5 else -1.0
+        outer = pairs.T[~filled[pairs].T]
+        result[outer[occluded[outer]]] = True
+        touched = np.zeros(len(filled), dtype=np.bool_)
+        touched[pairs.ravel()] = True
+        near = ndimage.binary_dilation(touched.reshape(grid.shape), np.ones((3, 3)))
+        trims.append(Trim(stretch.curve, sign, near))
+    return result.reshape(grid.shape), tuple(trims)
 
 
 def _grid(surface: MergedSurface, limits: Limits, observations: Sequence[Observation]) -> ChartGrid:
@@ -126,10 +219,8 @@ def _grid(surface: MergedSurface, limits: Limits, observations: Sequence[Observa
         for observation, mask in zip(observations, surface.masks, strict=True)
     ])  # fmt: skip
     cell = float(np.quantile(footprint, 0.25))
-    low, high = (
-        np.minimum(limits.low, limits.own_low) - 2 * cell,
-        np.maximum(limits.high, limits.own_high) + 2 * cell,
-    )
+    low, high = _extent(limits, observations)
+    low, high = low - 2 * cell, high + 2 * cell
     width = limits.chart.period if limits.full_turn else high[0] - low[0]
     cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / _MAX_CELLS)))
     if np.isfinite(limits.chart.period):
@@ -137,19 +228,42 @@ def _grid(surface: MergedSurface, limits: Limits, observations: Sequence[Observa
     return ChartGrid.over(limits.chart, low, high, cell, full_turn=limits.full_turn)
 
 
-def _allowed(grid: ChartGrid, limits: Limits, observed: BoolArray, mode: Mode) -> BoolArray:
-    """Cells inside the rectangle of the limits and on the right side of every cut."""
+def _extent(limits: Limits, observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
+    """The measured rectangle, widened within the window by all places that were hidden."""
+    low, high = limits.window()
+    if not isinstance(limits.chart, Plane):
+        return low, high
+    found = [limits.own_low[None], limits.own_high[None]]
+    for seen in observations:
+        rays = seen.rays[::2, ::2].reshape(-1, 3)
+        reach = limits.chart.ray_ranges(seen.scan.origin, rays)
+        behind = np.isfinite(reach) & (seen.scan.ranges[::2, ::2].ravel() < reach)
+        uv = limits.chart.to_uv(seen.scan.origin + reach[behind, None] * rays[behind])
+        found.append(uv[((uv >= low) & (uv <= high)).all(axis=1)])
+    places = np.concatenate(found)
+    return places.min(axis=0), places.max(axis=0)
+
+
+def _in_window(grid: ChartGrid, limits: Limits) -> BoolArray:
+    """Cells in the rectangle in which a continuation is considered."""
     uv = grid.centres_uv()
     half = grid.cell / 2
-    inside = (uv[..., 1] >= limits.low[1] - half[1]) & (uv[..., 1] <= limits.high[1] + half[1])
-    if not limits.full_turn:
-        inside &= (uv[..., 0] >= limits.low[0] - half[0]) & (uv[..., 0] <= limits.high[0] + half[0])
-    if mode == "conservative":
-        inside &= _hull(grid, observed)
+    low, high = limits.window()
+    axes = [1] if limits.full_turn else [0, 1]
+    inside = (uv >= low - half) & (uv <= high + half)
+    return np.asarray(inside[..., axes].all(axis=-1), dtype=np.bool_)
+
+
+def _within(grid: ChartGrid, limits: Limits, evidence: Evidence) -> BoolArray:
+    """Cells on the right side of every cut that are not hidden behind what encloses the room."""
     centres = grid.centres()
+    inside = np.ones(grid.shape, dtype=np.bool_)
     for cut in limits.cuts:
-        inside &= (cut.distance(centres) > -float(np.hypot(*half))).reshape(grid.shape)
-    return np.asarray(inside, dtype=np.bool_)
+        inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
+    for number, plane in limits.enclosures:
+        behind = (plane.distance(centres) < 0).reshape(grid.shape)
+        inside &= ~(behind & (evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
+    return inside
 
 
 def _connected(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:

@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.edges import Line, find_edges
 from completion.merging import MergedSurface
 from completion.observation import Observation
+from completion.rim import Rim, RimPoints
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
@@ -21,6 +23,8 @@ Mode = Literal["conservative", "standard", "bold"]
 
 _ENCLOSING_SHARE = 0.88  # of all measured points on the inner side: windows and doors let some lie beyond
 _ENCLOSING_PIXELS = 0.02  # of all measured points on the plane itself
+_STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
+_UPRIGHT = 0.1  # sine of the angle
 _FULL_TURN_ARC = np.radians(90.0)
 
 
@@ -32,12 +36,19 @@ class Limits:
     ----------
     chart : Surface
         The surface with its chart laid along the directions that bound it.
+    enclosures : tuple of (int, Plane)
+        Number, from 1, and plane of every other surface that encloses the room.
     cuts : tuple of Plane
-        Planes that the surface ends at; it stays on their normals' side.
+        Enclosing planes that the surface ends at; it stays on their normals' side.
+    neighbours : tuple of Surface
+        Other surfaces that it was seen to meet in a crease.
     own_low, own_high : (2,) float
         The rectangle of the measured part in the chart, metres.
-    low, high : (2,) float
-        The rectangle that a continuation may fill.
+    ends : (2, 2) float
+        Chart coordinates at which enclosing planes close the low and the high sides, -inf and inf where none
+        does, metres.
+    reaches : (2, 2) float
+        Probability that the surface goes on to each of them.
     full_turn : bool
         Whether a cylinder may be closed around its back.
     encloses : bool
@@ -45,13 +56,29 @@ class Limits:
     """
 
     chart: Surface
+    enclosures: tuple[tuple[int, Plane], ...]
     cuts: tuple[Plane, ...]
+    neighbours: tuple[Surface, ...]
     own_low: FloatArray
     own_high: FloatArray
-    low: FloatArray
-    high: FloatArray
+    ends: FloatArray
+    reaches: FloatArray
     full_turn: bool
     encloses: bool
+
+    def window(self) -> tuple[FloatArray, FloatArray]:
+        """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
+
+        On each side it reaches to where the surface may end; without such an end, walls and floors may go on
+        as far again as they are long, cylinders as far again along their axis, other surfaces no farther.
+        """
+        size = self.own_high - self.own_low
+        further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else np.zeros(2)
+        if self.encloses:
+            further = np.full(2, np.linalg.norm(size))
+        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
+        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
+        return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
 
 def find_enclosing(surfaces: Sequence[MergedSurface], cloud: FloatArray, scale: float) -> list[bool]:
@@ -75,44 +102,98 @@ def find_enclosing(surfaces: Sequence[MergedSurface], cloud: FloatArray, scale: 
     return result
 
 
+def find_standing(
+    surfaces: Sequence[MergedSurface],
+    rims: Sequence[RimPoints],
+    enclosing: Sequence[bool],
+    touching: BoolArray,
+) -> FloatArray:
+    """Probability (n,) that what stands at right angles to an enclosing plane reaches down to it; else 0.
+
+    Of the n surfaces whose end on its side was seen k end on the plane; with a beta prior the next one does
+    with probability (k + a) / (n + a + b).
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        All surfaces, working frame.
+    rims : sequence of RimPoints
+        The rim of each, in its own chart.
+    enclosing : sequence of bool
+        Which enclose the room.
+    touching : (n, n) bool
+        Which surfaces were seen to meet.
+    """
+    standing = np.zeros(len(surfaces))
+    for number, base in enumerate(surfaces):
+        plane = base.fit.surface
+        if not enclosing[number] or not isinstance(plane, Plane):
+            continue
+        ending = [
+            touching[number, other]
+            for other in range(len(surfaces))
+            if not enclosing[other]
+            and _is_upright(surfaces[other].fit.surface, plane)
+            and (touching[number, other] or _ends_above(surfaces[other], rims[other], plane))
+        ]
+        standing[number] = (sum(ending) + _STANDING[0]) / (len(ending) + sum(_STANDING))
+    return standing
+
+
+def _is_upright(surface: Surface, base: Plane) -> bool:
+    """Tell whether a surface stands at right angles to a plane, to within six degrees."""
+    if isinstance(surface, Plane):
+        return abs(float(surface.normal_direction @ base.normal_direction)) < _UPRIGHT
+    return (
+        isinstance(surface, Cylinder) and 1 - abs(float(surface.direction @ base.normal_direction)) < _UPRIGHT
+    )
+
+
+def _ends_above(surface: MergedSurface, rim: RimPoints, base: Plane) -> bool:
+    """Tell whether the rim nearest to a plane is mostly the surface's own edge."""
+    height = base.distance(surface.fit.surface.from_uv(rim.uv))
+    if not len(height):
+        return False
+    lowest = rim.kind[height <= height.min() + 0.05 * np.ptp(height)]
+    return bool(np.mean(lowest == Rim.OWN_EDGE) > 0.5)
+
+
 def limit(
     index: int,
     surfaces: Sequence[MergedSurface],
+    rims: Sequence[RimPoints],
     enclosing: Sequence[bool],
+    standing: FloatArray,
     touching: BoolArray,
     observations: Sequence[Observation],
-    cloud: FloatArray,
-    mode: Mode,
 ) -> Limits:
     """Bound the continuation of surface `index`.
 
-    It ends at planes that enclose the room and at planes that it visibly meets in a crease with all of it
-    on one side. Within those, a wall or floor may run on to the next enclosing plane, by no more than its
-    own length unless `mode` is bold; any other surface
-    stays within the rectangle of what was measured of it, its straight edges continued until they meet.
-    A cylinder may run along its axis to an enclosing plane, and around its back where at least 90 degrees
-    of it were seen.
+    It ends at planes that enclose the room. A cylinder may run around its back where at least 90 degrees of
+    it were seen, and its radius is known.
 
     Parameters
     ----------
     index : int
         Which surface.
-    surfaces, enclosing : sequences
-        All surfaces and whether each encloses the room.
+    surfaces, rims, enclosing : sequences
+        All surfaces, their rims, and whether each encloses the room.
+    standing : (n,) float
+        Probability that what stands on each of them reaches down to it.
     touching : (n, n) bool
         Which surfaces were seen to meet.
     observations : sequence of Observation
         The scans.
-    cloud : (n, 3) float
-        Measured points of all scans, thinned.
-    mode : str
-        "conservative" keeps to the measured extent, "bold" lets enclosing surfaces run to their cuts or to
-        the limits of all that was measured.
     """
     surface = surfaces[index]
     points = surface.points(observations)
     thinned = points[:: max(1, len(points) // 50_000)]
-    cuts = _cuts(index, surfaces, enclosing, touching, thinned)
+    cuts = _cuts(index, surfaces, enclosing, thinned)
+    neighbours = [
+        surface.fit.surface
+        for other, surface in enumerate(surfaces)
+        if touching[index, other] and not enclosing[other]
+    ]
     full_turn = False
     if isinstance(surface.fit.surface, Cylinder):
         chart: Surface = _facing_chart(surface.fit.surface, thinned)
@@ -120,18 +201,37 @@ def limit(
         known = surface.fit.parameter_deviations()["radius"] < 0.05 * surface.fit.surface.radius
         full_turn = not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
     elif isinstance(surface.fit.surface, Plane):
-        chart = _aligned_chart(surface.fit.surface, cuts, thinned)
+        plane = surface.fit.surface
+        planes = [
+            *(cut for _, cut in cuts),
+            *(surface for surface in neighbours if isinstance(surface, Plane)),
+        ]
+        chart = _aligned_chart(plane, planes, thinned, rims[index])
     else:
         raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
-    low, high = own_low.copy(), own_high.copy()
+    ends, which = _ends(chart, [plane for _, plane in cuts], own_low, own_high)
+    stands = [standing[number] * _is_upright(surface.fit.surface, plane) for number, plane in cuts]
     runs_on = enclosing[index] or isinstance(chart, Cylinder)
-    if mode != "conservative" and runs_on:
-        low, high = _run_to_cuts(
-            chart, cuts, low, high, chart.to_uv(cloud), bold=mode == "bold" and enclosing[index]
-        )
-    return Limits(chart, tuple(cuts), own_low, own_high, low, high, full_turn, enclosing[index])
+    reaches = np.where(np.isfinite(ends), 1.0 if runs_on else np.array([*stands, 0.0])[which], 0.0)
+    enclosures = tuple(
+        (number, other.fit.surface)
+        for number, other in enumerate(surfaces, start=1)
+        if number != index + 1 and enclosing[number - 1] and isinstance(other.fit.surface, Plane)
+    )
+    return Limits(
+        chart,
+        enclosures,
+        tuple(plane for _, plane in cuts),
+        tuple(neighbours),
+        own_low,
+        own_high,
+        ends,
+        reaches,
+        full_turn,
+        enclosing[index],
+    )
 
 
 def find_touching(
@@ -164,37 +264,43 @@ def find_touching(
 
 
 def _cuts(
-    index: int,
-    surfaces: Sequence[MergedSurface],
-    enclosing: Sequence[bool],
-    touching: BoolArray,
-    points: FloatArray,
-) -> list[Plane]:
-    """Planes that bound the surface, turned so that it lies on their normals' side."""
-    own = surfaces[index].fit.surface
+    index: int, surfaces: Sequence[MergedSurface], enclosing: Sequence[bool], points: FloatArray
+) -> list[tuple[int, Plane]]:
+    """Enclosing planes, with their indices, that have the surface on their inner side."""
     cuts = []
     for other, candidate in enumerate(surfaces):
         plane = candidate.fit.surface
-        if other == index or not isinstance(plane, Plane) or not (enclosing[other] or touching[index, other]):
-            continue
-        parallel = isinstance(own, Plane) and abs(float(own.normal_direction @ plane.normal_direction)) > 0.94
-        if parallel and not enclosing[other]:
+        if other == index or not isinstance(plane, Plane) or not enclosing[other]:
             continue
         distance = plane.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
-        if np.mean(distance > -slack) >= 0.98:
-            cuts.append(plane)
-        elif not enclosing[other] and np.mean(distance < slack) >= 0.98:
-            cuts.append(plane.flipped())
+        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= 0.98:
+            cuts.append((other, plane))
     return cuts
 
 
-def _aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray) -> Plane:
-    """The plane with u along its meeting line with the first cut, else along its own longest side."""
+def _aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, rim: RimPoints) -> Plane:
+    """The plane with u along the straight boundary that was seen most of, else along its longest side.
+
+    Boundaries are its meeting lines with the planes `cuts` and its own edges.
+    """
+    size = np.linalg.norm(rim.step, axis=1)
+    seen = rim.only((size > 0) & np.isin(rim.kind, (Rim.CONTIGUOUS, Rim.OWN_EDGE)))
+    size = np.linalg.norm(seen.step, axis=1)
+    at_rim = plane.from_uv(seen.uv)
+    directions, supports = [], []
     for cut in cuts:
         along = np.cross(plane.normal_direction, cut.normal_direction)
         if np.linalg.norm(along) > 0.5:
-            return Plane(plane.point, plane.normal_direction, along)
+            near = (np.abs(cut.distance(at_rim)) <= size) & (seen.kind == Rim.CONTIGUOUS)
+            directions.append(along)
+            supports.append(float(size[near].sum()))
+    for edge in find_edges(seen.only(seen.kind == Rim.OWN_EDGE)):
+        if isinstance(edge.curve, Line):
+            directions.append(plane.from_uv(edge.curve.direction) - plane.point)
+            supports.append(float(np.ptp(edge.runs, axis=1).sum()))
+    if max(supports, default=0.0) > 0:
+        return Plane(plane.point, plane.normal_direction, directions[int(np.argmax(supports))])
     uv = plane.to_uv(points).astype(np.float32)
     (_, _), (width, height), angle_deg = cv2.minAreaRect(uv)
     angle = np.radians(angle_deg if width >= height else angle_deg + 90.0)
@@ -212,40 +318,19 @@ def _facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
     return Cylinder(cylinder.point, cylinder.direction, cylinder.radius, outward, cylinder.concave)
 
 
-def _run_to_cuts(
-    chart: Surface,
-    cuts: Sequence[Plane],
-    low: FloatArray,
-    high: FloatArray,
-    cloud_uv: FloatArray,
-    *,
-    bold: bool,
-) -> tuple[FloatArray, FloatArray]:
-    """Move each side of the rectangle out to the cut that lies beyond it, within all that was measured.
-
-    Unless `bold`, no further than the diagonal of that rectangle; how well the surface is known across a
-    narrow strip is for its predicted standard deviation to say.
-    """
-    low, high, own_length = low.copy(), high.copy(), float(np.linalg.norm(high - low))
-    cloud_low, cloud_high = np.quantile(cloud_uv, 0.001, axis=0), np.quantile(cloud_uv, 0.999, axis=0)
+def _ends(
+    chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Where the nearest cuts close the low and high sides (rows) along u and v (columns), and which do."""
+    ends = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    which = np.full((2, 2), -1)
     for axis in (0, 1) if isinstance(chart, Plane) else (1,):
-        for sign in (-1.0, 1.0):
-            side = high if sign > 0 else low
-            ends = []
-            for cut in cuts:
-                reach = _reach_along(chart, cut, axis, sign, low, high)
-                if reach is not None and sign * (reach - side[axis]) >= 0:
-                    ends.append(reach)
-            furthest = (cloud_high if sign > 0 else cloud_low)[axis]
-            if ends:
-                nearest = min(ends, key=lambda end: sign * end)
-                margin = 0.05 * abs(furthest - side[axis]) + 0.1
-                supported = bold or abs(nearest - side[axis]) <= own_length
-                if supported and sign * (nearest - furthest) <= margin:
-                    side[axis] = nearest
-            elif bold and sign * (furthest - side[axis]) > 0:
-                side[axis] = furthest
-    return low, high
+        for row, (sign, side) in enumerate(((-1.0, low), (1.0, high))):
+            for number, cut in enumerate(cuts):
+                end = _reach_along(chart, cut, axis, sign, low, high)
+                if end is not None and sign * (end - side[axis]) >= 0 > sign * (end - ends[row, axis]):
+                    ends[row, axis], which[row, axis] = end, number
+    return ends, which
 
 
 def _reach_along(

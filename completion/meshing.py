@@ -10,8 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.chart import ChartGrid
+from completion.edges import Circle, Line
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trim:
+    """A curve of the chart that cells end at.
+
+    Attributes
+    ----------
+    curve : Line or Circle
+        In the chart.
+    sign : float
+        1 to keep the side where `curve.across` is positive, -1 for the other one.
+    cells : (rows, columns) bool
+        Cells that it cuts.
+    """
+
+    curve: Line | Circle
+    sign: float
+    cells: BoolArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +56,10 @@ class ChartMesh:
     face_cell: NDArray[np.int64]
 
 
-def mesh_cells(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], *, merged: bool) -> ChartMesh:
-    """Triangulate the given cells of a grid, clipped by the cuts.
+def mesh_cells(
+    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], trims: Sequence[Trim] = (), *, merged: bool
+) -> ChartMesh:
+    """Triangulate the given cells of a grid, clipped by the cuts and trims.
 
     Parameters
     ----------
@@ -47,6 +69,8 @@ def mesh_cells(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], *, merg
         Cells to mesh.
     cuts : sequence of Plane
         Keep what lies on the normals' side; cells across a cut become polygons that end on it.
+    trims : sequence of Trim
+        The same for curves of the chart, each for its own cells.
     merged : bool
         Join equal cells to rectangles (along the axis only, on a curved surface): fewer faces, the same
         area. Without, every cell has its own two faces.
@@ -54,10 +78,12 @@ def mesh_cells(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], *, merg
     inside = _corner_heights(grid, cuts) >= 0
     whole = inside[:, :-1, :-1] & inside[:, 1:, :-1] & inside[:, :-1, 1:] & inside[:, 1:, 1:]
     full = cells & whole.all(axis=0)
+    for trim in trims:
+        full &= ~trim.cells
     partial = cells & ~full
     curved = np.isfinite(grid.surface.period)
     boxes = _rectangles(full, 1 if curved else full.shape[1]) if merged else _single(full)
-    polygons = [*(_box_polygon(box) for box in boxes), *_clipped(grid, partial, cuts)]
+    polygons = [*(_box_polygon(box) for box in boxes), *_clipped(grid, partial, cuts, trims)]
     if not polygons:
         empty = np.zeros((0, 3))
         return ChartMesh(empty, np.zeros((0, 3), np.int32), np.zeros((0, 2)), np.zeros(0, np.int64))
@@ -129,8 +155,10 @@ def _box_polygon(box: NDArray[np.int64]) -> FloatArray:
     return np.array([[top, left], [top, right], [bottom, right], [bottom, left]], dtype=np.float64)
 
 
-def _clipped(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane]) -> list[FloatArray]:
-    """Each cell as the polygon (row, column) that is left on the cuts' inner side (Sutherland-Hodgman)."""
+def _clipped(
+    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], trims: Sequence[Trim]
+) -> list[FloatArray]:
+    """Each cell as the polygon (row, column) that is left on the inner side (Sutherland & Hodgman 1974)."""
     result = []
     for box in _single(cells):
         polygon = _box_polygon(box)
@@ -139,6 +167,9 @@ def _clipped(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane]) -> list[F
             polygon = _half(polygon, height)
             if len(polygon) < 3:
                 break
+        for trim in (trim for trim in trims if trim.cells[box[0], box[2]] and len(polygon) >= 3):
+            height = trim.sign * trim.curve.across(grid.uv_of(polygon[:, 0], polygon[:, 1]))
+            polygon = _half(polygon, height)
         if len(polygon) >= 3:
             result.append(polygon)
     return result

@@ -37,6 +37,8 @@ class LabelledPoints:
         A `Provenance`.
     sd : (n,) float
         Predicted standard deviation, metres.
+    confidence : (n,) float
+        Probability that the surface is there; 1 for what was measured.
     colour : (n, 3) uint8
         sRGB.
     """
@@ -46,6 +48,7 @@ class LabelledPoints:
     surface: NDArray[np.int32]
     provenance: NDArray[np.int32]
     sd: FloatArray
+    confidence: FloatArray
     colour: NDArray[np.uint8]
 
 
@@ -114,12 +117,14 @@ def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture 
     """All hypothesised cells as one mesh with provenance and predicted deviation at every vertex."""
     parts = []
     for index, patch in enumerate(patches):
-        mesh = mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, merged=False)
+        mesh = mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
         if not len(mesh.faces):
             continue
         provenance = np.zeros(len(mesh.vertices), np.int32)
         of_face = patch.provenance.ravel()[mesh.face_cell].astype(np.int32)
         np.maximum.at(provenance, mesh.faces.ravel(), np.repeat(of_face, 3))
+        confidence = np.zeros(len(mesh.vertices))
+        np.maximum.at(confidence, mesh.faces.ravel(), np.repeat(patch.confidence.ravel()[mesh.face_cell], 3))
         texture = textures[index] if index < len(textures) else None
         parts.append(
             LabelledPoints(
@@ -128,6 +133,7 @@ def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture 
                 np.full(len(mesh.vertices), index + 1, np.int32),
                 provenance,
                 patch.source.fit.standard_deviation(mesh.vertices),
+                confidence,
                 _vertex_colour(mesh, patch.grid, texture),
             )
         )
@@ -163,6 +169,7 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
         owner.ravel()[used],
         np.full(len(used), Provenance.MEASURED, np.int32),
         sigma.ravel()[used],
+        np.ones(len(used)),
         colour,
     )
 
@@ -172,7 +179,7 @@ def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
         empty = np.zeros(0, np.int32)
         triangle = np.zeros((0, 3), np.int32)
         return LabelledPoints(
-            np.zeros((0, 3)), triangle, empty, empty, np.zeros(0), np.zeros((0, 3), np.uint8)
+            np.zeros((0, 3)), triangle, empty, empty, np.zeros(0), np.zeros(0), np.zeros((0, 3), np.uint8)
         )
     start = np.cumsum([0, *(len(part.vertices) for part in parts)])[:-1]
     return LabelledPoints(
@@ -183,5 +190,6 @@ def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
         np.concatenate([part.surface for part in parts]),
         np.concatenate([part.provenance for part in parts]),
         np.concatenate([part.sd for part in parts]),
+        np.concatenate([part.confidence for part in parts]),
         np.concatenate([part.colour for part in parts]),
     )

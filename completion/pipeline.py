@@ -16,10 +16,11 @@ from completion.audit import audit
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, find_enclosing, find_touching, limit
+from completion.limits import Mode, find_enclosing, find_standing, find_touching, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
+from completion.rim import find_rim
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
@@ -143,11 +144,14 @@ def complete(
         cloud = measured_points(observations)
         enclosing = find_enclosing(surfaces, cloud, _typical(scales))
         touching = find_touching(owners, surfaces, observations, scales)
+        rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
+        standing = find_standing(surfaces, rims, enclosing, touching)
 
         def continued(index: int) -> Patch:
-            limits = limit(index, surfaces, enclosing, touching, observations, cloud, options.mode)
+            limits = limit(index, surfaces, rims, enclosing, standing, touching, observations)
             return extend(
                 surfaces[index],
+                rims[index],
                 limits,
                 observations,
                 owners,

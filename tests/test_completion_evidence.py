@@ -111,7 +111,7 @@ def test_where_the_tolerance_is_large_only_own_pixels_count():
     tight = EvidenceOptions(max_tolerance_m=1e-6)
     points = np.array([[*through(100, 60), 3.0]])
     seen = observe(SCAN, Pose.identity())
-    assert label_points(WALL, points, np.zeros(1), seen, tight)[3].tolist() == [False]
+    assert label_points(WALL, points, np.zeros(1), seen, tight).sure.tolist() == [False]
     assert label_at(evidence(SCAN, options=tight), *through(60, 85)) != Label.FREE
 
 

@@ -13,7 +13,6 @@ from completion.evaluation.cells import TrueCells, look
 from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.truth import TrueChart, TrueModel, true_charts
 from completion.export import completion_record
-from completion.extension import CONFIDENCE, Provenance
 from completion.model import CompletedModel
 from nbv.scanning.scanner import scan_scene
 from nbv.view import View
@@ -80,8 +79,6 @@ def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hyp
     """Return what a completion inferred from `scans`, in world coordinates."""
     mesh = completed.hypothesised
     first = mesh.faces[:, 0]
-    provenance = mesh.provenance[mesh.faces].max(axis=1, initial=0)
-    prior = np.array([CONFIDENCE[Provenance(code)] for code in range(len(Provenance))])
     openings = tuple(
         Opening(number, np.asarray(opening["points"], dtype=np.float64))
         for number, surface in enumerate(completion_record(completed)["surfaces"])
@@ -92,7 +89,7 @@ def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hyp
         mesh.faces,
         mesh.surface[first] - 1,
         mesh.sd[mesh.faces].max(axis=1, initial=0.0),
-        prior[provenance],
+        mesh.confidence[mesh.faces].mean(axis=1),
         continued_surfaces(completed.owners, scans, len(completed.patches)),
         openings,
     )

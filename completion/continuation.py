@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: MIT
+"""Continuation: the surface's own edges followed into what is hidden (Dell'Acqua & Fisher 2002)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from completion.chart import ChartGrid
+from completion.edges import Circle, Edge, Line
+from scenes.checks import BoolArray, FloatArray
+
+_LEAD = 4.0  # cells between the end of a run and the hidden zone
+_CORNER = 10.0  # cells of edge beside a seen corner that may be too few to fit a line to
+_SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
+_SURE = 0.9  # that an edge which two stretches agree on goes on between them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """A hidden stretch of an edge.
+
+    Attributes
+    ----------
+    curve : Line or Circle
+        Which the edge follows.
+    start, end : float
+        Arc lengths on the curve, the seen end first, metres; `end` may be the smaller one.
+    seen_m : float
+        Length of the stretch that was seen before `start`.
+    two_sided : bool
+        Whether the edge was seen again at `end`.
+    deviation : float
+        Standard deviation across the curve where it was seen, metres.
+    provenance : str
+        "collinear" (seen on both sides), "convergent" (followed from one end), "circular", or "closure" (at
+        right angles from a corner that was seen).
+    """
+
+    curve: Line | Circle
+    start: float
+    end: float
+    seen_m: float
+    two_sided: bool
+    deviation: float
+    provenance: str
+
+    def progress(self, uv: FloatArray) -> FloatArray:
+        """How far (...,) points lie along the hidden stretch, metres; negative before it."""
+        sign = 1.0 if self.end >= self.start else -1.0
+        way = sign * (self.curve.along(uv) - self.start)
+        if np.isfinite(self.curve.length):
+            way = np.mod(way + self.curve.length / 4, self.curve.length) - self.curve.length / 4
+        return np.asarray(way, dtype=np.float64)
+
+    def confidence(self, progress: FloatArray) -> FloatArray:
+        """Probability (...,) that the edge goes on for `progress` metres.
+
+        An edge of unknown length of which s was seen goes on for d more with probability s / (s + d): what
+        follows when no length is more likely than another on a logarithmic scale (Gott 1993).
+        """
+        if self.two_sided:
+            return np.full(np.shape(progress), _SURE)
+        ahead = np.maximum(progress, 0.0)
+        return np.asarray(_SURE * self.seen_m / (self.seen_m + ahead), dtype=np.float64)
+
+
+def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
+    """Follow every edge from the ends of its runs through the hidden cells, until it leaves them.
+
+    Parameters
+    ----------
+    edges : sequence of Edge
+        In the grid's chart.
+    grid : ChartGrid
+        The cells.
+    hidden : (rows, columns) bool
+        Where the edges may go on.
+    """
+    stretches = []
+    for edge in edges:
+        followed = []
+        for run in range(len(edge.runs)):
+            for sign in (-1.0, 1.0):
+                stretch = _follow(edge, run, sign, grid, hidden, _LEAD * float(grid.cell.max()))
+                followed += _turn(edge, run, sign, grid, hidden) if stretch is None else [stretch]
+        stretches += _paired(followed, float(grid.cell.max()))
+    return stretches
+
+
+def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
+    """From a corner that was seen, the hidden stretches at right angles behind too little edge to fit."""
+    if isinstance(edge.curve, Circle):
+        return []
+    corner = edge.curve.at(edge.runs[run][int(sign > 0)])
+    reach = _CORNER * float(grid.cell.max())
+    found = []
+    for side in (-1.0, 1.0):
+        line = Line(corner, side * edge.curve.normal)
+        short = Edge(line, np.zeros((1, 2)), edge.deviation)
+        stretch = _follow(short, 0, 1.0, grid, hidden, reach)
+        if stretch is not None:
+            found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance="closure"))
+    return found
+
+
+def _follow(
+    edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray, lead: float
+) -> Stretch | None:
+    """The hidden stretch that begins no farther than `lead` beyond one end of a run; None without one."""
+    low, high = edge.runs[run]
+    start = float(high if sign > 0 else low)
+    step = float(grid.cell.min()) / 2
+    furthest = float(np.linalg.norm(grid.cell * np.array(grid.shape[::-1])))
+    furthest = min(furthest, edge.curve.length - (high - low))
+    ahead: FloatArray = step * np.arange(1.0, max(int(furthest / step), 1) + 1)
+    open_ = _inside(edge.curve.at(start + sign * ahead), grid, hidden)
+    first = int(np.argmax(open_))
+    if not open_[first] or ahead[first] > lead:
+        return None
+    closed = np.convolve(~open_[first:], np.ones(int(2 * _SKIP) + 1), mode="full")[: len(open_) - first]
+    stops = np.flatnonzero(closed > 2 * _SKIP)
+    last = int(stops[0]) - int(2 * _SKIP) - 1 if len(stops) else len(open_) - first - 1
+    length = float(ahead[first + max(last, 0)])
+    if open_[first:].sum() < 2 or length < 1.5 * float(grid.cell.max()):
+        return None
+    end = start + sign * length
+    met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
+    seen = float(high - low) + (float(np.ptp(edge.runs[met])) if met is not None else 0.0)
+    is_circle = isinstance(edge.curve, Circle)
+    word = "circular" if is_circle else "convergent" if met is None else "collinear"
+    return Stretch(
+        edge.curve, start + sign * float(ahead[first]), end, seen, met is not None, edge.deviation, word
+    )
+
+
+def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
+    column = np.floor((uv[:, 0] - grid.corner[0]) / grid.cell[0]).astype(np.int64)
+    row = np.floor((uv[:, 1] - grid.corner[1]) / grid.cell[1]).astype(np.int64)
+    if grid.wraps:
+        column %= grid.shape[1]
+    within = (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
+    inside = np.zeros(len(uv), dtype=np.bool_)
+    inside[within] = hidden[row[within], column[within]]
+    return inside
+
+
+def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
+    """Number of the other run that begins or ends near arc length `end`."""
+    for other in range(len(edge.runs)):
+        distance = np.abs(edge.runs[other] - end)
+        if np.isfinite(edge.curve.length):
+            distance = np.minimum(distance, np.abs(edge.curve.length - distance))
+        alone = other == run and not np.isfinite(edge.curve.length)
+        if not alone and distance.min() <= reach:
+            return other
+    return None
+
+
+def _paired(stretches: list[Stretch], cell: float) -> list[Stretch]:
+    """Stretches of one edge, those that were followed from both ends kept once."""
+    kept: list[Stretch] = []
+    for stretch in stretches:
+        twin = any(
+            other.two_sided and stretch.two_sided and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
+            for other in kept
+        )
+        if not twin:
+            kept.append(stretch)
+    return kept

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: MIT
+"""Edges: straight and circular stretches of a surface's own boundary, fitted in its chart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from completion.rim import RimPoints
+from scenes.checks import BoolArray, FloatArray
+
+_N_DIRECTIONS = 180
+_MIN_POINTS = 8  # of a run: fewer say nothing about a direction
+_MAX_EDGES = 40
+_GAP = 3.5  # steps between pixels that a run may lack
+_MIN_ARC = np.radians(30.0)
+
+
+class Curve(Protocol):
+    """A boundary that may go on: where it is, which side is which, and how far along it one is."""
+
+    def across(self, uv: FloatArray) -> FloatArray:
+        """Signed distance (...,) from the curve."""
+        ...
+
+    def along(self, uv: FloatArray) -> FloatArray:
+        """Arc length (...,) at the nearest point of the curve."""
+        ...
+
+    def at(self, along: FloatArray) -> FloatArray:
+        """Chart coordinates (..., 2) at an arc length."""
+        ...
+
+    @property
+    def length(self) -> float:
+        """Arc length after which it returns; inf for a line."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """The line through `point` along the unit vector `direction`, chart coordinates in metres."""
+
+    point: FloatArray
+    direction: FloatArray
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit vector a quarter turn anticlockwise of the direction."""
+        return np.array([-self.direction[1], self.direction[0]])
+
+    @property
+    def length(self) -> float:
+        """A line never returns."""
+        return float("inf")
+
+    def across(self, uv: FloatArray) -> FloatArray:
+        """Signed distance (...,)."""
+        distance: FloatArray = (uv - self.point) @ self.normal
+        return distance
+
+    def along(self, uv: FloatArray) -> FloatArray:
+        """Length (...,) from `point`."""
+        length: FloatArray = (uv - self.point) @ self.direction
+        return length
+
+    def at(self, along: FloatArray) -> FloatArray:
+        """Chart coordinates (..., 2)."""
+        place: FloatArray = self.point + np.asarray(along)[..., None] * self.direction
+        return place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circle:
+    """The circle around `centre` with `radius`, chart coordinates in metres."""
+
+    centre: FloatArray
+    radius: float
+
+    @property
+    def length(self) -> float:
+        """Circumference."""
+        return float(2 * np.pi * self.radius)
+
+    def across(self, uv: FloatArray) -> FloatArray:
+        """Signed distance (...,), positive inside."""
+        return np.asarray(self.radius - np.linalg.norm(uv - self.centre, axis=-1), dtype=np.float64)
+
+    def along(self, uv: FloatArray) -> FloatArray:
+        """Arc length (...,) in -pi r .. pi r."""
+        offset = uv - self.centre
+        return np.asarray(self.radius * np.arctan2(offset[..., 1], offset[..., 0]), dtype=np.float64)
+
+    def at(self, along: FloatArray) -> FloatArray:
+        """Chart coordinates (..., 2)."""
+        angle = np.asarray(along) / self.radius
+        place: FloatArray = self.centre + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edge:
+    """A curve with the stretches of it that were seen.
+
+    Attributes
+    ----------
+    curve : Curve
+        Line or circle.
+    runs : (k, 2) float
+        First and last arc length of each stretch, metres.
+    deviation : float
+        Standard deviation of a point of the curve across it where it was seen, metres.
+    """
+
+    curve: Line | Circle
+    runs: FloatArray
+    deviation: float
+
+
+def edge_along(line: Line, rim: RimPoints) -> tuple[Edge, BoolArray]:
+    """Return the stretches of a known line along which rim points (n,) lie, and which points those are."""
+    members = _in_runs(line, rim, _agrees(line, rim) & (np.linalg.norm(rim.step, axis=1) > 0))
+    return _edge(line, rim.only(members)), members
+
+
+def find_edges(rim: RimPoints) -> list[Edge]:
+    """Fit lines and circles to points of one kind, the best supported first.
+
+    A point constrains the curve to half a pixel's step to either side; what a point may be off by across a
+    curve therefore depends on its direction. Connected chains that one circle explains and no line does are
+    circles; lines are found by voting (Hough) and refined by weighted least squares until the points that
+    agree no longer change.
+    """
+    size = np.linalg.norm(rim.step, axis=1)
+    rim, size = rim.only(size > 0), size[size > 0]
+    edges: list[Edge] = []
+    left = np.ones(len(size), dtype=np.bool_)
+    for chain in _chains(rim.uv, size):
+        circle = _circle_of(rim.only(chain))
+        if circle is not None:
+            agrees = _agrees(circle, rim) & left
+            edges.append(_edge(circle, rim.only(agrees)))
+            left &= ~agrees
+    while left.sum() >= _MIN_POINTS and len(edges) < _MAX_EDGES:
+        found = _best_line(rim, left)
+        if found is None:
+            break
+        line, members = found
+        edges.append(_edge(line, rim.only(members)))
+        left &= ~members
+    return [edge for edge in edges if len(edge.runs)]
+
+
+def _best_line(rim: RimPoints, left: BoolArray) -> tuple[Line, BoolArray] | None:
+    """The line that most of the points `left` agree with, in runs, and those points."""
+    vote = left.copy()
+    for _ in range(_MAX_EDGES):
+        if vote.sum() < _MIN_POINTS:
+            return None
+        line, width = _voted(rim, vote)
+        for reach in (2.0 * width, width, 0.0, 0.0):
+            members = (_agrees(line, rim) | (np.abs(line.across(rim.uv)) <= reach)) & left
+            if members.sum() < _MIN_POINTS:
+                break
+            line = _line_of(rim.only(members))
+        members = _in_runs(line, rim, _agrees(line, rim) & left)
+        if members.any():
+            return line, members
+        vote &= ~_agrees(line, rim) & (np.abs(line.across(rim.uv)) > width)
+    return None
+
+
+def _voted(rim: RimPoints, vote: BoolArray) -> tuple[Line, float]:
+    """The line with the most votes, and how wide its slot is.
+
+    Every point votes for an offset in each direction (Duda & Hart 1972).
+    """
+    uv, step = rim.uv[vote], rim.step[vote]
+    centre = uv.mean(axis=0)
+    angle = np.arange(_N_DIRECTIONS) * np.pi / _N_DIRECTIONS
+    normals = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    width = float(np.median(np.linalg.norm(step, axis=1)))
+    offset = (uv - centre) @ normals.T
+    slot = np.rint((offset - offset.min()) / width).astype(np.int64)
+    n_slots = int(slot.max()) + 2
+    count = np.bincount(
+        (slot + n_slots * np.arange(_N_DIRECTIONS)).ravel(), minlength=n_slots * _N_DIRECTIONS
+    )
+    both = count[:-1] + count[1:]  # neighbouring slots together: a line may lie on their border
+    best = int(np.argmax(both))
+    direction, place = divmod(best, n_slots)
+    middle = offset.min() + (place + 0.5) * width
+    along = np.array([np.cos(angle[direction]), np.sin(angle[direction])])
+    return Line(centre + middle * normals[direction], along), width
+
+
+def _line_of(rim: RimPoints) -> Line:
+    """The line by least squares across it, points weighted by what a pixel's step says about them."""
+    weight = np.ones(len(rim.uv))
+    line = None
+    for _ in range(3):
+        mean = np.average(rim.uv, axis=0, weights=weight)
+        offset = rim.uv - mean
+        _, vectors = np.linalg.eigh((weight[:, None] * offset).T @ offset)
+        line = Line(mean, vectors[:, 1])
+        weight = 1 / np.square(_slack(line, rim))
+    assert line is not None
+    return line
+
+
+def _slack(curve: Line | Circle, rim: RimPoints) -> FloatArray:
+    """How far (n,) points may lie from the curve: half their step across it, and a little for noise."""
+    if isinstance(curve, Line):
+        normal = np.broadcast_to(curve.normal, rim.uv.shape)
+    else:
+        offset = rim.uv - curve.centre
+        normal = offset / np.maximum(np.linalg.norm(offset, axis=1), 1e-12)[:, None]
+    across = np.abs(np.einsum("ij,ij->i", rim.step, normal))
+    return np.asarray(0.6 * across + 0.15 * np.linalg.norm(rim.step, axis=1), dtype=np.float64)
+
+
+def _agrees(curve: Line | Circle, rim: RimPoints) -> BoolArray:
+    return np.asarray(np.abs(curve.across(rim.uv)) <= _slack(curve, rim), dtype=np.bool_)
+
+
+def _in_runs(line: Line, rim: RimPoints, members: BoolArray) -> BoolArray:
+    """Those of the members that stand in a run of at least `_MIN_POINTS`, over three steps long."""
+    index = np.flatnonzero(members)
+    kept = np.zeros(len(members), dtype=np.bool_)
+    for run in _runs(line.along(rim.uv[index]), _gaps(rim.only(members))):
+        chosen = index[run]
+        if len(chosen) < _MIN_POINTS:
+            continue
+        step = float(np.median(np.linalg.norm(rim.step[chosen], axis=1)))
+        kept[chosen] = np.ptp(line.along(rim.uv[chosen])) > 3 * step
+    return kept
+
+
+def _gaps(rim: RimPoints) -> FloatArray:
+    return np.asarray(_GAP * np.linalg.norm(rim.step, axis=1), dtype=np.float64)
+
+
+def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
+    """Indices of points in stretches without a gap wider than either end's."""
+    order = np.argsort(along, kind="stable")
+    if not len(order):
+        return []
+    wide = np.diff(along[order]) > np.maximum(gap[order][1:], gap[order][:-1])
+    return np.split(order, np.flatnonzero(wide) + 1)
+
+
+def _edge(curve: Line | Circle, rim: RimPoints) -> Edge:
+    """The edge whose points are `rim`."""
+    if not len(rim.uv):
+        return Edge(curve, np.zeros((0, 2)), 0.0)
+    along = curve.along(rim.uv)
+    spans = [
+        (float(along[run].min()), float(along[run].max()))
+        for run in _runs(along, _gaps(rim))
+        if len(run) >= _MIN_POINTS
+    ]
+    if isinstance(curve, Circle) and len(spans) > 1:
+        spans = _across_seam(spans, curve.length, float(_gaps(rim).max()))
+    rms = float(np.sqrt(np.mean(np.square(curve.across(rim.uv)))))
+    return Edge(curve, np.array(spans).reshape(-1, 2), rms * float(np.sqrt(2 / max(len(rim.uv), 2))))
+
+
+def _across_seam(spans: list[tuple[float, float]], length: float, gap: float) -> list[tuple[float, float]]:
+    """Join the last and the first stretch of a circle where they touch across the seam."""
+    first, last = spans[0], spans[-1]
+    if first[0] + length - last[1] > gap:
+        return spans
+    return [(last[0] - length, first[1]), *spans[1:-1]]
+
+
+def _chains(uv: FloatArray, size: FloatArray) -> list[BoolArray]:
+    """Points that hang together: no farther apart than a few steps."""
+    if len(uv) < 2 * _MIN_POINTS:
+        return []
+    pairs = cKDTree(uv).query_pairs(_GAP * float(np.median(size)), output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(uv), len(uv)))
+    part = connected_components(graph, directed=False)[1]
+    counts = np.bincount(part)
+    return [part == number for number in np.flatnonzero(counts >= 2 * _MIN_POINTS)]
+
+
+def _circle_of(rim: RimPoints) -> Circle | None:
+    """The circle through a chain, if nearly all its points agree with it and it is plainly no line."""
+    line = _line_of(rim)
+    if np.mean(_agrees(line, rim)) > 0.6:
+        return None
+    circle = _pratt(rim.uv)
+    if circle is None or np.mean(_agrees(circle, rim)) < 0.9:
+        return None
+    angle = np.sort(circle.along(rim.uv)) / circle.radius
+    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    return circle if 2 * np.pi - gaps.max() >= _MIN_ARC else None
+
+
+def _pratt(uv: FloatArray) -> Circle | None:
+    """The circle by Pratt's normalisation (Pratt 1987), None where the points lie on a line."""
+    mean = uv.mean(axis=0)
+    x, y = (uv - mean).T
+    z = x * x + y * y
+    moments = np.column_stack([z, x, y, np.ones(len(x))])
+    constraint = np.array([[0, 0, 0, -2.0], [0, 1, 0, 0], [0, 0, 1, 0], [-2.0, 0, 0, 0]])
+    values, vectors = np.linalg.eig(np.linalg.solve(constraint, moments.T @ moments))
+    real = np.where(
+        (np.abs(values.imag) < 1e-9 * np.abs(values).max()) & (values.real > 0), values.real, np.inf
+    )
+    if not np.isfinite(real).any():
+        return None
+    a, b, c, d = vectors[:, int(np.argmin(real))].real
+    if abs(a) < 1e-12:
+        return None
+    centre = np.array([-b, -c]) / (2 * a)
+    square = float(centre @ centre - d / a)
+    return Circle(mean + centre, float(np.sqrt(square))) if square > 0 else None

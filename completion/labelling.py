@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Labelling: which hidden pieces are surface, as the cheapest boundary through all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from completion.shadows import Shadows
+from scenes.checks import BoolArray, FloatArray
+
+_UNITS = 10_000  # capacities are whole numbers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labelling:
+    """Which pieces are surface.
+
+    Attributes
+    ----------
+    is_surface : (n_pieces,) bool
+        The labelling of least cost.
+    margin : (n_pieces,) float
+        How much dearer it gets when the piece is forced to be no surface than when it is forced to be, per
+        metre of the piece's outline: 1 where measured surface is all around, -1 where beams passed all
+        around, 0 where nothing tells.
+    """
+
+    is_surface: BoolArray
+    margin: FloatArray
+
+
+def label_pieces(shadows: Shadows) -> Labelling:
+    """Choose the pieces that are surface by a minimum cut (Boykov, Veksler & Zabih 2001).
+
+    A boundary of the surface costs its length times its improbability: 1 along the outline of a shadow, for
+    it would be a coincidence if a surface ended just where an occluder's silhouette lies; less along a
+    continued edge. A piece that touches neither measured nor open cells is no surface.
+    """
+    n = shadows.n_pieces
+    if not n:
+        return Labelling(np.zeros(0, dtype=np.bool_), np.zeros(0))
+    graph = _Graph.of(shadows)
+    is_surface, least = graph.cut(None, keep=True)
+    forced = np.array([[least, least]] * n)
+    for piece in range(n):
+        forced[piece, int(is_surface[piece])] = graph.cut(piece, keep=not is_surface[piece])[1]
+    outline = np.maximum(graph.outline, 1e-9)
+    return Labelling(is_surface, np.clip((forced[:, 1] - forced[:, 0]) / outline, -1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Graph:
+    """Pieces as nodes from 0, the measured surface as node n, open space as node n + 1."""
+
+    n: int
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    cost: FloatArray
+    outline: FloatArray
+
+    @classmethod
+    def of(cls, shadows: Shadows) -> _Graph:
+        n, borders = shadows.n_pieces, shadows.borders
+        piece = shadows.piece.ravel()
+        a, b = piece[borders.first].astype(np.int64), piece[borders.second].astype(np.int64)
+        apart = a != b
+        a, b = np.minimum(a, b)[apart], np.maximum(a, b)[apart]
+        pair, index = np.unique(a * n + b, return_inverse=True)
+        between = np.bincount(index, (borders.cost * borders.length)[apart], minlength=len(pair))
+        length = np.bincount(index, borders.length[apart], minlength=len(pair))
+        every = np.arange(n)
+        outline = shadows.beside_measured + shadows.beside_open
+        for end in (pair // n, pair % n):
+            outline = outline + np.bincount(end, length, minlength=n)
+        return cls(
+            n,
+            np.concatenate([pair // n, pair % n, np.full(n, n), every]),
+            np.concatenate([pair % n, pair // n, every, np.full(n, n + 1)]),
+            np.concatenate([between, between, shadows.beside_measured, shadows.beside_open]),
+            outline,
+        )
+
+    def cut(self, forced: int | None, *, keep: bool) -> tuple[BoolArray, float]:
+        """Return which pieces are surface and what it costs, with one piece forced to be surface or not."""
+        n, rows, columns, cost = self.n, self.rows, self.columns, self.cost
+        if forced is not None:
+            ends = (n, forced) if keep else (forced, n + 1)
+            rows, columns = np.append(rows, ends[0]), np.append(columns, ends[1])
+            cost = np.append(cost, 1e4)
+        capacity = np.rint(np.minimum(cost, 1e4) * _UNITS).astype(np.int32)
+        graph = coo_array((capacity, (rows, columns)), shape=(n + 2, n + 2)).tocsr()
+        graph.sum_duplicates()
+        flow = maximum_flow(graph, n, n + 1)
+        rest = graph - flow.flow
+        rest.data = np.maximum(rest.data, 0)
+        rest.eliminate_zeros()
+        reached = breadth_first_order(rest, n, return_predecessors=False)
+        is_surface = np.zeros(n + 2, dtype=np.bool_)
+        is_surface[reached] = True
+        return is_surface[:n], float(flow.flow_value) / _UNITS
