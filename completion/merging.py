@@ -219,5 +219,6 @@ def _masks(pieces: Sequence[_Piece], observations: Sequence[Observation]) -> tup
     masks = []
     for index, observation in enumerate(observations):
         own = [piece.region.mask for piece in pieces if piece.scan == index]
-        masks.append(np.logical_or.reduce(own) if own else np.zeros(observation.scan.shape, dtype=np.bool_))
+        none = np.zeros(observation.scan.shape, dtype=np.bool_)
+        masks.append(own[0] if len(own) == 1 else np.logical_or.reduce(own) if own else none)
     return tuple(masks)

@@ -108,13 +108,14 @@ def _distances(
             own = labels[i, j] - 1
             if own < 0 or host[own] < 0:
                 continue
-            d, r, s = rays[i, j], ranges[i, j], sigma[i, j]
-            gap, cosine = gap_to(models[host[own]], d[0], d[1], d[2], r, normal)
+            x, y, z, r, s = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2], ranges[i, j], sigma[i, j]
+            gap, cosine = gap_to(models, host[own], x, y, z, r, normal)
             variance = s * s * cosine * cosine + flat * flat
             sums[own, 0] += 1.0
             sums[own, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
-            for k in range(3):
-                sums[own, 2 + k] += r * d[k]
+            sums[own, 2] += r * x
+            sums[own, 3] += r * y
+            sums[own, 4] += r * z
             sums[own, 5] += r
             sums[own, 6] += gap
     return sums

@@ -157,6 +157,12 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """The inner product of two vectors of three; numpy's own would allocate in the innermost loop."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
     """The quadratic form with packed symmetric matrix `a` at (x, y, z)."""
     squares = a[0] * x * x + a[3] * y * y + a[5] * z * z
@@ -203,8 +209,7 @@ def _flood(
         worst = max(1.0, misfit[i, j])
         if excess > cut * cut * worst * count[i, j] + _CHI2_3 * worst:
             continue
-        size = np.sqrt((w * w).sum() * (own * own).sum())
-        cosine = min(1.0, (w[0] * own[0] + w[1] * own[1] + w[2] * own[2]) / size)
+        cosine = min(1.0, _dot(w, own) / np.sqrt(_dot(w, w) * _dot(own, own)))
         if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
             continue
         members[i, j] = True
@@ -295,18 +300,18 @@ def _with_smooth_ring(
             if not members[i, j]:
                 continue
             w = plane[i, j]
-            size = np.sqrt((w * w).sum())
+            size = np.sqrt(_dot(w, w))
             for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 k, m = i + di, j + dj
                 if not (0 <= k < rows and 0 <= m < columns) or grown[k, m] or not free[k, m]:
                     continue
                 v = plane[k, m]
-                cosine = (w * v).sum() / (size * np.sqrt((v * v).sum()))
+                cosine = _dot(w, v) / (size * np.sqrt(_dot(v, v)))
                 allowed = max_angle + 2.0 * np.hypot(normal_sd[i, j], normal_sd[k, m])
                 step = centre[k, m] - centre[i, j]
-                gap = abs((w * centre[k, m]).sum() - 1.0) / size
+                gap = abs(_dot(w, centre[k, m]) - 1.0) / size
                 if np.arccos(min(1.0, cosine)) <= allowed and gap <= np.sin(allowed) * np.sqrt(
-                    (step * step).sum()
+                    _dot(step, step)
                 ):
                     grown[k, m] = True
     return grown

@@ -51,7 +51,7 @@ def _grow(
     """Labels of the pixels, from 1, and the packed surfaces, by coarse tiles and then by finer ones."""
     scan, spacing = observation.scan, observation.scan.projection.pixel_angle
     side = tile_side(scan.ranges, observation.sigma, spacing)
-    sigma = np.hypot(observation.sigma, _BULGE * spacing * scan.ranges)
+    sigma = np.sqrt(np.square(observation.sigma) + np.square(_BULGE * spacing * scan.ranges))
     labels, models = np.zeros(scan.shape, np.int32), np.zeros((0, 9))
     tiles = cut_tiles(scan.ranges, observation.rays, sigma, options.flatness_m, side)
     fine = tiles
