@@ -45,7 +45,7 @@ def absorb(
         The scan, and its tolerances.
     """
     n = len(surfaces)
-    contact, outline = _contacts(labels, n)
+    contact, outline = contacts(labels, n)
     host = np.array([int(np.argmax(contact[i, :i])) if i else -1 for i in range(n)], np.int64)
     enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
     sums = _distances(
@@ -67,8 +67,8 @@ def absorb(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of neighbouring pixels between regions (n, n), and between each region and any other (n,)."""
+def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of neighbouring pixels between n regions (n, n), and between each region and any other (n,)."""
     contact, outline = np.zeros((n, n), np.int64), np.zeros(n, np.int64)
     rows, columns = labels.shape
     for i in range(rows):

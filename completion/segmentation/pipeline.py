@@ -14,6 +14,7 @@ from completion.refitting import improve, refit
 from completion.segmentation.absorbing import absorb
 from completion.segmentation.clusters import find_clusters
 from completion.segmentation.competition import compete
+from completion.segmentation.creases import sharpen_creases
 from completion.segmentation.growing import Cluster
 from completion.segmentation.packed import pack
 from completion.segmentation.parts import split_parts
@@ -31,7 +32,8 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     Planes grow over tiles, from the middle of the largest area that is flat; where a patch bends by more
     than its noise, a cylinder grows from it instead. Then pixels compete: each goes to the surface near by
     that it fits best. What is left over is cut into finer tiles, for small faces. Connected parts are
-    refitted, errors along the rays; warps go back to the surface around them; and pixels compete once more.
+    refitted, errors along the rays; warps go back to the surface around them, and edges that the sensor has
+    rounded to the planes that meet there; and pixels compete once more.
     """
     labels, models, tiles = _grow(observation, options)
     labels, surfaces = split_parts(labels, models, observation, options)
@@ -39,6 +41,7 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     surfaces = [new or old for new, old in zip(placed, surfaces, strict=True)]
     models = np.array([pack(surface, observation.scan.origin) for surface in surfaces]).reshape(-1, 9)
     labels = absorb(labels, models, surfaces, observation, options)
+    labels = sharpen_creases(labels, models, observation)
     labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
     fits = refit(surfaces, [observation], [labels], options.flatness_m)
