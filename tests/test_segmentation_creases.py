@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Edges that a window-matching camera rounds are edges; truly rounded ones, and those of other sensors, stay."""
+"""Edges that a window-matching camera rounds are edges; truly rounded ones, and other sensors', stay."""
 
 from dataclasses import replace
 
