@@ -95,11 +95,11 @@ def grow_plane(
     max_angle : float
         Largest angle between a tile's normal and the plane's, radians, beside its error.
     """
-    around = np.zeros_like(free)
-    around[max(seed[0] - 1, 0) : seed[0] + 2, max(seed[1] - 1, 0) : seed[1] + 2] = True
-    around &= free
+    window = (slice(max(seed[0] - 1, 0), seed[0] + 2), slice(max(seed[1] - 1, 0), seed[1] + 2))
+    around, near = np.zeros_like(free), free[window]
+    around[window] = near
     w = np.zeros(3)
-    pooled = solve_plane(tiles.matrix[around].sum(axis=0), tiles.vector[around].sum(axis=0), w)
+    pooled = solve_plane(tiles.matrix[window][near].sum(axis=0), tiles.vector[window][near].sum(axis=0), w)
     if not pooled or not flood(pack_plane(w), seed, around, tiles, cut, max_angle)[seed]:
         w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
     size = 0

@@ -27,7 +27,7 @@ def split_parts(
     number = np.zeros(len(count), np.int32)
     number[order] = np.arange(1, len(order) + 1)
     surfaces = [unpack(models[model[part] - 1], centre[part], observation.scan.origin) for part in order]
-    return number[parts], surfaces
+    return np.take(number, parts), surfaces
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -94,8 +94,8 @@ def _part_sums(
             if part == 0:
                 continue
             count[part] += 1
-            model[part] = labels[i, j]
-            if count[part] % 8 == 1:
+            if count[part] & 7 == 1:
+                model[part] = labels[i, j]
                 centre[part, 0] += points[i, j, 0]
                 centre[part, 1] += points[i, j, 1]
                 centre[part, 2] += points[i, j, 2]
