@@ -66,7 +66,7 @@ def test_the_table_is_one_surface_around_and_behind_what_stands_on_it(name):
     (table,) = found.on(1)
     is_table = (found.labels > 0) & (found.labels < 10)
     assert table.masks[0][is_table].mean() > 0.99
-    assert sum(share for label, share in found.shares(table).items() if label >= 10) < 0.012
+    assert sum(share for label, share in found.shares(table).items() if label >= 10) < 0.006
 
 
 @pytest.mark.parametrize("name", SCANS)
@@ -101,6 +101,15 @@ def test_a_box_cut_in_two_by_another_has_whole_faces():
     for one in behind:
         assert min(found.shares(one)[30], found.shares(one)[31]) > 0.35
     assert len(found.surfaces) == 1 + 2 + 2  # table, box in front, box behind
+
+
+def test_handles_a_centimetre_above_the_table_are_one_surface_on_both_sides_of_their_pot():
+    """learn39, labels 50 and 52: seven deviations off; the table's many parts must not outvote that."""
+    found = labelled("learn39")
+    (handles,) = found.on(50)
+    assert handles.n_parts == 2
+    assert found.shares(handles)[50] + found.shares(handles)[52] > 0.99
+    assert min(found.shares(handles)[50], found.shares(handles)[52]) > 0.3
 
 
 @pytest.mark.parametrize("name", ["learn0", "learn17", "learn25", "learn29"])
