@@ -52,8 +52,6 @@ def _sharpen(
 ) -> None:
     """Give one cylinder's pixels to two of the planes beside it where their crease explains them."""
     pixel = np.argwhere(labels == label)
-    if len(pixel) == 0:
-        return
     ranges = seen.scan.ranges[tuple(pixel.T)]
     width = seen.noise.window_pixels(float(np.median(ranges)))
     if width == 1:
