@@ -71,8 +71,8 @@ def _block_means(
                     label = labels[i, j] - 1
                     if label < 0:
                         continue
-                    d = rays[i, j]
-                    gap, cosine = gap_to(models[label], d[0], d[1], d[2], ranges[i, j], normal)
+                    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+                    gap, cosine = gap_to(models, label, x, y, z, ranges[i, j], normal)
                     if not cosine > 0.0:
                         continue
                     residual = gap / np.sqrt(sigma[i, j] ** 2 * cosine * cosine + flat * flat + 1e-30)

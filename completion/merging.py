@@ -21,7 +21,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
-_APART = 3.0  # standard deviations of the warps by which parts of one surface may stand off their common fit
+_APART = 4.0  # standard deviations of its warp by which any part of a surface may stand off the common fit
 _SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
 
 
@@ -152,15 +152,17 @@ def _contradicted(
 
 
 def _fits_all(pieces: Sequence[_Piece], options: EvidenceOptions) -> bool:
-    """Tell whether one surface leaves all pieces together no rougher than their own noise and warps do."""
+    """Tell whether one surface leaves each of the pieces no rougher than its own noise and warps do."""
     start = max(pieces, key=lambda piece: piece.n_pixels).region.fit.surface
     (joint,) = improve([start], [piece.beams for piece in pieces], options.flatness_m, n_rounds=2)
     if joint is None:
         return False
-    points = np.concatenate([piece.part.points for piece in pieces])
-    own = np.mean([piece.region.fit.rms**2 + (_APART * piece.stray_m) ** 2 for piece in pieces])
-    slack = 1 + 3 * np.sqrt(2 / len(points))
-    return bool(np.mean(np.square(joint.distance(points))) <= slack * own)
+    for piece in pieces:
+        own = piece.region.fit.rms**2 + (_APART * piece.stray_m) ** 2
+        slack = 1 + 3 * np.sqrt(2 / len(piece.part.points))
+        if not np.mean(np.square(joint.distance(piece.part.points))) <= slack * own:
+            return False
+    return True
 
 
 def _hidden_between(
@@ -219,5 +221,6 @@ def _masks(pieces: Sequence[_Piece], observations: Sequence[Observation]) -> tup
     masks = []
     for index, observation in enumerate(observations):
         own = [piece.region.mask for piece in pieces if piece.scan == index]
-        masks.append(np.logical_or.reduce(own) if own else np.zeros(observation.scan.shape, dtype=np.bool_))
+        none = np.zeros(observation.scan.shape, dtype=np.bool_)
+        masks.append(own[0] if len(own) == 1 else np.logical_or.reduce(own) if own else none)
     return tuple(masks)

@@ -40,11 +40,11 @@ class _Sums:
         scale = np.sqrt(np.diag(self.matrix))
         if self.n <= k or not (scale > 0).all():
             raise FitError(f"{self.n} pixels determine no surface with {k} parameters")
-        scaled = self.matrix / np.outer(scale, scale)
-        condition = float(np.linalg.cond(scaled))
-        if not condition < _MAX_CONDITION:
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
+        if not values[-1] < _MAX_CONDITION * values[0]:
+            condition = values[-1] / max(values[0], 1e-300)
             raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
-        step: FloatArray = np.linalg.solve(scaled, self.vector / scale) / scale
+        step: FloatArray = vectors @ ((self.vector / scale) @ vectors / values) / scale
         return step
 
     def repeated(self, times: int) -> _Sums:
@@ -171,14 +171,14 @@ def _v_direction(plane: Plane) -> FloatArray:
 
 
 def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
-    """Kind (0 plane, 1 cylinder, -1 none), origin from the sensor, frame by rows, radius with its sign."""
+    """Kind (0 plane, 1 cylinder, -1 none), sensor in the frame, frame by rows, radius with its sign."""
     if isinstance(surface, Plane):
         frame = np.stack([surface.u_direction, _v_direction(surface), surface.normal_direction])
-        return np.concatenate([[0.0], surface.point - origin, frame.ravel(), [0.0]])
+        return np.concatenate([[0.0], frame @ (origin - surface.point), frame.ravel(), [0.0]])
     if isinstance(surface, Cylinder):
         frame = axis_frame(surface.direction)
         signed = -surface.radius if surface.concave else surface.radius
-        return np.concatenate([[1.0], surface.point - origin, frame.ravel(), [signed]])
+        return np.concatenate([[1.0], frame @ (origin - surface.point), frame.ravel(), [signed]])
     return np.full(14, -1.0)
 
 
@@ -201,25 +201,21 @@ def _add_rays(
         label = labels[i] - 1
         if label < 0:
             continue
-        c = charts[label]
-        if c[0] < 0.0:
+        if charts[label, 0] < 0.0:
             continue
-        d = rays[i]
-        dx = c[4] * d[0] + c[5] * d[1] + c[6] * d[2]
-        dy = c[7] * d[0] + c[8] * d[1] + c[9] * d[2]
-        dz = c[10] * d[0] + c[11] * d[1] + c[12] * d[2]
-        ox = -(c[4] * c[1] + c[5] * c[2] + c[6] * c[3])
-        oy = -(c[7] * c[1] + c[8] * c[2] + c[9] * c[3])
-        oz = -(c[10] * c[1] + c[11] * c[2] + c[12] * c[3])
-        if c[0] == 0.0:
+        ex, ey, ez = rays[i, 0], rays[i, 1], rays[i, 2]
+        dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez
+        dy = charts[label, 7] * ex + charts[label, 8] * ey + charts[label, 9] * ez
+        dz = charts[label, 10] * ex + charts[label, 11] * ey + charts[label, 12] * ez
+        ox, oy, oz = charts[label, 1], charts[label, 2], charts[label, 3]
+        if charts[label, 0] == 0.0:
             if abs(dz) < 1e-6:
                 continue
             reach = -oz / dz
             slope = dz
-            row[0], row[1], row[2] = 1.0, ox + reach * dx, oy + reach * dy
-            k = 3
+            u, v = ox + reach * dx, oy + reach * dy
         else:
-            radius = abs(c[13])
+            radius = abs(charts[label, 13])
             across = dx * dx + dy * dy
             middle = -(ox * dx + oy * dy) / max(across, 1e-18)
             fx, fy = ox + middle * dx, oy + middle * dy
@@ -227,21 +223,32 @@ def _add_rays(
             if depth <= 0.0 or across < 1e-12:
                 continue
             half = np.sqrt(depth / across)
-            reach = middle - half if c[13] > 0 else middle + half
-            x, y, z = ox + reach * dx, oy + reach * dy, oz + reach * dz
-            ux, uy = x / radius, y / radius
-            slope = ux * dx + uy * dy
+            reach = middle - half if charts[label, 13] > 0 else middle + half
+            u, v, z = (ox + reach * dx) / radius, (oy + reach * dy) / radius, oz + reach * dz
+            slope = u * dx + v * dy
             if abs(slope) < least:
                 continue
-            row[0], row[1], row[2], row[3], row[4] = ux, uy, z * ux, z * uy, 1.0
-            k = 5
         error = ranges[i] - reach
         weight = 1.0 / (sigma[i] * sigma[i] * slope * slope + flat * flat + 1e-30)
         gap = error * slope
         sums[label, 0] += weight * gap * gap
         sums[label, 1] += gap * gap
         sums[label, 2] += 1.0
-        for a in range(k):
-            vector[label, a] += weight * row[a] * gap
+        if charts[label, 0] == 0.0:
+            wu, wv = weight * u, weight * v
+            vector[label, 0] += weight * gap
+            vector[label, 1] += wu * gap
+            vector[label, 2] += wv * gap
+            matrix[label, 0, 0] += weight
+            matrix[label, 1, 0] += wu
+            matrix[label, 1, 1] += wu * u
+            matrix[label, 2, 0] += wv
+            matrix[label, 2, 1] += wv * u
+            matrix[label, 2, 2] += wv * v
+            continue
+        row[0], row[1], row[2], row[3], row[4] = u, v, z * u, z * v, 1.0
+        for a in range(5):
+            weighted = weight * row[a]
+            vector[label, a] += weighted * gap
             for b in range(a + 1):
-                matrix[label, a, b] += weight * row[a] * row[b]
+                matrix[label, a, b] += weighted * row[b]

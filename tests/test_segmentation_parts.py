@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from skimage.measure import label as slow_parts
 
 from completion.agreement import Part, compare, find_candidates, lies_on
 from completion.evidence import EvidenceOptions
@@ -15,6 +16,7 @@ from completion.noise import RangeNoise
 from completion.observation import observe
 from completion.refitting import refit
 from completion.segmentation.packed import pack, unpack
+from completion.segmentation.parts import number_parts
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.segmentation.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
@@ -122,6 +124,17 @@ def test_warped_walls_have_wider_covariances():
     ]
     assert inflation[0] < 1.5
     assert inflation[1] > 20
+
+
+@pytest.mark.parametrize("n_labels", [1, 2, 9])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 50), (37, 1), (60, 80)])
+def test_connected_parts_are_those_of_scikit_image(shape, n_labels):
+    labels = np.random.default_rng(0).integers(0, n_labels + 1, shape).astype(np.int32)
+    chequered = (np.indices(shape).sum(axis=0) % 2 + 1).astype(np.int32)
+    for image in (labels, chequered, np.zeros_like(labels), np.ones_like(labels)):
+        parts, n_parts = number_parts(image)
+        assert np.array_equal(parts, slow_parts(image, connectivity=1, background=0))
+        assert n_parts == parts.max()
 
 
 def half_planes(step: float, sigma: float, seed: int) -> tuple[Part, Part]:

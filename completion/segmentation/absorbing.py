@@ -45,7 +45,7 @@ def absorb(
         The scan, and its tolerances.
     """
     n = len(surfaces)
-    contact, outline = _contacts(labels, n)
+    contact, outline = contacts(labels, n)
     host = np.array([int(np.argmax(contact[i, :i])) if i else -1 for i in range(n)], np.int64)
     enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
     sums = _distances(
@@ -67,8 +67,8 @@ def absorb(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of neighbouring pixels between regions (n, n), and between each region and any other (n,)."""
+def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of neighbouring pixels between n regions (n, n), and between each region and any other (n,)."""
     contact, outline = np.zeros((n, n), np.int64), np.zeros(n, np.int64)
     rows, columns = labels.shape
     for i in range(rows):
@@ -108,13 +108,14 @@ def _distances(
             own = labels[i, j] - 1
             if own < 0 or host[own] < 0:
                 continue
-            d, r, s = rays[i, j], ranges[i, j], sigma[i, j]
-            gap, cosine = gap_to(models[host[own]], d[0], d[1], d[2], r, normal)
+            x, y, z, r, s = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2], ranges[i, j], sigma[i, j]
+            gap, cosine = gap_to(models, host[own], x, y, z, r, normal)
             variance = s * s * cosine * cosine + flat * flat
             sums[own, 0] += 1.0
             sums[own, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
-            for k in range(3):
-                sums[own, 2 + k] += r * d[k]
+            sums[own, 2] += r * x
+            sums[own, 3] += r * y
+            sums[own, 4] += r * z
             sums[own, 5] += r
             sums[own, 6] += gap
     return sums

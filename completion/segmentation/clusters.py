@@ -7,8 +7,9 @@ import numpy as np
 
 from completion.observation import Observation
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
-from completion.segmentation.growing import Cluster, find_seeds, grow_plane, next_seed, tile_cut
+from completion.segmentation.growing import Cluster, grow_plane, tile_cut
 from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.seeds import find_seeds, next_seed
 from completion.segmentation.tiles import Tiles
 
 _LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder

@@ -77,11 +77,12 @@ def _settle(
         for j in range(columns):
             if labels[i, j] == 0:
                 continue
-            model, d, r = models[labels[i, j] - 1], rays[i, j], ranges[i, j]
-            gap, cosine = gap_to(model, d[0], d[1], d[2], r, normal)
+            x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+            gap, cosine = gap_to(models, labels[i, j] - 1, x, y, z, ranges[i, j], normal)
             variance = sigma[i, j] * sigma[i, j] * cosine * cosine + flat * flat + 1e-30
             if not (cosine > 0.0 and gap * gap <= limit * variance):
                 labels[i, j] = 0
+    near, tally = np.empty(9, np.int32), np.empty(9, np.int32)
     queue = np.empty(rows * columns, np.int32)
     waiting = np.zeros((rows, columns), np.bool_)
     visits = np.zeros((rows, columns), np.uint8)
@@ -106,8 +107,8 @@ def _settle(
         waiting[i, j] = False
         visits[i, j] += 1
         best = _best_label(
-            labels, models, i, j, ranges[i, j], rays[i, j], sigma[i, j], flat, plane[i // side, j // side],
-            misfit[i // side, j // side], max_angle + 3.0 * normal_sd[i // side, j // side], limit, normal,
+            labels, models, i, j, ranges[i, j], rays, sigma[i, j], flat, plane, misfit, normal_sd, side,
+            max_angle, limit, near, tally, normal,
         )  # fmt: skip
         if best == labels[i, j]:
             continue
@@ -127,46 +128,50 @@ def _best_label(
     i: int,
     j: int,
     r: float,
-    ray: FloatArray,
+    rays: FloatArray,
     s: float,
     flat: float,
-    own_plane: FloatArray,
-    misfit: float,
+    plane: FloatArray,
+    misfit: FloatArray,
+    normal_sd: FloatArray,
+    side: int,
     max_angle: float,
     limit: float,
+    near: NDArray[np.int32],
+    tally: NDArray[np.int32],
     normal: FloatArray,
 ) -> int:
     """The label among those of the pixel and its neighbours with the least cost; 0 where none fits."""
     rows, columns = labels.shape
-    near = np.empty(9, np.int32)
-    n_near = 0
     own = labels[i, j]
+    near[0], tally[0], n_near, n_labelled = own, 0, 1, 0
     for k in range(max(i - 1, 0), min(i + 2, rows)):
         for m in range(max(j - 1, 0), min(j + 2, columns)):
-            if labels[k, m] > 0 and not (k == i and m == j):
-                near[n_near] = labels[k, m]
+            label = labels[k, m]
+            if label == 0 or (k == i and m == j):
+                continue
+            n_labelled += 1
+            index = 0
+            while index < n_near and near[index] != label:
+                index += 1
+            if index == n_near:
+                near[n_near], tally[n_near] = label, 0
                 n_near += 1
+            tally[index] += 1
+    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+    ti, tj = i // side, j // side
     best, least = 0, np.inf
-    for index in range(-1, n_near):
-        label = own if index < 0 else near[index]
-        if label == 0 or (index >= 0 and label == own):
-            continue
-        known, others = False, 0
-        for other in range(n_near):
-            known |= other < index and near[other] == label
-            others += near[other] != label
-        if known:
-            continue
-        gap, cosine = gap_to(models[label - 1], ray[0], ray[1], ray[2], r, normal)
+    for index in range(own == 0, n_near):
+        gap, cosine = gap_to(models, near[index] - 1, x, y, z, r, normal)
         square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
         if not (cosine > 0.0 and square <= limit):
             continue
-        cost = square + _SEAM * others
-        if own == 0 and misfit <= _FLAT:
-            size = np.sqrt(own_plane[0] ** 2 + own_plane[1] ** 2 + own_plane[2] ** 2)
-            cosine = own_plane[0] * normal[0] + own_plane[1] * normal[1] + own_plane[2] * normal[2]
-            if np.arccos(min(1.0, max(-1.0, cosine / size))) > max_angle:
+        cost = square + _SEAM * (n_labelled - tally[index])
+        if own == 0 and misfit[ti, tj] <= _FLAT:
+            wx, wy, wz = plane[ti, tj, 0], plane[ti, tj, 1], plane[ti, tj, 2]
+            cosine = (wx * normal[0] + wy * normal[1] + wz * normal[2]) / np.sqrt(wx * wx + wy * wy + wz * wz)
+            if np.arccos(min(1.0, max(-1.0, cosine))) > max_angle + 3.0 * normal_sd[ti, tj]:
                 continue
         if cost < least:
-            best, least = label, cost
+            best, least = near[index], cost
     return best

@@ -41,10 +41,11 @@ def bending_cylinder(
         members = cluster.tiles
     normal = -cluster.model[1:4]
     where = np.argwhere(members)
-    centre = tiles.centre[members].mean(axis=0)
+    centres = tiles.centre[where[:, 0], where[:, 1]]
+    centre = centres.mean(axis=0)
     centre = centre - (centre @ normal + cluster.model[7]) * normal
     frame = axis_frame(normal)
-    reach = float(np.sqrt(np.mean(np.square((tiles.centre[members] - centre) @ frame[:2].T)))) + 1e-12
+    reach = float(np.sqrt(np.mean(np.square((centres - centre) @ frame[:2].T)))) + 1e-12
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_BEND)))
     arguments = (where, tiles.side, step, tiles.ranges, observation.rays, observation.sigma,
                  tiles.flatness_m, centre, frame / reach)  # fmt: skip
@@ -230,7 +231,9 @@ def _residual_variance(
                 if not np.isfinite(ranges[i, j]):
                     continue
                 height, weight = _term(rays[i, j], ranges[i, j], sigma[i, j], flat, centre, frame, row)
-                residual = height - (row * solution).sum()
+                residual = height
+                for a in range(6):
+                    residual -= row[a] * solution[a]
                 summed += weight * residual
                 weights += weight
                 square += weight * residual * residual

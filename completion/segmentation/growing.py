@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -16,9 +15,7 @@ from completion.segmentation.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
 
 _N_ROUNDS = 12
-_CHI2_3 = 16.27  # 99.9 % quantile for three parameters
-_MAX_MISFIT = 3.0  # of a tile that an edge may not cross
-_SEED_CUT = 0.25  # excess of the plane through 3 x 3 tiles below which they are one surface
+CHI2_3 = 16.27  # 99.9 % quantile for three parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,41 +37,9 @@ class Cluster:
     n_pixels: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Seeds:
-    """Where growing may begin and go.
-
-    Attributes
-    ----------
-    flat : (rows, columns) bool
-        Tiles that no edge crosses.
-    coherent : (rows, columns) bool
-        Those that lie on one plane with the tiles around.
-    """
-
-    flat: BoolArray
-    coherent: BoolArray
-
-
-def find_seeds(tiles: Tiles) -> Seeds:
-    """Tell which tiles lie inside one surface, alone and with their neighbours."""
-    flat: BoolArray = tiles.misfit <= _MAX_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
-    return Seeds(flat, _coherent(flat, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit))
-
-
 def tile_cut(options: SegmentationOptions) -> float:
     """How far a tile may deviate from a surface, root mean square, in standard deviations of a pixel."""
     return options.n_sigma / 3
-
-
-def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
-    """The tile in the middle of the largest candidate area, None when nothing is left."""
-    if not candidates.any():
-        return None
-    padded = cv2.copyMakeBorder(candidates.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    return int(row), int(column)
 
 
 def grow_plane(
@@ -95,11 +60,11 @@ def grow_plane(
     max_angle : float
         Largest angle between a tile's normal and the plane's, radians, beside its error.
     """
-    around = np.zeros_like(free)
-    around[max(seed[0] - 1, 0) : seed[0] + 2, max(seed[1] - 1, 0) : seed[1] + 2] = True
-    around &= free
+    window = (slice(max(seed[0] - 1, 0), seed[0] + 2), slice(max(seed[1] - 1, 0), seed[1] + 2))
+    around, near = np.zeros_like(free), free[window]
+    around[window] = near
     w = np.zeros(3)
-    pooled = solve_plane(tiles.matrix[around].sum(axis=0), tiles.vector[around].sum(axis=0), w)
+    pooled = solve_plane(tiles.matrix[window][near].sum(axis=0), tiles.vector[window][near].sum(axis=0), w)
     if not pooled or not flood(pack_plane(w), seed, around, tiles, cut, max_angle)[seed]:
         w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
     size = 0
@@ -157,7 +122,13 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
+def _dot(a: FloatArray, b: FloatArray) -> float:
+    """The inner product of two vectors of three; numpy's own would allocate in the innermost loop."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
     """The quadratic form with packed symmetric matrix `a` at (x, y, z)."""
     squares = a[0] * x * x + a[3] * y * y + a[5] * z * z
     return float(squares + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z))
@@ -199,12 +170,11 @@ def _flood(
         if not tangent_plane(model, centre[i, j], w):
             continue
         own = plane[i, j]
-        excess = _quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+        excess = quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
         worst = max(1.0, misfit[i, j])
-        if excess > cut * cut * worst * count[i, j] + _CHI2_3 * worst:
+        if excess > cut * cut * worst * count[i, j] + CHI2_3 * worst:
             continue
-        size = np.sqrt((w * w).sum() * (own * own).sum())
-        cosine = min(1.0, (w[0] * own[0] + w[1] * own[1] + w[2] * own[2]) / size)
+        cosine = min(1.0, _dot(w, own) / np.sqrt(_dot(w, w) * _dot(own, own)))
         if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
             continue
         members[i, j] = True
@@ -233,48 +203,7 @@ def _deviations(
         i, j = where[index]
         if tangent_plane(model, centre[i, j], w):
             own = plane[i, j]
-            result[index] = _quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
-    return result
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _coherent(
-    flat: BoolArray,
-    count: FloatArray,
-    matrix: FloatArray,
-    vector: FloatArray,
-    plane: FloatArray,
-    misfit: FloatArray,
-) -> BoolArray:
-    """Which flat tiles agree with the plane of their flat neighbours."""
-    rows, columns = flat.shape
-    result = np.zeros((rows, columns), np.bool_)
-    a, b, w = np.zeros(6), np.zeros(3), np.zeros(3)
-    for i in range(rows):
-        for j in range(columns):
-            if not flat[i, j]:
-                continue
-            a[:], b[:] = 0.0, 0.0
-            n, n_pixels = 0, 0.0
-            for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for m in range(max(j - 1, 0), min(j + 2, columns)):
-                    if flat[k, m]:
-                        for t in range(6):
-                            a[t] += matrix[k, m, t]
-                        for t in range(3):
-                            b[t] += vector[k, m, t]
-                        n += 1
-                        n_pixels += count[k, m]
-            if n < 5 or not solve_plane(a, b, w):
-                continue
-            excess, worst = 0.0, 1.0
-            for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for m in range(max(j - 1, 0), min(j + 2, columns)):
-                    if flat[k, m]:
-                        own = plane[k, m]
-                        excess += _quadratic(matrix[k, m], w[0] - own[0], w[1] - own[1], w[2] - own[2])
-                        worst = max(worst, misfit[k, m])
-            result[i, j] = excess <= (_SEED_CUT * n_pixels + _CHI2_3 * n) * worst
+            result[index] = quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
     return result
 
 
@@ -295,18 +224,18 @@ def _with_smooth_ring(
             if not members[i, j]:
                 continue
             w = plane[i, j]
-            size = np.sqrt((w * w).sum())
+            size = np.sqrt(_dot(w, w))
             for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 k, m = i + di, j + dj
                 if not (0 <= k < rows and 0 <= m < columns) or grown[k, m] or not free[k, m]:
                     continue
                 v = plane[k, m]
-                cosine = (w * v).sum() / (size * np.sqrt((v * v).sum()))
+                cosine = _dot(w, v) / (size * np.sqrt(_dot(v, v)))
                 allowed = max_angle + 2.0 * np.hypot(normal_sd[i, j], normal_sd[k, m])
                 step = centre[k, m] - centre[i, j]
-                gap = abs((w * centre[k, m]).sum() - 1.0) / size
+                gap = abs(_dot(w, centre[k, m]) - 1.0) / size
                 if np.arccos(min(1.0, cosine)) <= allowed and gap <= np.sin(allowed) * np.sqrt(
-                    (step * step).sum()
+                    _dot(step, step)
                 ):
                     grown[k, m] = True
     return grown

@@ -70,23 +70,24 @@ def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def gap_to(
-    model: FloatArray, x: float, y: float, z: float, r: float, normal: FloatArray
+    models: FloatArray, k: int, x: float, y: float, z: float, r: float, normal: FloatArray
 ) -> tuple[float, float]:
-    """Distance of the point r (x, y, z) from a packed surface, and the cosine of its ray with the normal.
+    """Distance of the point r (x, y, z) from the k-th packed surface, and the cosine of its ray's incidence.
 
     The unit normal away from the sensor is written to `normal`; where the surface faces away, the cosine is
-    not positive.
+    not positive. Loops over pixels index the table in place: a view of a row costs more than the distance.
     """
-    if model[0] == 0.0:
-        normal[0], normal[1], normal[2] = model[1], model[2], model[3]
-        cosine = model[1] * x + model[2] * y + model[3] * z
-        return r * cosine - model[7], cosine
-    ox, oy, oz = r * x - model[1], r * y - model[2], r * z - model[3]
-    along = ox * model[4] + oy * model[5] + oz * model[6]
-    ox -= along * model[4]
-    oy -= along * model[5]
-    oz -= along * model[6]
+    if models[k, 0] == 0.0:
+        normal[0], normal[1], normal[2] = models[k, 1], models[k, 2], models[k, 3]
+        cosine = models[k, 1] * x + models[k, 2] * y + models[k, 3] * z
+        return r * cosine - models[k, 7], cosine
+    ax, ay, az = models[k, 4], models[k, 5], models[k, 6]
+    ox, oy, oz = r * x - models[k, 1], r * y - models[k, 2], r * z - models[k, 3]
+    along = ox * ax + oy * ay + oz * az
+    ox -= along * ax
+    oy -= along * ay
+    oz -= along * az
     length = max(np.sqrt(ox * ox + oy * oy + oz * oz), 1e-12)
-    side = -model[8] / length
+    side = -models[k, 8] / length
     normal[0], normal[1], normal[2] = ox * side, oy * side, oz * side
-    return length - model[7], normal[0] * x + normal[1] * y + normal[2] * z
+    return length - models[k, 7], normal[0] * x + normal[1] * y + normal[2] * z

@@ -14,6 +14,7 @@ from completion.refitting import improve, refit
 from completion.segmentation.absorbing import absorb
 from completion.segmentation.clusters import find_clusters
 from completion.segmentation.competition import compete
+from completion.segmentation.creases import sharpen_creases
 from completion.segmentation.growing import Cluster
 from completion.segmentation.packed import pack
 from completion.segmentation.parts import split_parts
@@ -31,7 +32,8 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     Planes grow over tiles, from the middle of the largest area that is flat; where a patch bends by more
     than its noise, a cylinder grows from it instead. Then pixels compete: each goes to the surface near by
     that it fits best. What is left over is cut into finer tiles, for small faces. Connected parts are
-    refitted, errors along the rays; warps go back to the surface around them; and pixels compete once more.
+    refitted, errors along the rays; warps go back to the surface around them, and edges that the sensor has
+    rounded to the planes that meet there; and pixels compete once more.
     """
     labels, models, tiles = _grow(observation, options)
     labels, surfaces = split_parts(labels, models, observation, options)
@@ -39,6 +41,7 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     surfaces = [new or old for new, old in zip(placed, surfaces, strict=True)]
     models = np.array([pack(surface, observation.scan.origin) for surface in surfaces]).reshape(-1, 9)
     labels = absorb(labels, models, surfaces, observation, options)
+    labels = sharpen_creases(labels, models, observation)
     labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
     fits = refit(surfaces, [observation], [labels], options.flatness_m)
@@ -51,7 +54,7 @@ def _grow(
     """Labels of the pixels, from 1, and the packed surfaces, by coarse tiles and then by finer ones."""
     scan, spacing = observation.scan, observation.scan.projection.pixel_angle
     side = tile_side(scan.ranges, observation.sigma, spacing)
-    sigma = np.hypot(observation.sigma, _BULGE * spacing * scan.ranges)
+    sigma = np.sqrt(np.square(observation.sigma) + np.square(_BULGE * spacing * scan.ranges))
     labels, models = np.zeros(scan.shape, np.int32), np.zeros((0, 9))
     tiles = cut_tiles(scan.ranges, observation.rays, sigma, options.flatness_m, side)
     fine = tiles

@@ -83,22 +83,26 @@ def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_
         Pixels along a tile's side.
     """
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
-    reach = np.linalg.norm(centre, axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        normal_sd = scale / (reach * _narrowest(rays, side))  # as if the noise were one step across the tile
-    normal_sd = np.nan_to_num(normal_sd, nan=np.inf)
+    normal_sd = scale / _narrowest(rays, side)  # as if the noise were one step across the tile
     return Tiles(side, count, matrix, vector, plane, misfit, centre, normal_sd, flatness_m, ranges)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _narrowest(rays: FloatArray, side: int) -> FloatArray:
     """Angle (rows, columns) across each tile where it is narrowest, as near a panorama's pole."""
-    first = rays[::side, ::side]
     rows, columns = rays.shape[:2]
     step = max(side - 1, 1)
-    down = rays[np.minimum(np.arange(0, rows, side) + step, rows - 1)][:, ::side] - first
-    right = rays[:, np.minimum(np.arange(0, columns, side) + step, columns - 1)][::side] - first
-    narrowest = np.minimum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))
-    return np.asarray(narrowest * side / step, dtype=np.float64)
+    result = np.empty(((rows + side - 1) // side, (columns + side - 1) // side))
+    for i in range(result.shape[0]):
+        for j in range(result.shape[1]):
+            top, left = i * side, j * side
+            bottom, right = min(top + step, rows - 1), min(left + step, columns - 1)
+            down, across = 0.0, 0.0
+            for k in range(3):
+                down += (rays[bottom, left, k] - rays[top, left, k]) ** 2
+                across += (rays[top, right, k] - rays[top, left, k]) ** 2
+            result[i, j] = max(np.sqrt(min(down, across)) * side / step, 1e-12)
+    return result
 
 
 def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
@@ -152,16 +156,17 @@ def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
 def _fit_tiles(
     ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness: float, side: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Pixels, sums, plane, misfit, centre and scale of every tile."""
+    """Pixels, sums, plane, misfit, centre and noise by range of every tile."""
     rows, columns = (ranges.shape[0] + side - 1) // side, (ranges.shape[1] + side - 1) // side
     count = np.zeros((rows, columns))
     matrix, vector = np.zeros((rows, columns, 6)), np.zeros((rows, columns, 3))
     plane, misfit = np.full((rows, columns, 3), np.nan), np.full((rows, columns), np.inf)
-    centre, scale = np.zeros((rows, columns, 3)), np.full((rows, columns), np.nan)
+    centre, scale = np.zeros((rows, columns, 3)), np.full((rows, columns), np.inf)
     w = np.zeros(3)
     for row in range(rows):
         for column in range(columns):
-            a, b, c = matrix[row, column], vector[row, column], centre[row, column]
+            axx, axy, axz, ayy, ayz, azz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            bx, by, bz, cx, cy, cz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             n, variance = 0, 0.0
             top, left = row * side, column * side
             bottom, right = min(top + side, ranges.shape[0]), min(left + side, ranges.shape[1])
@@ -173,25 +178,28 @@ def _fit_tiles(
                     x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
                     s2 = sigma[i, j] * sigma[i, j] + flatness * flatness
                     weight = r * r * r * r / s2
-                    a[0] += weight * x * x
-                    a[1] += weight * x * y
-                    a[2] += weight * x * z
-                    a[3] += weight * y * y
-                    a[4] += weight * y * z
-                    a[5] += weight * z * z
+                    axx += weight * x * x
+                    axy += weight * x * y
+                    axz += weight * x * z
+                    ayy += weight * y * y
+                    ayz += weight * y * z
+                    azz += weight * z * z
                     q = weight / r
-                    b[0] += q * x
-                    b[1] += q * y
-                    b[2] += q * z
-                    c[0] += r * x
-                    c[1] += r * y
-                    c[2] += r * z
+                    bx += q * x
+                    by += q * y
+                    bz += q * z
+                    cx += r * x
+                    cy += r * y
+                    cz += r * z
                     n += 1
                     variance += s2
             count[row, column] = n
             if n == 0:
                 continue
-            c /= n
+            a, b, c = matrix[row, column], vector[row, column], centre[row, column]
+            a[0], a[1], a[2], a[3], a[4], a[5] = axx, axy, axz, ayy, ayz, azz
+            b[0], b[1], b[2] = bx, by, bz
+            c[0], c[1], c[2] = cx / n, cy / n, cz / n
             if 2 * n < (bottom - top) * (right - left) or n < 6 or not solve_plane(a, b, w):
                 continue
             cost = 0.0
@@ -214,5 +222,5 @@ def _fit_tiles(
             b *= share
             plane[row, column] = w
             misfit[row, column] = cost * share / (n - 3)
-            scale[row, column] = np.sqrt(whole)
+            scale[row, column] = np.sqrt(whole) / reach
     return count, matrix, vector, plane, misfit, centre, scale
