@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evaluation.calibration import Reliability, SurfaceErrors
+from completion.evaluation.calibration import ReasonClaims, Reliability, SurfaceErrors
 from completion.evaluation.cells import TrueCells, nearest_index
 from completion.evaluation.hypothesis import Hypothesis, Samples
 from completion.evaluation.matching import NearestTruth, nearest_truth
@@ -50,6 +50,8 @@ class Claims:
         Of the confidences, everywhere and where the scene breaks the prior.
     surfaces : tuple of SurfaceErrors
         Each inferred surface against its predicted deviation.
+    by_reason : tuple of ReasonClaims
+        What was claimed for each reason, right within 2 cm.
     """
 
     claimed: FloatArray
@@ -64,6 +66,7 @@ class Claims:
     reliability: Reliability
     in_breaks_reliability: Reliability
     surfaces: tuple[SurfaceErrors, ...]
+    by_reason: tuple[ReasonClaims, ...]
 
 
 def judge_claims(
@@ -106,7 +109,18 @@ def judge_claims(
         Reliability.of(samples.confidence, is_right, weight),
         Reliability.of(samples.confidence[broken], is_right[broken], weight[broken]),
         _surface_errors(samples, nearest.distance, hypothesis, model, weight),
+        _by_reason(samples, hypothesis, is_right, weight),
     )
+
+
+def _by_reason(
+    samples: Samples, hypothesis: Hypothesis, is_right: BoolArray, weight: FloatArray
+) -> tuple[ReasonClaims, ...]:
+    sums = (
+        np.bincount(samples.reason, values, len(hypothesis.reasons)).tolist()
+        for values in (weight, weight * is_right, weight * samples.confidence)
+    )
+    return tuple(ReasonClaims(*row) for row in zip(hypothesis.reasons, *sums, strict=True))
 
 
 def _is_scored(samples: Samples, hypothesis: Hypothesis, model: TrueModel) -> BoolArray:

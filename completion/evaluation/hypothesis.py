@@ -37,11 +37,15 @@ class Hypothesis:
         For each inferred surface the id of the true one that it continues, -1 for none.
     openings : tuple of Opening
         Openings that were found; they name inferred surfaces.
+    reason : (m,) int, optional
+        Why each face is inferred: index into `reasons`; the first for all when not given.
+    reasons : tuple of str
+        What the reasons are called.
 
     Raises
     ------
     InputError
-        Arrays for another number of faces, or a face that names no surface.
+        Arrays for another number of faces, or a face that names no surface or no reason.
     """
 
     vertices: FloatArray
@@ -51,21 +55,34 @@ class Hypothesis:
     confidence: FloatArray
     true_surface: NDArray[np.int32]
     openings: tuple[Opening, ...] = ()
+    reason: NDArray[np.int32] | None = None
+    reasons: tuple[str, ...] = ("inferred",)
 
     def __post_init__(self) -> None:
         vertices = check_points("vertices", self.vertices)
         object.__setattr__(self, "vertices", frozen_copy(vertices))
         object.__setattr__(self, "faces", frozen_copy(check_faces(self.faces, len(vertices))))
-        for name, dtype in (("surface", np.int32), ("sd", np.float64), ("confidence", np.float64)):
+        if self.reason is None:
+            object.__setattr__(self, "reason", np.zeros(len(self.faces), np.int32))
+        kinds = {"surface": np.int32, "sd": np.float64, "confidence": np.float64, "reason": np.int32}
+        for name, dtype in kinds.items():
             array = np.asarray(getattr(self, name), dtype=dtype)
             if array.shape != (len(self.faces),):
                 raise InputError(f"expected {name} with shape ({len(self.faces)},), got {array.shape}")
             object.__setattr__(self, name, frozen_copy(array))
         object.__setattr__(self, "true_surface", frozen_copy(self.true_surface, np.int32))
-        if len(self.faces) and not 0 <= self.surface.min() <= self.surface.max() < len(self.true_surface):
-            raise InputError(
-                f"faces name surfaces {self.surface.min()}..{self.surface.max()} of {len(self.true_surface)}"
-            )
+        _check_names("surfaces", self.surface, len(self.true_surface))
+        _check_names("reasons", self.face_reason, len(self.reasons))
+
+    @property
+    def face_reason(self) -> NDArray[np.int32]:
+        """Why each face is inferred: index (m,) into `reasons`."""
+        return np.zeros(len(self.faces), np.int32) if self.reason is None else self.reason
+
+
+def _check_names(what: str, named: NDArray[np.int32], n: int) -> None:
+    if len(named) and not 0 <= named.min() <= named.max() < n:
+        raise InputError(f"faces name {what} {named.min()}..{named.max()} of {n}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +99,8 @@ class Samples:
         Number of the inferred surface.
     sd, confidence : (n,) float
         As predicted.
+    reason : (n,) int32
+        Why it is inferred, as in the hypothesis.
     """
 
     points: FloatArray
@@ -90,6 +109,7 @@ class Samples:
     surface: NDArray[np.int32]
     sd: FloatArray
     confidence: FloatArray
+    reason: NDArray[np.int32]
 
 
 def sample(hypothesis: Hypothesis, cell_m: float) -> Samples:
@@ -119,7 +139,8 @@ def sample(hypothesis: Hypothesis, cell_m: float) -> Samples:
     surface = hypothesis.surface[face][first]
     layers = _layers(points, normals, surface, cell_m)
     confidence, sd = mean(hypothesis.confidence[face]), mean(hypothesis.sd[face])
-    return Samples(points, normals, total / layers, surface, sd, confidence)
+    reason = hypothesis.face_reason[face][first]
+    return Samples(points, normals, total / layers, surface, sd, confidence, reason)
 
 
 def _same_rows(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
