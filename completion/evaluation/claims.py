@@ -99,7 +99,7 @@ def judge_claims(
     return Claims(
         by_surface,
         right_by_surface,
-        weight[broken].sum(),
+        np.asarray(weight[broken].sum()),
         (weight[:, None] * right)[broken].sum(axis=0),
         float(samples.areas[counted & (sight == Sight.VISIBLE)].sum()),
         float(samples.areas[counted & (sight == Sight.OUT)].sum()),

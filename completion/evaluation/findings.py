@@ -89,7 +89,7 @@ def judge_findings(
     return Findings(
         hidden,
         found,
-        in_breaks[0],
+        np.asarray(in_breaks[0]),
         in_breaks[1:],
         _area(cells, [cell.visible for cell in cells]),
         _area(cells, [cell.chart.present & (cell.sight == Sight.OUT) & cell.visible.any() for cell in cells]),

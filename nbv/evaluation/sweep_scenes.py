@@ -35,7 +35,7 @@ def wall_case(share: float, seed: int) -> Case:
     window = np.array([*start, *(start + hole)])
     aim = np.array([window[rng.choice([0, 2])] - width / 2, far, window[rng.choice([1, 3])]])
     stands, near = rng.random() < 0.5, rng.uniform(0.45, 0.6)
-    wall = np.stack(np.meshgrid(np.linspace(0, width, 75), np.linspace(0, height, 75)), axis=-1).reshape(
+    wall = np.stack(np.meshgrid(np.linspace(0, width, 151), np.linspace(0, height, 151)), axis=-1).reshape(
         -1, 2
     )
     in_window = ((wall > window[:2]) & (wall < window[2:])).all(axis=1)
@@ -51,7 +51,7 @@ def wall_case(share: float, seed: int) -> Case:
     build.add_panel("wall", (-width / 2, far, 0), (width, 0, 0), (0, 0, height), PLASTER, [tuple(window)])
     build.add_rectangle("outside", (-6, far + 2, -3), (12, 0, 0), (0, 0, 8), Finish((0.5, 0.7, 0.5)))
     build.add_rectangle("floor", (-2, 0.3, 0), (4, 0, 0), (0, far - 0.3, 0), Finish((0.5, 0.5, 0.5)))
-    build.add_box("board", low, high + [0, 0.04, 0], _BOARD)
+    _add_board(build, "board", low, high)
     return _case(f"wall {seed}, {share:.0%} hidden", build, eye, (0.0, far, eye[2]), "wall")
 
 
@@ -63,7 +63,7 @@ def table_case(share: float, seed: int) -> Case:
     front, gap = rng.uniform(1.3, 1.7), rng.uniform(0.15, 0.3)
     aside, widens = rng.uniform(-0.3, 0.3), rng.uniform(0.15, 0.6)
     low, high = np.array([-size[0] / 2, front, height]), np.array([size[0] / 2, front + size[1], height])
-    across, deep = np.meshgrid(np.linspace(low[0], high[0], 75), np.linspace(low[1], high[1], 75))
+    across, deep = np.meshgrid(np.linspace(low[0], high[0], 151), np.linspace(low[1], high[1], 151))
     places = np.stack([across, deep, np.full_like(across, height)], axis=-1).reshape(-1, 3)
 
     def board(scale: float) -> FloatArray:
@@ -78,7 +78,7 @@ def table_case(share: float, seed: int) -> Case:
     build.add_box("table", low - [0, 0, 0.04], high, _WOOD)
     middle = (low + high) / 2
     build.add_cylinder("leg", (middle[0], middle[1], 0), (0, 0, height - 0.04), 0.05, _WOOD, caps=False)
-    build.add_box("board", near[0], near[1] + [0, 0.04, 0], _BOARD)
+    _add_board(build, "board", near[0], near[1])
     return _case(f"table {seed}, {share:.0%} hidden", build, eye, middle, "table top")
 
 
@@ -103,9 +103,15 @@ def column_case(arc_deg: float, seed: int) -> Case:
             continue
         edge = near * radius * np.sin(angle) / (far - radius * np.cos(angle))
         outer = edge + side * rng.uniform(0.35, 0.6)
-        corner = (min(edge, outer), near, 0)
-        build.add_rectangle(name, corner, (abs(outer - edge), 0, 0), (0, 0, eye[2] + 0.1), _BOARD)
+        low, high = [min(edge, outer), near, 0.0], [max(edge, outer), near, eye[2] + 0.1]
+        _add_board(build, name, np.array(low), np.array(high))
     return _case(f"column {seed}, {arc_deg:.0f} deg", build, eye, (0.0, far, height / 2), "column")
+
+
+def _add_board(build: SceneBuilder, name: str, low: FloatArray, high: FloatArray) -> None:
+    """Add an upright board, low and high corner (3,) at one y, seen from where y is less."""
+    across, up = np.diag(high - low)[[0, 2]]
+    build.add_rectangle(name, low, across, up, _BOARD)
 
 
 def _case(name: str, build: SceneBuilder, eye: FloatArray, target: object, scored: str) -> Case:
