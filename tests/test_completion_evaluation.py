@@ -173,6 +173,15 @@ def test_outline_and_corner_of_a_window_are_measured() -> None:
     assert filled.findings.corner_m.min() > 0.09
 
 
+def test_an_outline_that_passes_a_corner_without_turning_misses_it() -> None:
+    wall = wall_with_window()  # its hidden corner is (0.2, -0.1), one side goes up, one to the right
+    uv = wall.wall.chart.grid.centres()[..., [0, 2]].reshape(*wall.wall.reachable.shape, 2)
+    left, below = (uv[..., 0] < 0.2), (uv[..., 1] < -0.1)
+    for filled, error in ((left | below, 0.0), (left, 0.03), (below, 0.03), (left & below, 0.03)):
+        result = scored(wall, wall.of_cells(filled & (wall.wall.sight == Sight.HIDDEN)))
+        assert result.findings.corner_m.tolist() == pytest.approx([error], abs=CELL)
+
+
 def test_openings_are_matched_by_overlap() -> None:
     wall = wall_with_window()
     true = wall.scene.openings[0].outline

@@ -17,6 +17,7 @@ from nbv.evaluation.sweep_page import sweep_plot, sweep_table
 from nbv.evaluation.tables import (
     ablation_table,
     confidence_table,
+    deviation_table,
     figures_table,
     outside_table,
     reasons_table,
@@ -142,6 +143,7 @@ def _group_parts(group: str, methods: Mapping[str, dict[str, Any]], result: Eval
     if _OURS in methods:
         ours = methods[_OURS]
         parts.append(f"### Standard mode: confidence\n\n{confidence_table(ours['confidence'])}")
+        parts.append(f"### Standard mode: predicted deviation\n\n{deviation_table(ours['deviation'])}")
         parts.append(f"### Standard mode: reasons\n\n{reasons_table(ours['reasons'])}")
     if result.ablations[group]:
         table = ablation_table(result.ablations[group], methods[_OURS])

@@ -13,12 +13,14 @@ from matplotlib.axes import Axes
 from completion.evaluation.tally import HEADLINE
 from nbv.evaluation.outcome import Outcome
 from nbv.evaluation.plots import COLOURS, STRATA_ROWS
-from nbv.evaluation.summary import WHOLE, summarise
+from nbv.evaluation.summary import S7, WHOLE, summarise
 from nbv.evaluation.sweeps import Sweep
 from nbv.evaluation.tables import errors_text, interval_text, plain_text, share_text
 from nbv.plots import Plot, Theme, drawn_plot
 
 _FIGURES = {"recall": "recall", "precision": "precision", "iou": "IoU"}
+_LINES = {"recall": "--", "precision": ":", "iou": "-"}
+_SLIVERS = 0.05  # of the hidden area; a stratum that holds less is not shown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +55,19 @@ def _spread(outcomes: Sequence[Outcome]) -> list[float] | None:
 def sweep_table(record: Mapping[str, Any], part: str) -> str:
     """Return the table of one kind of scenes: figures at 2 cm, with 95 % intervals."""
     rows = record["parts"][part]
-    strata = [name for name in STRATA_ROWS if any(row["rows"][name]["hidden_m2"] > 0 for row in rows)]
+    strata = [name for name in STRATA_ROWS if any(_matters(row["rows"], name) for row in rows)]
     head = [record["axis"]]
     head += [f"measured: {record['measured']}"] if record["measured"] else []
     head += ["cases", "recall", "precision", "IoU", *(f"IoU {STRATA_ROWS[name]}" for name in strata)]
     head += ["radius: median mm (missed of all)", "within 2 sd", "calibration error", "violation, ppm"]
     lines = [_cells(row, strata, measured=bool(record["measured"])) for row in rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *lines])
+
+
+def _matters(rows: Mapping[str, Any], stratum: str) -> bool:
+    """Whether more than slivers of what is hidden are of a stratum."""
+    hidden = max(rows[WHOLE]["hidden_m2"], rows[S7]["hidden_m2"])
+    return bool(rows[stratum]["hidden_m2"] > _SLIVERS * hidden)
 
 
 def _cells(row: Mapping[str, Any], strata: Sequence[str], *, measured: bool) -> list[str]:
@@ -85,34 +93,50 @@ def sweep_plot(record: Mapping[str, Any]) -> Plot:
     curves = _curves(record)
 
     def draw(axes: Axes, _theme: Theme) -> None:
-        for index, (label, curve) in enumerate(curves.items()):
-            x, value, low, high = np.array(curve, dtype=np.float64).T
+        for curve in curves:
+            x, value, low, high = np.array(curve.points, dtype=np.float64).T
             bars = np.clip([value - low, high - value], 0, None)
             axes.errorbar(
-                x, value, bars, fmt="o-", color=COLOURS[index % len(COLOURS)], label=label, linewidth=1.6,
-                elinewidth=0.9, capsize=2.5, markersize=4,
+                x, value, bars, fmt=f"o{curve.line}", color=COLOURS[curve.colour % len(COLOURS)],
+                label=curve.label, linewidth=1.5, elinewidth=0.9, capsize=2.5, markersize=3.5,
             )  # fmt: skip
         axes.set_ylim(0, 1.03)
         axes.set_xlabel(axis)
         axes.set_ylabel("at 2 cm")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
 
-    return drawn_plot(draw, (5.6, 4.0))
+    return drawn_plot(draw, (7.2, 3.8))
 
 
-def _curves(record: Mapping[str, Any]) -> dict[str, list[list[float]]]:
-    """Curves of (place, value, low, high): IoU by stratum of rooms, the three figures of other scenes."""
-    curves: dict[str, list[list[float]]] = {}
-    for part, rows in record["parts"].items():
-        for row in rows:
-            place = row["measured"][0] if row["measured"] else row["level"]
-            if part == "rooms":
-                read = {f"IoU {label}": (row["rows"][name], "iou") for name, label in STRATA_ROWS.items()}
-            else:
-                before = f"{part}: " if len(record["parts"]) > 1 else ""
-                read = {f"{before}{_FIGURES[name]}": (row["rows"][WHOLE], name) for name in _FIGURES}
-            for label, (figures, name) in read.items():
-                value, bounds = figures[name][HEADLINE], figures[f"{name}_interval"]
-                if value is not None and None not in bounds:
-                    curves.setdefault(label, []).append([place, value, *bounds])
-    return curves
+@dataclass(frozen=True, slots=True)
+class _Curve:
+    """Places with value and both ends of its interval; drawn in a colour, by number, and a kind of line."""
+
+    label: str
+    colour: int
+    line: str
+    points: list[list[float]]
+
+
+def _curves(record: Mapping[str, Any]) -> list[_Curve]:
+    """IoU by stratum for rooms, recall, precision and IoU of all that is scored for other scenes."""
+    curves = []
+    for number, (part, rows) in enumerate(record["parts"].items()):
+        if part == "rooms":
+            strata = enumerate(STRATA_ROWS.items())
+            curves += [_Curve(f"IoU {s}", k, "-", _points(rows, name, "iou")) for k, (name, s) in strata]
+        else:
+            names = _FIGURES.items()
+            curves += [_Curve(f"{part}: {s}", number, _LINES[n], _points(rows, WHOLE, n)) for n, s in names]
+    return [curve for curve in curves if curve.points]
+
+
+def _points(rows: Sequence[Mapping[str, Any]], name: str, figure: str) -> list[list[float]]:
+    """Place, value and interval of a figure at each level where it is known."""
+    points = []
+    for row in rows:
+        figures = row["rows"][name]
+        value, bounds = figures[figure][HEADLINE], figures[f"{figure}_interval"]
+        if value is not None and None not in bounds:
+            points.append([row["measured"][0] if row["measured"] else row["level"], value, *bounds])
+    return points

@@ -71,6 +71,20 @@ def confidence_table(confidence: Mapping[str, Any]) -> str:
     )
 
 
+def deviation_table(bins: Sequence[Mapping[str, Any]]) -> str:
+    """Return the share within two predicted deviations, by the size of the deviation; all in the last row."""
+    head = (
+        "| surfaces | median predicted sd, mm | within 2 sd of a true surface | of its own surface |\n"
+        "|---|---|---|---|"
+    )
+    lines = [
+        f"| {row['n_surfaces']}{' (all)' * (row is bins[-1])} | {_mm(row['median_sd_m'])} "
+        f"| {share_text(row['within_2_sd'])} | {share_text(row['within_2_sd_of_its_own'])} |"
+        for row in bins
+    ]
+    return "\n".join([head, *lines])
+
+
 def reasons_table(reasons: Mapping[str, Mapping[str, float]]) -> str:
     """Return what was claimed for each reason, which share of it is right, and the mean confidence."""
     head = "| inferred because of | claimed m2 | share right at 2 cm | mean confidence |\n|---|---|---|---|"
