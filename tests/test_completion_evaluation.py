@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from completion.evaluation.calibration import Reliability, deviation_bins, no_reliability, summary
-from completion.evaluation.hypothesis import Hypothesis, continued_surfaces, sample
+from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.other_scans import score_by_others
+from completion.evaluation.samples import sample
 from completion.evaluation.score import Score, score
 from completion.evaluation.sight import Sight, sight_of
 from completion.evaluation.splits import PairCounts, merge_counts

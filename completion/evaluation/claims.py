@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from completion.evaluation.calibration import ReasonClaims, Reliability, SurfaceErrors
 from completion.evaluation.cells import TrueCells, nearest_index
-from completion.evaluation.hypothesis import Hypothesis, Samples
+from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.matching import NearestTruth, nearest_truth
+from completion.evaluation.samples import Samples
 from completion.evaluation.sight import Sight, sight_of
 from completion.evaluation.strata import Stratum
 from completion.evaluation.tally import HEADLINE, N_STRATA, TOLERANCES_M

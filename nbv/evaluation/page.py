@@ -122,9 +122,10 @@ def write_page(
         parts += [f"## Scenes: {group}", *_group_parts(group, methods, result)]
         for name, plot in _pictures(group, methods, result).items():
             parts.append(_written(place, f"{group}_{name}", name, plot))
+    parts += ["## Sweeps", _SWEEPS] if result.sweeps else []
     for name, record in result.sweeps.items():
-        parts.append(f"## Sweep: {name}")
-        parts += [f"### {part}\n\n{sweep_table(record, part)}" for part in record["parts"]]
+        parts.append(f"### {name}")
+        parts += [f"#### {part}\n\n{sweep_table(record, part)}" for part in record["parts"]]
         parts.append(_written(place, f"sweep_{name}", name, sweep_plot(record)))
     write_bytes(path, ("\n\n".join(parts) + "\n").encode())
 
@@ -189,12 +190,12 @@ cases. Strata are taken over the scenes that keep to the prior that hidden surfa
 break it. Baselines know the true planes and whose each pixel is, and infer planes only; what they predict of
 their own deviation and confidence is a constant.
 
-Sweeps are of our standard mode. In "mixed-pixels" a phase scanner's beam has a width, and reports the mean of
-all that it meets; mixed is a range that lies more than 1 cm from what the middle of its beam meets, but for
-noise. In "occlusion" a board hides part of a wall with a window, or of a table; in "arc" two boards hide a
-column on both sides. There only the wall, the table's top or the column is scored.
-
 Options: {options}."""
+_SWEEPS = """Sweeps are of our standard mode. In "noise" and "mixed-pixels" the scenes are generated rooms; in the
+latter a phase scanner's beam has a width, and reports the mean of all that it meets: mixed is a range that lies more
+than 1 cm from what the middle of its beam meets, but for noise. In "occlusion" a board hides part of a wall
+with a window, or of a table; in "arc" two boards hide a column on both sides. There only the wall, the
+table's top or the column is scored. Intervals are 95 % over the cases of a level."""
 _ABLATION = (
     "IoU at 2 cm; in brackets the difference to the full method, with its 95 % interval over the cases."
 )
