@@ -191,11 +191,11 @@ break it. Baselines know the true planes and whose each pixel is, and infer plan
 their own deviation and confidence is a constant.
 
 Options: {options}."""
-_SWEEPS = """Sweeps are of our standard mode. In "noise" and "mixed-pixels" the scenes are generated rooms; in the
-latter a phase scanner's beam has a width, and reports the mean of all that it meets: mixed is a range that lies more
-than 1 cm from what the middle of its beam meets, but for noise. In "occlusion" a board hides part of a wall
-with a window, or of a table; in "arc" two boards hide a column on both sides. There only the wall, the
-table's top or the column is scored. Intervals are 95 % over the cases of a level."""
+_SWEEPS = """Sweeps are of our standard mode. In "noise" and "mixed-pixels" the scenes are generated rooms;
+in the latter a phase scanner's beam has a width, and reports the mean of all that it meets: mixed is a
+range that lies more than 1 cm from what the middle of its beam meets, but for noise. In "occlusion" a board
+hides part of a wall with a window, or of a table; in "arc" two boards hide a column on both sides. There
+only the wall, the table's top or the column is scored. Intervals are 95 % over the cases of a level."""
 _ABLATION = (
     "IoU at 2 cm; in brackets the difference to the full method, with its 95 % interval over the cases."
 )
