@@ -197,9 +197,12 @@ def test_openings_are_matched_by_overlap() -> None:
     exact = scored(wall, with_openings(true)).openings
     assert exact.counts == PairCounts(right=1)
     assert exact.edge_m.max() < 1e-9
+    # Of the window's 2.4 m of edges the board hides 0.2 m below and 0.4 m on the left.
+    assert len(exact.hidden_edge_m) / len(exact.edge_m) == pytest.approx(0.6 / 2.4, abs=0.03)
     moved = scored(wall, with_openings(true + [0.05, 0, 0], true + [1.5, 0, 0])).openings
     assert moved.counts == PairCounts(right=1, wrong=1)
     assert moved.edge_m.max() == pytest.approx(0.05, abs=1e-6)
+    assert moved.hidden_edge_m.mean() == pytest.approx((0.4 * 0.05 + 0.05**2 / 2) / 0.6, rel=0.1)
     assert scored(wall, base).openings.counts == PairCounts(missed=1)
     half = true.copy()
     half[:, 0] = np.where(half[:, 0] < 0.5, half[:, 0], 0.45)  # less than half of it

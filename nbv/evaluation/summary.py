@@ -99,6 +99,7 @@ def headline(name: str) -> Callable[[Tally], FloatArray]:
 def _other_figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     claims = [outcome.score.claims for outcome in outcomes]
     findings = [outcome.score.findings for outcome in outcomes]
+    openings = [outcome.score.openings for outcome in outcomes]
     right = sum(float(claim.right[..., HEADLINE].sum()) for claim in claims)
     hypothesised = sum(outcome.hypothesised_m2 for outcome in outcomes)
     violation = sum(outcome.violation_m2 for outcome in outcomes)
@@ -124,8 +125,11 @@ def _other_figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "radius_m": _errors(np.concatenate([np.zeros(0), *(outcome.radius_m for outcome in outcomes)])),
         "merges": _pairs([outcome.merges for outcome in outcomes]),
         "openings": {
-            **_pairs([outcome.score.openings.counts for outcome in outcomes]),
-            "edge_m": _errors(np.concatenate([np.zeros(0), *(o.score.openings.edge_m for o in outcomes)])),
+            **_pairs([found.counts for found in openings]),
+            **{
+                name: _errors(np.concatenate([np.zeros(0), *(getattr(found, name) for found in openings)]))
+                for name in ("edge_m", "hidden_edge_m")
+            },
         },
     }
 

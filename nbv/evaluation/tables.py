@@ -43,6 +43,7 @@ def figures_table(records: Mapping[str, Mapping[str, Any]]) -> str:
         ("merge precision / recall / F1", lambda r: _counts(r["merges"])),
         ("openings precision / recall / F1", lambda r: _counts(r["openings"])),
         ("opening edges: mean, mm", lambda r: _mm(r["openings"]["edge_m"]["mean"])),
+        ("their hidden part: mean, mm", lambda r: _mm(r["openings"]["hidden_edge_m"]["mean"])),
     ]
     head = "| | " + " | ".join(records) + " |\n" + "|---" * (len(records) + 1) + "|"
     lines = (f"| {name} | " + " | ".join(map(text, records.values())) + " |" for name, text in figures)
