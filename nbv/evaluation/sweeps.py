@@ -125,7 +125,7 @@ SWEEPS: dict[str, Sweep] = {
     sweep.name: sweep
     for sweep in (
         Sweep("noise", "noise along the ray, mm", "", (0, 1, 2, 5, 10), _noise_trials),
-        Sweep("mixed-pixels", "beam width, pixels", "mixed pixels, %", (0, 0.5, 1, 2, 4), _mixed_trials),
+        Sweep("mixed-pixels", "beam width, pixels", "mixed pixels, %", (0, 1, 2, 4, 6), _mixed_trials),
         Sweep("occlusion", "hidden share, %", "hidden share, %", tuple(range(10, 80, 10)), _occlusion_trials),
         Sweep("arc", "arc in view, deg", "arc in view, deg", tuple(range(40, 200, 20)), _arc_trials),
     )
