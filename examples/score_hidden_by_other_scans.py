@@ -16,8 +16,8 @@ import numpy as np
 from PIL import Image
 
 from completion import CompletionOptions, complete
-from completion.evaluation.hypothesis import sample
 from completion.evaluation.other_scans import HiddenScore, score_by_others
+from completion.evaluation.samples import sample
 from completion.limits import Mode
 from nbv.evaluation.cases import hypothesis_of
 from scenes import RangeImage, read_scan

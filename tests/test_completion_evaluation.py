@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from completion.evaluation.calibration import Reliability, deviation_bins, no_reliability, summary
-from completion.evaluation.hypothesis import Hypothesis, continued_surfaces, sample
+from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.other_scans import score_by_others
+from completion.evaluation.samples import sample
 from completion.evaluation.score import Score, score
 from completion.evaluation.sight import Sight, sight_of
 from completion.evaluation.splits import PairCounts, merge_counts
@@ -173,6 +174,15 @@ def test_outline_and_corner_of_a_window_are_measured() -> None:
     assert filled.findings.corner_m.min() > 0.09
 
 
+def test_an_outline_that_passes_a_corner_without_turning_misses_it() -> None:
+    wall = wall_with_window()  # its hidden corner is (0.2, -0.1), one side goes up, one to the right
+    uv = wall.wall.chart.grid.centres()[..., [0, 2]].reshape(*wall.wall.reachable.shape, 2)
+    left, below = (uv[..., 0] < 0.2), (uv[..., 1] < -0.1)
+    for filled, error in ((left | below, 0.0), (left, 0.03), (below, 0.03), (left & below, 0.03)):
+        result = scored(wall, wall.of_cells(filled & (wall.wall.sight == Sight.HIDDEN)))
+        assert result.findings.corner_m.tolist() == pytest.approx([error], abs=CELL)
+
+
 def test_openings_are_matched_by_overlap() -> None:
     wall = wall_with_window()
     true = wall.scene.openings[0].outline
@@ -187,9 +197,12 @@ def test_openings_are_matched_by_overlap() -> None:
     exact = scored(wall, with_openings(true)).openings
     assert exact.counts == PairCounts(right=1)
     assert exact.edge_m.max() < 1e-9
+    # Of the window's 2.4 m of edges the board hides 0.2 m below and 0.4 m on the left.
+    assert len(exact.hidden_edge_m) / len(exact.edge_m) == pytest.approx(0.6 / 2.4, abs=0.03)
     moved = scored(wall, with_openings(true + [0.05, 0, 0], true + [1.5, 0, 0])).openings
     assert moved.counts == PairCounts(right=1, wrong=1)
     assert moved.edge_m.max() == pytest.approx(0.05, abs=1e-6)
+    assert moved.hidden_edge_m.mean() == pytest.approx((0.4 * 0.05 + 0.05**2 / 2) / 0.6, rel=0.1)
     assert scored(wall, base).openings.counts == PairCounts(missed=1)
     half = true.copy()
     half[:, 0] = np.where(half[:, 0] < 0.5, half[:, 0], 0.45)  # less than half of it

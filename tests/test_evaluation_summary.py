@@ -12,13 +12,23 @@ import pytest
 from completion import CompletionOptions, complete
 from completion.evaluation.score import score
 from completion.evaluation.tally import Tally, total
+from nbv.evaluation.bootstrap import difference_interval, interval, quantiles
 from nbv.evaluation.cases import Case, hypothesis_of
-from nbv.evaluation.study import evaluate
-from nbv.evaluation.summary import interval, summarise
-from nbv.evaluation.tables import figures_table, outside_table, strata_table
+from nbv.evaluation.study import mode_methods, tasks_of
+from nbv.evaluation.summary import headline, summarise
+from nbv.evaluation.tables import (
+    confidence_table,
+    figures_table,
+    outside_table,
+    reasons_table,
+    strata_table,
+)
+from nbv.evaluation.task import evaluate
+from nbv.scanning.effects import NO_EFFECTS
 from nbv.scanning.sensor import PinholeSensor
 from nbv.view import View
 from scenes.builtin import builtin_scene
+from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 from tests.completion_examples import VIEWS
@@ -52,21 +62,31 @@ def test_figures_are_of_pooled_areas() -> None:
 def test_intervals_hold_the_figure_and_shrink_with_cases() -> None:
     rng = np.random.default_rng(0)
     cases = [tally(1.0, found, 1.0, found) for found in rng.uniform(0.5, 0.9, 400)]
-
-    def recall(pooled: Tally) -> float:
-        return float(pooled.recall[1])
-
+    recall = headline("recall")
     few, many = interval(cases[:10], recall), interval(cases, recall)
     assert few[0] is not None and few[1] is not None and many[0] is not None and many[1] is not None  # noqa: PT018
     assert few[0] < 0.7 < few[1]
     # Uniform on 0.4: sd 0.4 / sqrt(12); of a mean of n over sqrt(n), times 2 * 1.96.
     assert many[1] - many[0] == pytest.approx(3.92 * 0.4 / np.sqrt(12 * 400), rel=0.15)
     assert interval([], recall) == [None, None]
+    assert quantiles(np.full(3, np.nan)) == [None, None]
+
+
+def test_differences_are_of_the_same_cases() -> None:
+    rng = np.random.default_rng(1)
+    found = rng.uniform(0.2, 0.8, 30)
+    ours = [tally(1.0, value + 0.1, 1.0, value + 0.1) for value in found]
+    others = [tally(1.0, value, 1.0, value) for value in found]
+    low, high = difference_interval(ours, others, headline("recall"))
+    assert (low, high) == pytest.approx((0.1, 0.1))  # however much the cases differ among themselves
+    assert difference_interval([], [], headline("recall")) == [None, None]
+    with pytest.raises(InputError, match="of the same cases: got 30 and 29"):
+        difference_interval(ours, others[1:], headline("recall"))
 
 
 def test_a_completion_becomes_a_hypothesis_in_the_world() -> None:
     case = chair_case()
-    scans = case.scans("none", 0)
+    scans = case.scans(NO_EFFECTS, 0)
     completed = complete(scans, CompletionOptions(texture=False))
     found = hypothesis_of(completed, scans)
     assert found.vertices == pytest.approx(
@@ -91,7 +111,8 @@ def test_scores_do_not_depend_on_threads() -> None:
 
 def test_rooms_that_break_the_prior_are_summarised_apart() -> None:
     cases = [chair_case(), chair_case(breaks=True)]
-    outcomes = list(evaluate(cases, noise="none", modes=("standard",), with_baselines=False, seed=0))
+    tasks = tasks_of(cases, "none", mode_methods(["standard"]), 0)
+    outcomes = [outcome for outcome, _cost in evaluate(tasks)]
     record = summarise(outcomes)
     json.dumps(record, allow_nan=False)
     rows = record["rows"]
@@ -101,6 +122,15 @@ def test_rooms_that_break_the_prior_are_summarised_apart() -> None:
     assert 0 < inside["hidden_m2"] < rows["S7 breaks the prior"]["hidden_m2"]
     assert record["confidence_where_it_breaks"]["calibration_error"] is not None
     assert record["violation_audited_ppm"] == 0
+    assert (
+        record["confidence"]["calibration_error_interval"]
+        == [pytest.approx(record["confidence"]["calibration_error"])] * 2
+    )  # both cases are the same
+    assert sum(row["claimed_m2"] for row in record["reasons"].values()) == pytest.approx(
+        2 * rows["S7 breaks the prior"]["claimed_m2"]
+    )
+    assert "| interior |" in reasons_table(record["reasons"])
+    assert "Calibration error" in confidence_table(record["confidence"])
     text = "\n".join([strata_table(record), figures_table({"a": record}), outside_table({"a": record})])
     assert "| S7 where it breaks |" in text
     assert "| S5 out of frame |" in text
@@ -115,7 +145,7 @@ class SimulatedSet:
     def scan(self, number: int) -> RangeImage:
         eye = [(0.5, -2.2, 1.5), (-1.2, -1.6, 1.4)][number - 1]
         view = View(Pose.looking_at(eye, (0.0, 0.8, 0.7)), SENSOR)
-        return Case("chair", builtin_scene("chair_before_wall"), (view,)).scans("none", 0)[0]
+        return Case("chair", builtin_scene("chair_before_wall"), (view,)).scans(NO_EFFECTS, 0)[0]
 
 
 def test_the_gallery_script_scores_frames_by_each_other(tmp_path, monkeypatch) -> None:

@@ -16,6 +16,7 @@ from nbv.evaluation.cases import Case
 from nbv.evaluation.command import evaluation
 from nbv.evaluation.rooms import BREAKS, break_of, random_case
 from nbv.evaluation.study import office_cases
+from nbv.scanning.effects import NO_EFFECTS
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.view import View
 from scenes.range_image import RangeImage
@@ -68,7 +69,7 @@ def test_what_breaks_the_prior_is_hidden_and_not_where_it_seems(kind: str) -> No
     case = random_case(0, breaks=kind)  # type: ignore[arg-type]
     (box,) = case.breaks
     small = Case(case.name, case.scene, (View(case.views[0].world_from_sensor, SMALL),), case.breaks)
-    scans = small.scans("none", 0)
+    scans = small.scans(NO_EFFECTS, 0)
     assert scans[0].truth is not None
     seen = scans[0].points()[scans[0].valid]
     inner = (seen > box[0] + 0.05) & (seen < box[1] - 0.05)
@@ -99,7 +100,7 @@ def test_baselines_of_a_wall_behind_a_board() -> None:
 @cache
 def first_office() -> tuple[Case, tuple[RangeImage, ...], tuple[TrueCells, ...]]:
     (case,) = office_cases(1)
-    scans = case.scans("none", 0)
+    scans = case.scans(NO_EFFECTS, 0)
     return case, scans, case.cells(scans)
 
 

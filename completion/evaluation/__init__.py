@@ -2,8 +2,9 @@
 """Evaluation: scores inferred surface against arrays of truth; names, `score` is the page to read."""
 
 from completion.evaluation.cells import TrueCells, look
-from completion.evaluation.hypothesis import Hypothesis, sample
+from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.other_scans import HiddenScore, score_by_others
+from completion.evaluation.samples import sample
 from completion.evaluation.score import Score, score
 from completion.evaluation.strata import Stratum
 from completion.evaluation.tally import Tally

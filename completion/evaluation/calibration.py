@@ -19,16 +19,16 @@ class Reliability:
 
     Attributes
     ----------
-    area, predicted, right : (10,) float
+    area, predicted, right : (..., 10) float
         For each tenth of the confidence scale: square metres, and those times confidence and times truth.
-    squared : float
+    squared : (...,) float
         Square metres times the squared difference between confidence and truth.
     """
 
     area: FloatArray
     predicted: FloatArray
     right: FloatArray
-    squared: float
+    squared: FloatArray
 
     @classmethod
     def of(cls, confidence: FloatArray, right: BoolArray, areas: FloatArray) -> Reliability:
@@ -42,7 +42,7 @@ class Reliability:
             binned(areas),
             binned(areas * confidence),
             binned(areas * right),
-            float(np.sum(areas * np.square(confidence - right))),
+            np.asarray(np.sum(areas * np.square(confidence - right)), dtype=np.float64),
         )
 
     def __add__(self, other: Reliability) -> Reliability:
@@ -54,20 +54,44 @@ class Reliability:
         )
 
     @property
-    def brier(self) -> float:
+    def brier(self) -> FloatArray:
         """Mean squared difference between confidence and truth, NaN without area (Brier 1950)."""
-        return self.squared / float(self.area.sum()) if self.area.sum() > 0 else float("nan")
+        return self._share(self.squared)
 
     @property
-    def error(self) -> float:
+    def error(self) -> FloatArray:
         """Expected calibration error: mean |confidence - frequency| over the bins, NaN without area."""
-        area = float(self.area.sum())
-        return float(np.abs(self.predicted - self.right).sum()) / area if area > 0 else float("nan")
+        return self._share(np.abs(self.predicted - self.right).sum(axis=-1))
+
+    def _share(self, part: FloatArray) -> FloatArray:
+        area = self.area.sum(axis=-1)
+        share: FloatArray = np.divide(part, area, out=np.full(np.shape(area), np.nan), where=area > 0)
+        return share
 
 
 def no_reliability() -> Reliability:
     """Return the reliability of nothing."""
-    return Reliability(np.zeros(N_BINS), np.zeros(N_BINS), np.zeros(N_BINS), 0.0)
+    return Reliability(np.zeros(N_BINS), np.zeros(N_BINS), np.zeros(N_BINS), np.zeros(()))
+
+
+@dataclass(frozen=True, slots=True)
+class ReasonClaims:
+    """What was inferred for one reason: how much, how much of it is right, and how sure it was.
+
+    Attributes
+    ----------
+    reason : str
+        Its name.
+    claimed_m2, right_m2 : float
+        Square metres.
+    predicted_m2 : float
+        Claimed square metres times predicted confidence.
+    """
+
+    reason: str
+    claimed_m2: float
+    right_m2: float
+    predicted_m2: float
 
 
 @dataclass(frozen=True, slots=True)

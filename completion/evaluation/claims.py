@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evaluation.calibration import Reliability, SurfaceErrors
+from completion.evaluation.calibration import ReasonClaims, Reliability, SurfaceErrors
 from completion.evaluation.cells import TrueCells, nearest_index
-from completion.evaluation.hypothesis import Hypothesis, Samples
+from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.matching import NearestTruth, nearest_truth
+from completion.evaluation.samples import Samples
 from completion.evaluation.sight import Sight, sight_of
 from completion.evaluation.strata import Stratum
 from completion.evaluation.tally import HEADLINE, N_STRATA, TOLERANCES_M
@@ -50,6 +51,8 @@ class Claims:
         Of the confidences, everywhere and where the scene breaks the prior.
     surfaces : tuple of SurfaceErrors
         Each inferred surface against its predicted deviation.
+    by_reason : tuple of ReasonClaims
+        What was claimed for each reason, right within 2 cm.
     """
 
     claimed: FloatArray
@@ -64,6 +67,7 @@ class Claims:
     reliability: Reliability
     in_breaks_reliability: Reliability
     surfaces: tuple[SurfaceErrors, ...]
+    by_reason: tuple[ReasonClaims, ...]
 
 
 def judge_claims(
@@ -96,7 +100,7 @@ def judge_claims(
     return Claims(
         by_surface,
         right_by_surface,
-        weight[broken].sum(),
+        np.asarray(weight[broken].sum()),
         (weight[:, None] * right)[broken].sum(axis=0),
         float(samples.areas[counted & (sight == Sight.VISIBLE)].sum()),
         float(samples.areas[counted & (sight == Sight.OUT)].sum()),
@@ -106,7 +110,18 @@ def judge_claims(
         Reliability.of(samples.confidence, is_right, weight),
         Reliability.of(samples.confidence[broken], is_right[broken], weight[broken]),
         _surface_errors(samples, nearest.distance, hypothesis, model, weight),
+        _by_reason(samples, hypothesis, is_right, weight),
     )
+
+
+def _by_reason(
+    samples: Samples, hypothesis: Hypothesis, is_right: BoolArray, weight: FloatArray
+) -> tuple[ReasonClaims, ...]:
+    sums = (
+        np.bincount(samples.reason, values, len(hypothesis.reasons)).tolist()
+        for values in (weight, weight * is_right, weight * samples.confidence)
+    )
+    return tuple(ReasonClaims(*row) for row in zip(hypothesis.reasons, *sums, strict=True))
 
 
 def _is_scored(samples: Samples, hypothesis: Hypothesis, model: TrueModel) -> BoolArray:

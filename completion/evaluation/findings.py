@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evaluation.cells import TrueCells, nearest_index
-from completion.evaluation.hypothesis import Hypothesis, Samples
+from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.matching import hidden_distances, inferred_distances
 from completion.evaluation.outline import corner_errors, outline_errors
+from completion.evaluation.samples import Samples
 from completion.evaluation.sight import Sight
 from completion.evaluation.tally import HEADLINE, N_STRATA, TOLERANCES_M
 from completion.evaluation.truth import TrueModel
@@ -89,7 +90,7 @@ def judge_findings(
     return Findings(
         hidden,
         found,
-        in_breaks[0],
+        np.asarray(in_breaks[0]),
         in_breaks[1:],
         _area(cells, [cell.visible for cell in cells]),
         _area(cells, [cell.chart.present & (cell.sight == Sight.OUT) & cell.visible.any() for cell in cells]),

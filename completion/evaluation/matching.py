@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.evaluation.cells import TrueCells
-from completion.evaluation.hypothesis import Hypothesis, Samples
+from completion.evaluation.hypothesis import Hypothesis
+from completion.evaluation.samples import Samples
 from completion.evaluation.truth import FARTHEST_M, SAME_WAY, TrueChart
 from scenes.checks import BoolArray, FloatArray
 from scenes.raycast import RayCaster

@@ -14,7 +14,7 @@ from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.sight import Sight
 from completion.evaluation.splits import PairCounts
 from completion.evaluation.truth import TrueModel
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
 _SEEN_SHARE = 0.1  # of an opening's area that beams must go through for it to be known at all
 _OUT_SHARE = 0.1  # of it that may lie out of view
@@ -24,10 +24,20 @@ _STEP_M = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpeningScore:
-    """Openings right, wrong and missed, and distances (n,) of true edges from the found ones, metres."""
+    """Openings right, wrong and missed, and how far their edges stray.
+
+    Attributes
+    ----------
+    counts : PairCounts
+        Openings.
+    edge_m, hidden_edge_m : (n,) and (k,) float
+        Distance of places on the true edges, 1 cm apart, from the found ones, metres: all of those openings
+        that were found, and of them those that no scan sees.
+    """
 
     counts: PairCounts
     edge_m: FloatArray
+    hidden_edge_m: FloatArray
 
 
 def match_openings(model: TrueModel, cells: Sequence[TrueCells], hypothesis: Hypothesis) -> OpeningScore:
@@ -37,7 +47,7 @@ def match_openings(model: TrueModel, cells: Sequence[TrueCells], hypothesis: Hyp
     of view, are not asked for; what is found of them is not wrong.
     """
     by_surface = {cell.chart.surface: cell for cell in cells}
-    right, missed, edges = 0, 0, [np.zeros(0)]
+    right, missed, edges, hidden = 0, 0, [np.zeros(0)], [np.zeros(0)]
     settled: set[int] = set()  # found openings that are no longer wrong
     for opening in model.openings:
         cell = by_surface.get(opening.surface)
@@ -50,7 +60,9 @@ def match_openings(model: TrueModel, cells: Sequence[TrueCells], hypothesis: Hyp
         matches = best >= 0 and overlap[best] >= _SAME_IOU
         if matches:
             settled.add(best)
-            edges.append(_edge_errors(true, found[best]))
+            errors, is_hidden = _edge_errors(cell, true, found[best])
+            edges.append(errors)
+            hidden.append(errors[is_hidden])
         if _is_asked_for(cell, true):
             right, missed = right + matches, missed + (not matches)
         else:
@@ -58,7 +70,9 @@ def match_openings(model: TrueModel, cells: Sequence[TrueCells], hypothesis: Hyp
                 k for k, polygon in found.items() if true.intersection(polygon).area > polygon.area / 2
             }
     return OpeningScore(
-        PairCounts(right, len(hypothesis.openings) - len(settled), missed), np.concatenate(edges)
+        PairCounts(right, len(hypothesis.openings) - len(settled), missed),
+        np.concatenate(edges),
+        np.concatenate(hidden),
     )
 
 
@@ -82,7 +96,13 @@ def _is_asked_for(cell: TrueCells, opening: shapely.Polygon) -> bool:
     return bool(len(sight) and seen >= _SEEN_SHARE * len(sight) and out <= _OUT_SHARE * len(sight))
 
 
-def _edge_errors(true: shapely.Polygon, found: shapely.Polygon) -> FloatArray:
-    ring = true.exterior
+def _edge_errors(
+    cell: TrueCells, true: shapely.Polygon, found: shapely.Polygon
+) -> tuple[FloatArray, BoolArray]:
+    """Distance of places on the true edges from the found ones, and whether each place is hidden."""
+    ring, grid = true.exterior, cell.chart.grid
     places = shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, _STEP_M))
-    return np.asarray(shapely.distance(places, found.boundary), dtype=np.float64)
+    column, row = np.floor((shapely.get_coordinates(places) - grid.corner) / grid.cell).astype(np.int64).T
+    last_row, last_column = np.array(grid.shape) - 1
+    sight = cell.sight[np.clip(row, 0, last_row), np.clip(column, 0, last_column)]
+    return np.asarray(shapely.distance(places, found.boundary), dtype=np.float64), sight == Sight.HIDDEN

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.evaluation.hypothesis import Samples
+from completion.evaluation.samples import Samples
 from scenes.checks import BoolArray, FloatArray
 from scenes.range_image import RangeImage
 

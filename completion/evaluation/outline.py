@@ -97,22 +97,29 @@ def _band(region: BoolArray, known: BoolArray, cell: FloatArray) -> BoolArray:
 
 
 def corner_errors(cells: TrueCells, hypothesis: Hypothesis) -> FloatArray:
-    """Distance (k,) from each hidden corner of a surface to the nearest inferred outline of it, metres.
+    """How far (k,) the inferred outline strays from each hidden corner of a surface, metres.
 
-    A corner is hidden where the surface beside it is reachable but not seen. inf beyond 10 cm.
+    A corner is hidden where the surface beside it is reachable but not seen. What counts is the largest
+    distance to the outline from the corner itself and from the true outline 3 cm to either side, where that
+    is hidden too: an outline that passes the corner without a turn misses it. inf beyond 10 cm.
     """
     grid = cells.chart.grid
-    points = grid.surface.from_uv(cells.chart.corners)
-    index, cell = grid.cells_of(points)
     beside = ndimage.maximum_filter(cells.reachable, 3) & ~ndimage.maximum_filter(cells.visible, 3)
-    corners = points[index[beside.ravel()[cell]]]
+    places = grid.surface.from_uv(cells.chart.corners.reshape(-1, 2))
+    index, cell = grid.cells_of(places)
+    is_hidden = np.zeros(len(places), dtype=np.bool_)
+    is_hidden[index] = beside.ravel()[cell]
+    corner_hidden = is_hidden.reshape(-1, 3)[:, 0]
     edges = outline_edges(hypothesis, hypothesis.true_surface[hypothesis.surface] == cells.chart.surface)
-    if not len(edges) or not len(corners):
-        return np.full(len(corners), np.inf)
+    if not len(edges) or not corner_hidden.any():
+        return np.full(int(corner_hidden.sum()), np.inf)
     start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
     length2 = np.maximum(np.einsum("ij,ij->i", way, way), 1e-18)
-    apart = np.array([_to_segments(corner, start, way, length2) for corner in corners])
-    return np.where(apart <= _CORNER_REACH_M, apart, np.inf)
+    asked = is_hidden & np.repeat(corner_hidden, 3)
+    apart = np.zeros(len(places))
+    apart[asked] = [_to_segments(place, start, way, length2) for place in places[asked]]
+    largest = apart.reshape(-1, 3).max(axis=1)[corner_hidden]
+    return np.where(largest <= _CORNER_REACH_M, largest, np.inf)
 
 
 def _to_segments(point: FloatArray, start: FloatArray, way: FloatArray, length2: FloatArray) -> float:

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from completion.evaluation.cells import TrueCells
 from completion.evaluation.claims import Claims, judge_claims
 from completion.evaluation.findings import Findings, judge_findings
-from completion.evaluation.hypothesis import Hypothesis, sample
+from completion.evaluation.hypothesis import Hypothesis
 from completion.evaluation.opening_match import OpeningScore, match_openings
+from completion.evaluation.samples import sample
 from completion.evaluation.strata import strata_of
 from completion.evaluation.tally import Tally
 from completion.evaluation.truth import TrueModel

@@ -20,6 +20,7 @@ from scenes.opening import Opening
 from scenes.surfaces import Plane, Surface
 
 FARTHEST_M = 0.05  # the largest distance that is told apart from none
+_LEG_M = 0.03  # how far from a corner its sides are looked at
 SAME_WAY = float(np.cos(np.radians(10.0)))  # |cosine| between normals that agree
 
 
@@ -91,8 +92,9 @@ class TrueChart:
         Where it has a true opening.
     aside : (rows, columns) float
         Distance along the chart to where the surface is, metres; 0 there.
-    corners : (k, 2) float
-        Chart coordinates of the corners of a plane's outline, metres.
+    corners : (k, 3, 2) float
+        Chart coordinates of each corner of a plane's outline and of a place on either side of it, up to 3 cm
+        along the outline, metres.
     """
 
     surface: int
@@ -149,7 +151,7 @@ def _chart_of(index: int, surface: Surface, model: TrueModel, cell_m: float) -> 
     if full_turn:
         aside = aside[:, grid.shape[1] : 2 * grid.shape[1]]
     aside = np.maximum(aside - cell_m / 2, 0.0)
-    corners = _corners(region) if isinstance(surface, Plane) else np.zeros((0, 2))
+    corners = _corners(region) if isinstance(surface, Plane) else np.zeros((0, 3, 2))
     return TrueChart(index, grid, present, in_opening & ~present, aside, corners)
 
 
@@ -175,14 +177,15 @@ def _covered(grid: ChartGrid, region: BaseGeometry) -> BoolArray:
 
 
 def _corners(region: BaseGeometry) -> FloatArray:
-    """Points (k, 2) where the region's outline turns by more than 20 degrees."""
-    found = [np.zeros((0, 2))]
+    """Where the region's outline turns by more than 20 degrees, and on it before and after: (k, 3, 2)."""
+    found = [np.zeros((0, 3, 2))]
     for polygon in shapely.get_parts(region):
         for ring in shapely.get_rings(polygon):
             points = shapely.get_coordinates(ring)[:-1]
             into, out = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
-            cosine = (
-                np.einsum("ij,ij->i", into, out) / np.linalg.norm(into, axis=1) / np.linalg.norm(out, axis=1)
-            )
-            found.append(points[cosine < np.cos(np.radians(20.0))])
+            lengths = np.linalg.norm([into, out], axis=2)
+            cosine = np.einsum("ij,ij->i", into, out) / lengths.prod(axis=0)
+            before, after = np.minimum(_LEG_M / lengths, 0.5)[..., None] * [-into, out] + points
+            places = np.stack([points, before, after], axis=1)
+            found.append(places[cosine < np.cos(np.radians(20.0))])
     return np.concatenate(found)

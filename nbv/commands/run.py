@@ -49,7 +49,7 @@ class Shared:
 
 @dataclass(slots=True, eq=False)
 class Run:
-    """One run of a command."""
+    """One run of a command; `costs` are times and memory of its parts, for the manifest."""
 
     command: str
     shared: Shared
@@ -58,6 +58,7 @@ class Run:
     watch: Stopwatch
     progress: Progress
     outputs: list[Path] = field(default_factory=list)
+    costs: dict[str, Any] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
         """Return the path of an output in the folder, and remember it for the manifest."""
@@ -89,7 +90,7 @@ class Run:
             options={**options, "max_memory": self.shared.max_memory},
             threads=self.shared.threads,
             outputs=self.outputs,
-            times=self.watch.record(),
+            times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
         )
         return where
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,8 +15,10 @@ from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.truth import TrueChart, TrueModel, true_charts
 from completion.export import completion_record
 from completion.model import CompletedModel
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
 from nbv.view import View
+from scenes.atomic import json_text
 from scenes.checks import FloatArray
 from scenes.opening import Opening
 from scenes.range_image import RangeImage
@@ -38,12 +41,15 @@ class Case:
         Where it is scanned from; all scans are completed together.
     breaks : (k, 2, 3) float
         Boxes in which the scene breaks the prior that hidden surface goes on.
+    scored : tuple of str, optional
+        Names of the surfaces that are scored; all but what is seen through openings when not given.
     """
 
     name: str
     scene: Scene
     views: tuple[View, ...]
     breaks: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    scored: tuple[str, ...] | None = None
 
     @property
     def breaks_prior(self) -> bool:
@@ -54,7 +60,10 @@ class Case:
     def model(self) -> TrueModel:
         """The truth as arrays."""
         scene = self.scene
-        scored = tuple(name not in UNSCORED for name in scene.surface_names)
+        scored = tuple(
+            name not in UNSCORED if self.scored is None else name in self.scored
+            for name in scene.surface_names
+        )
         return TrueModel(scene.mesh, scene.surfaces, scored, scene.openings, self.breaks)
 
     @cached_property
@@ -62,11 +71,22 @@ class Case:
         """The charts of the true surfaces."""
         return true_charts(self.model)
 
-    def scans(self, noise: str, rng: int) -> tuple[RangeImage, ...]:
-        """Scan from all views, with a noise model of `nbv.scanning.effects`."""
+    @cached_property
+    def fingerprint(self) -> str:
+        """Digest of the geometry, the views and what is scored."""
+        mesh = self.scene.mesh
+        digest = hashlib.sha256(json_text([self.name, self.scene.surface_names, self.scored]).encode())
+        for array in (mesh.vertices, mesh.faces, mesh.face_surface, self.breaks):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        for view in self.views:
+            digest.update(view.world_from_sensor.matrix.tobytes() + json_text(view.sensor.to_json()).encode())
+        return digest.hexdigest()
+
+    def scans(self, effects: Effects, rng: int) -> tuple[RangeImage, ...]:
+        """Scan from all views; `rng` is the seed of the first scan's noise."""
         caster = self.scene.ray_caster()
         return tuple(
-            scan_scene(self.scene, view, noise=noise, rng=rng + index, caster=caster, name=self.name)
+            scan_scene(self.scene, view, effects=effects, rng=rng + index, caster=caster, name=self.name)
             for index, view in enumerate(self.views)
         )
 
@@ -92,4 +112,6 @@ def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hyp
         mesh.confidence[mesh.faces].mean(axis=1),
         continued_surfaces(completed.owners, scans, len(completed.patches)),
         openings,
+        provenance,
+        tuple(member.name.lower().replace("_", "-") for member in Provenance),
     )

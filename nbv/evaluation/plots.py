@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from completion.evaluation.tally import HEADLINE
 from nbv.plots import Plot, Theme, drawn_plot
 
-_ROWS = {
+STRATA_ROWS = {
     "S1 surface-preserving": "S1", "S2 surface-breaking": "S2", "S3 boundary-breaking": "S3",
     "S4 self-occluded cylinder": "S4", "S6 opening cut": "S6", "S7 breaks the prior": "S7",
 }  # fmt: skip
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#7f7f7f")  # Okabe and Ito
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#7f7f7f")  # Okabe and Ito
 
 
 def reliability_plot(confidence: Mapping[str, Any]) -> Plot:
@@ -48,7 +48,7 @@ def tradeoff_plot(methods: Mapping[str, Mapping[str, Any]]) -> Plot:
             recall, precision = row["recall"][HEADLINE], row["precision"][HEADLINE]
             if recall is None or precision is None:
                 continue
-            axes.scatter([recall], [precision], s=46, color=_COLOURS[index % len(_COLOURS)], zorder=3)
+            axes.scatter([recall], [precision], s=46, color=COLOURS[index % len(COLOURS)], zorder=3)
             axes.annotate(name, (recall, precision), xytext=(5, 4), textcoords="offset points", fontsize=7.5)
         axes.set_xlim(0, 1.04)
         axes.set_ylim(0, 1.04)
@@ -65,7 +65,7 @@ def by_noise_plot(records: Mapping[str, Mapping[str, Any]]) -> Plot:
     def draw(axes: Axes, _theme: Theme) -> None:
         sigma = [_sigma_mm(name) for name in records]
         order = np.argsort(sigma)
-        for (row, label), colour in zip(_ROWS.items(), _COLOURS, strict=True):
+        for (row, label), colour in zip(STRATA_ROWS.items(), COLOURS, strict=True):
             iou = [record["rows"][row]["iou"][HEADLINE] for record in records.values()]
             values = np.array([np.nan if value is None else value for value in iou])
             if np.isfinite(values).any():

@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: MIT
-"""Study: cases completed by our method in its modes and by the naive baselines, each scored."""
+"""Study: which cases are evaluated, and the methods: modes of ours, modes without a cue, baselines."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from completion.evaluation.score import Score, score
-from completion.evaluation.splits import PairCounts, merge_counts
 from completion.limits import Mode
-from completion.pipeline import CompletionOptions, complete
-from nbv.commands.run import Progress
-from nbv.evaluation.baselines import BASELINES, baseline_hypothesis
-from nbv.evaluation.cases import Case, hypothesis_of
+from completion.pipeline import CompletionOptions
+from nbv.evaluation.cases import Case
 from nbv.evaluation.rooms import random_case
+from nbv.evaluation.task import Method, Task
+from nbv.scanning.effects import named_effects
 from nbv.scanning.sensor import PinholeSensor
 from nbv.view import View
 from scenes.builtin import builtin_scene
+from scenes.checks import InputError
 from scenes.pose import Pose
 
 BENCH_CAMERA = PinholeSensor(
@@ -37,41 +36,6 @@ _OFFICE_EYES = (
 )  # of the benchmark's frames, and what is 4 m ahead of them
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """One method on one case.
-
-    Attributes
-    ----------
-    case : str
-        Name of the case.
-    breaks_prior : bool
-        Whether the scene breaks the prior (S7).
-    method : str
-        A mode of ours, or a baseline.
-    noise : str
-        Noise model of the scans.
-    score : Score
-        What came of it.
-    merges : PairCounts
-        Parts of surfaces joined across occluders; empty for baselines, whose segmentation is the truth.
-    hypothesised_m2, violation_m2 : float
-        Inferred area, and by our audit how much of it beams went through.
-    kinds : tuple of (str, int)
-        Kind of furniture and surface id, for figures by kind.
-    """
-
-    case: str
-    breaks_prior: bool
-    method: str
-    noise: str
-    score: Score
-    merges: PairCounts
-    hypothesised_m2: float
-    violation_m2: float
-    kinds: tuple[tuple[str, int], ...]
-
-
 def office_cases(n: int = 10) -> list[Case]:
     """Return the office from ten places, each a case of its own."""
     scene = builtin_scene("office")
@@ -84,65 +48,47 @@ def generated_cases(n: int, first_seed: int = 0) -> list[Case]:
     return [random_case(first_seed + index) for index in range(n)]
 
 
-def evaluate(
-    cases: Sequence[Case],
-    *,
-    noise: str,
-    modes: Sequence[Mode],
-    with_baselines: bool,
-    seed: int,
-    n_threads: int | None = None,
-    progress: Progress = lambda _stage, _done, _total: None,
-) -> Iterator[Outcome]:
-    """Complete and score all cases, one after the other.
+def tasks_of(cases: Sequence[Case], noise: str, methods: Mapping[str, Method], seed: int) -> list[Task]:
+    """Return a task for each case, with a noise model by name and noise of its own.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-        What to complete.
-    noise : str
-        A model of `nbv.scanning.effects`.
-    modes : sequence of str
-        Modes of our completion.
-    with_baselines : bool
-        Whether the naive baselines run too.
-    seed : int
-        Of the noise.
-    n_threads : int, optional
-        Threads; results do not depend on it.
-    progress : callable, optional
-        Called with a stage's name, cases done and cases in all; the manifest's times of stages come from it.
+    Raises
+    ------
+    InputError
+        No noise model of that name.
     """
-    for index, case in enumerate(cases):
-        progress("scan and look", index, len(cases))
-        scans = case.scans(noise, seed + 1000 * index)
-        cells = case.cells(scans)
-        for mode in modes:
-            progress(f"complete, {mode}", index, len(cases))
-            options = CompletionOptions(mode=mode, texture=False)
-            completed = complete(scans, options, rng=seed, n_threads=n_threads)
-            progress("score", index, len(cases))
-            found = hypothesis_of(completed, scans)
-            result = score(case.model, cells, scans, found, n_threads=n_threads)
-            merges = merge_counts(scans, completed.owners, case.model.scored)
-            areas = completed.hypothesised_m2, completed.free_space_violation_m2
-            yield _outcome(case, mode, noise, result, merges, areas)
-        for baseline in BASELINES if with_baselines else ():
-            progress("baselines", index, len(cases))
-            guessed = baseline_hypothesis(baseline, case.model, cells, scans, n_threads)
-            result = score(case.model, cells, scans, guessed, n_threads=n_threads)
-            areas = float(result.claims.claimed.sum()), result.claims.violation_m2
-            yield _outcome(case, baseline.name, noise, result, PairCounts(), areas)
-    progress("score", len(cases), len(cases))
+    effects = named_effects(noise)
+    return [Task(case, methods, noise, effects, seed + 1000 * k) for k, case in enumerate(cases)]
 
 
-def _outcome(
-    case: Case, method: str, noise: str, result: Score, merges: PairCounts, areas: tuple[float, float]
-) -> Outcome:
-    kinds = tuple((_kind(name), number) for number, name in enumerate(case.scene.surface_names))
-    return Outcome(case.name, case.breaks_prior, method, noise, result, merges, *areas, kinds)
+def mode_methods(modes: Sequence[Mode]) -> dict[str, Method]:
+    """Return our completion in some modes, by name."""
+    return {mode: CompletionOptions(mode=mode, texture=False) for mode in modes}
 
 
-def _kind(name: str) -> str:
-    """Kind of thing that a surface belongs to: "table" for "table top west"."""
-    return name.split()[0]
+def ablations() -> dict[str, CompletionOptions]:
+    """Return our standard mode with one cue left out, by the cue's name.
+
+    To add one, say here what the options without it are.
+    """
+    standard = CompletionOptions(mode="standard", texture=False)
+    return {"min-share": replace(standard, min_share=0.0)}
+
+
+def ablation_methods(cues: Sequence[str]) -> dict[str, Method]:
+    """Return the methods that leave out one of these cues each, by the names that reports use.
+
+    Raises
+    ------
+    InputError
+        No such cue.
+    """
+    known = ablations()
+    for cue in cues:
+        if cue not in known:
+            raise InputError(f"{cue!r} is no cue that can be left out; there are {', '.join(known)}")
+    return {without(cue): known[cue] for cue in cues}
+
+
+def without(cue: str) -> str:
+    """Return what reports call our standard mode without a cue."""
+    return f"standard without {cue}"

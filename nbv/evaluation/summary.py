@@ -13,7 +13,8 @@ from completion.evaluation.calibration import deviation_bins, no_reliability, su
 from completion.evaluation.splits import PairCounts
 from completion.evaluation.strata import Stratum
 from completion.evaluation.tally import HEADLINE, TOLERANCES_M, Tally, total
-from nbv.evaluation.study import Outcome
+from nbv.evaluation.bootstrap import difference_interval, interval, number
+from nbv.evaluation.outcome import Outcome
 from scenes.checks import FloatArray
 
 STRATA = {
@@ -24,7 +25,8 @@ STRATA = {
     "S6 opening cut": Stratum.OPENING,
     "on nothing hidden": Stratum.NONE,
 }
-_N_RESAMPLES = 1000
+WHOLE, S7 = "whole, without S7", "S7 breaks the prior"
+ABLATED = tuple(name for name, stratum in STRATA.items() if stratum != Stratum.NONE)
 KINDS = ("table", "column", "wall", "floor")
 
 
@@ -36,18 +38,41 @@ def summarise(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """
     usual = [outcome for outcome in outcomes if not outcome.breaks_prior]
     broken = [outcome for outcome in outcomes if outcome.breaks_prior]
-    rows = {
-        name: _row([outcome.score.areas.pooled(strata=[stratum]) for outcome in usual])
-        for name, stratum in STRATA.items()
-    }
+    rows = {name: _row(tallies) for name, tallies in tallies_by_row(outcomes).items()}
     for name, stratum in STRATA.items():
         rows[name]["boundary_iou"] = _boundary_iou(usual, stratum)
-    rows["whole, without S7"] = _row([outcome.score.areas.pooled() for outcome in usual])
-    rows["S7 breaks the prior"] = _row([outcome.score.areas.pooled() for outcome in broken])
     rows["S7 where it breaks"] = _row([outcome.score.in_breaks for outcome in broken])
     for kind in KINDS:
         rows[f"surfaces: {kind}"] = _row([_of_kind(outcome, kind) for outcome in usual])
     return {"n_cases": len(outcomes), "n_breaking": len(broken), "rows": rows, **_other_figures(outcomes)}
+
+
+def tallies_by_row(outcomes: Sequence[Outcome]) -> dict[str, list[Tally]]:
+    """Return for each stratum, for all of them and for S7 a tally for each case."""
+    usual = [outcome.score.areas for outcome in outcomes if not outcome.breaks_prior]
+    broken = [outcome.score.areas for outcome in outcomes if outcome.breaks_prior]
+    return {
+        **{name: [areas.pooled(strata=[stratum]) for areas in usual] for name, stratum in STRATA.items()},
+        WHOLE: [areas.pooled() for areas in usual],
+        S7: [areas.pooled() for areas in broken],
+    }
+
+
+def ablation_row(full: Sequence[Outcome], rest: Sequence[Outcome]) -> dict[str, Any]:
+    """Return IoU at 2 cm by stratum without a cue, and how much it differs from that of the full method.
+
+    Both are of the same cases; the intervals are of differences case by case.
+    """
+    figure, rows = headline("iou"), {}
+    with_all, without = tallies_by_row(full), tallies_by_row(rest)
+    for name in (*ABLATED, WHOLE, S7):
+        before, after = (float(figure(total(tallies[name]))) for tallies in (with_all, without))
+        rows[name] = {
+            "iou": number(after),
+            "difference": number(after - before),
+            "interval": difference_interval(without[name], with_all[name], figure),
+        }
+    return rows
 
 
 def _of_kind(outcome: Outcome, kind: str) -> Tally:
@@ -62,28 +87,19 @@ def _row(tallies: Sequence[Tally]) -> dict[str, Any]:
         "claimed_m2": float(pooled.claimed),
         "tolerances_m": list(TOLERANCES_M),
         **{name: _numbers(getattr(pooled, name)) for name in ("recall", "precision", "f1", "iou")},
-        "iou_interval": interval(tallies, lambda tally: float(tally.iou[HEADLINE])),
+        **{f"{name}_interval": interval(tallies, headline(name)) for name in ("recall", "precision", "iou")},
     }
 
 
-def interval(tallies: Sequence[Tally], figure: Callable[[Tally], float]) -> list[float | None]:
-    """Return the 2.5 % and 97.5 % quantiles of a figure when the cases are drawn anew with replacement."""
-    if not tallies:
-        return [None, None]
-    rng = np.random.default_rng(0)
-    drawn = rng.integers(0, len(tallies), (_N_RESAMPLES, len(tallies)))
-    stacked = Tally(*(np.stack([getattr(t, name) for t in tallies]) for name in Tally.__slots__))
-    values = []
-    for pick in drawn:
-        parts = (getattr(stacked, name)[pick].sum(axis=0) for name in Tally.__slots__)
-        values.append(figure(Tally(*parts)))
-    finite = np.array(values)[np.isfinite(values)]
-    return _numbers(np.quantile(finite, [0.025, 0.975])) if len(finite) else [None, None]
+def headline(name: str) -> Callable[[Tally], FloatArray]:
+    """Return what reads a figure, by its name in `Tally`, at the headline's tolerance."""
+    return lambda tally: np.asarray(getattr(tally, name)[..., HEADLINE], dtype=np.float64)
 
 
 def _other_figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     claims = [outcome.score.claims for outcome in outcomes]
     findings = [outcome.score.findings for outcome in outcomes]
+    openings = [outcome.score.openings for outcome in outcomes]
     right = sum(float(claim.right[..., HEADLINE].sum()) for claim in claims)
     hypothesised = sum(outcome.hypothesised_m2 for outcome in outcomes)
     violation = sum(outcome.violation_m2 for outcome in outcomes)
@@ -99,33 +115,58 @@ def _other_figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         },
         "violation_audited_ppm": _ppm(violation, hypothesised),
         "violation_by_true_beams_ppm": _ppm(seen_through, hypothesised),
-        "rms_normal_m": _number(math.sqrt(sum(c.squared_m4 for c in claims) / right) if right else math.nan),
+        "rms_normal_m": number(math.sqrt(sum(c.squared_m4 for c in claims) / right) if right else math.nan),
         "contour_m": _errors(np.concatenate([np.zeros(0), *(f.contour_m for f in findings)])),
         "corner_m": _errors(np.concatenate([np.zeros(0), *(f.corner_m for f in findings)])),
         "deviation": [_bin(row) for row in [*deviation_bins(surfaces), summary(surfaces)]],
         "confidence": _confidence(outcomes, in_breaks=False),
         "confidence_where_it_breaks": _confidence(outcomes, in_breaks=True),
+        "reasons": _reasons(outcomes),
+        "radius_m": _errors(np.concatenate([np.zeros(0), *(outcome.radius_m for outcome in outcomes)])),
         "merges": _pairs([outcome.merges for outcome in outcomes]),
         "openings": {
-            **_pairs([outcome.score.openings.counts for outcome in outcomes]),
-            "edge_m": _errors(np.concatenate([np.zeros(0), *(o.score.openings.edge_m for o in outcomes)])),
+            **_pairs([found.counts for found in openings]),
+            **{
+                name: _errors(np.concatenate([np.zeros(0), *(getattr(found, name) for found in openings)]))
+                for name in ("edge_m", "hidden_edge_m")
+            },
         },
     }
 
 
 def _confidence(outcomes: Sequence[Outcome], *, in_breaks: bool) -> dict[str, Any]:
-    parts = (
+    parts = [
         outcome.score.claims.in_breaks_reliability if in_breaks else outcome.score.claims.reliability
         for outcome in outcomes
-    )
+    ]
     pooled = sum(parts, no_reliability())
     area = np.where(pooled.area > 0, pooled.area, np.nan)
     return {
-        "brier": _number(pooled.brier),
-        "calibration_error": _number(pooled.error),
+        "brier": number(float(pooled.brier)),
+        "brier_interval": interval(parts, lambda pool: pool.brier),
+        "calibration_error": number(float(pooled.error)),
+        "calibration_error_interval": interval(parts, lambda pool: pool.error),
         "area_m2": _numbers(pooled.area),
         "predicted": _numbers(pooled.predicted / area),
         "came_true": _numbers(pooled.right / area),
+    }
+
+
+def _reasons(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """For each reason why area was inferred: how much, which share is right, and the mean confidence."""
+    sums: dict[str, FloatArray] = {}
+    for outcome in outcomes:
+        for row in outcome.score.claims.by_reason:
+            areas = np.array([row.claimed_m2, row.right_m2, row.predicted_m2])
+            sums[row.reason] = sums.get(row.reason, np.zeros(3)) + areas
+    return {
+        reason: {
+            "claimed_m2": float(claimed),
+            "right": float(right / claimed),
+            "confidence": float(predicted / claimed),
+        }
+        for reason, (claimed, right, predicted) in sums.items()
+        if claimed > 0
     }
 
 
@@ -141,9 +182,9 @@ def _pairs(counts: Sequence[PairCounts]) -> dict[str, Any]:
         "right": pooled.right,
         "wrong": pooled.wrong,
         "missed": pooled.missed,
-        "precision": _number(pooled.precision),
-        "recall": _number(pooled.recall),
-        "f1": _number(pooled.f1),
+        "precision": number(pooled.precision),
+        "recall": number(pooled.recall),
+        "f1": number(pooled.f1),
     }
 
 
@@ -156,18 +197,18 @@ def _errors(values: FloatArray) -> dict[str, Any]:
     return {
         "n": len(values),
         "missed": len(values) - len(finite),
-        "median": _number(float(median)),
-        "mean": _number(float(finite.mean()) if len(finite) else math.nan),
-        "p95": _number(float(high)),
+        "median": number(float(median)),
+        "mean": number(float(finite.mean()) if len(finite) else math.nan),
+        "p95": number(float(high)),
     }
 
 
 def _bin(row: Any) -> dict[str, Any]:
     return {
         "n_surfaces": row.n_surfaces,
-        "median_sd_m": _number(row.sd_m),
-        "within_2_sd": _number(row.within),
-        "within_2_sd_of_its_own": _number(row.within_own),
+        "median_sd_m": number(row.sd_m),
+        "within_2_sd": number(row.within),
+        "within_2_sd_of_its_own": number(row.within_own),
     }
 
 
@@ -175,9 +216,5 @@ def _ppm(part: float, whole: float) -> float | None:
     return 1e6 * part / whole if whole > 0 else None
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _numbers(values: FloatArray) -> list[float | None]:
-    return [_number(float(value)) for value in np.atleast_1d(values)]
+    return [number(float(value)) for value in np.atleast_1d(values)]
