@@ -311,9 +311,9 @@ def _pratt(uv: FloatArray) -> Circle | None:
     moments = np.column_stack([z, x, y, np.ones(len(x))])
     constraint = np.array([[0, 0, 0, -2.0], [0, 1, 0, 0], [0, 0, 1, 0], [-2.0, 0, 0, 0]])
     values, vectors = np.linalg.eig(np.linalg.solve(constraint, moments.T @ moments))
-    real = np.where(
-        (np.abs(values.imag) < 1e-9 * np.abs(values).max()) & (values.real > 0), values.real, np.inf
-    )
+    rounding = 1e-9 * float(np.abs(values).max())
+    proper = (np.abs(values.imag) < rounding) & (values.real > -rounding)  # nothing where the fit is exact
+    real = np.where(proper, values.real, np.inf)
     if not np.isfinite(real).any():
         return None
     a, b, c, d = vectors[:, int(np.argmin(real))].real

@@ -14,6 +14,7 @@ from completion.evaluation.cells import TrueCells, look
 from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.truth import TrueChart, TrueModel, true_charts
 from completion.export import completion_record
+from completion.extension import Provenance
 from completion.model import CompletedModel
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
@@ -99,6 +100,7 @@ def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hyp
     """Return what a completion inferred from `scans`, in world coordinates."""
     mesh = completed.hypothesised
     first = mesh.faces[:, 0]
+    provenance = mesh.provenance[mesh.faces].max(axis=1, initial=0)
     openings = tuple(
         Opening(number, np.asarray(opening["points"], dtype=np.float64))
         for number, surface in enumerate(completion_record(completed)["surfaces"])
