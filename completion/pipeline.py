@@ -39,8 +39,8 @@ class CompletionOptions:
     Attributes
     ----------
     mode : "conservative", "standard" or "bold"
-        How far surfaces are continued: within the hull of what was measured; within their own straight
-        edges and, for walls and floors, on to the plane that encloses the room; without that bound.
+        How probable inferred area must be (`LEAST_CONFIDENCE`); conservative area also lies in the hull of
+        what was measured.
     sigma_m : float, optional
         Range noise in metres; when None it is read off each scan.
     registration_m : float
@@ -100,7 +100,8 @@ def complete(
 
     The scans are cut into regions on planes and cylinders; regions that one surface explains are joined
     across what stood before them; each surface is continued where it was hidden, never where a beam went
-    through, until it meets another surface or its own straight edges; and its texture is continued with it.
+    through, until it meets another surface or its own edges, which are continued behind the occluder; and
+    its texture is continued with it.
 
     Parameters
     ----------
