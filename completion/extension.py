@@ -247,7 +247,7 @@ def _extent(limits: Limits, observations: Sequence[Observation]) -> tuple[FloatA
 def _in_window(grid: ChartGrid, limits: Limits) -> BoolArray:
     """Cells in the rectangle in which a continuation is considered."""
     uv = grid.centres_uv()
-    half = grid.cell / 2
+    half = grid.cell * (0.5 - 1e-6)  # cells that only touch the window are outside, however they are rounded
     low, high = limits.window()
     axes = [1] if limits.full_turn else [0, 1]
     inside = (uv >= low - half) & (uv <= high + half)

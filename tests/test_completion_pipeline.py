@@ -16,7 +16,8 @@ from completion import (
     TexturingOptions,
     complete,
 )
-from completion.boundary import find_openings, trace_boundary
+from completion.boundary import trace_boundary
+from completion.openings import find_openings
 from completion.export import completed_glb, completion_record, display_mesh
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor

@@ -92,7 +92,7 @@ def test_a_completion_becomes_a_hypothesis_in_the_world() -> None:
     assert found.vertices == pytest.approx(
         completed.world_from_reference.apply(completed.hypothesised.vertices)
     )
-    assert set(np.unique(found.confidence)) <= {0.75, 0.8, 0.9, 0.95}
+    assert ((found.confidence >= 0.3) & (found.confidence <= 1)).all()  # 0.5 at the centres of cells
     names = [case.scene.surface_names[k] for k in found.true_surface]
     assert names[:2] == ["wall", "floor"] or names[:2] == ["floor", "wall"]
     result = score(case.model, case.cells(scans), scans, found)
