@@ -36,7 +36,7 @@ class Persistence:
         return np.asarray(self.start * np.exp(-distance / (self.length * extent)), dtype=np.float64)
 
 
-# From the shares that came true on the generated rooms with seeds 1000 to 1039, by distance and kind.
+# Read off the shares that came true on the generated rooms with seeds 1000 to 1015, by distance and kind.
 WALL_WITHIN = Persistence(0.995, 3.0)  # a wall or floor, inside the rectangle of what was measured of it
 WALL_TO_END = Persistence(0.96, 1.5)  # beyond it, towards the next wall or floor
 WALL_ON = Persistence(0.98, 0.18)  # beyond it, where nothing is known to end it
