@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.chart import ChartGrid
-from completion.edges import Circle, Edge, Line
+from completion.curves import Circle, Line
+from completion.edges import Edge
 from scenes.checks import BoolArray, FloatArray
 
 _LEAD = 4.0  # cells between the end of a run and the hidden zone
@@ -34,6 +35,8 @@ class Stretch:
         Whether the edge was seen again at `end`.
     deviation : float
         Standard deviation across the curve where it was seen, metres.
+    side : float
+        Sign of the distance across the curve on whose side the surface lies.
     provenance : str
         "collinear" (seen on both sides), "convergent" (followed from one end), "circular", or "closure" (at
         right angles from a corner that was seen).
@@ -45,6 +48,7 @@ class Stretch:
     seen_m: float
     two_sided: bool
     deviation: float
+    side: float
     provenance: str
 
     def progress(self, uv: FloatArray) -> FloatArray:
@@ -97,9 +101,11 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
     corner = edge.curve.at(edge.runs[run][int(sign > 0)])
     reach = _CORNER * float(grid.cell.max())
     found = []
-    for side in (-1.0, 1.0):
-        line = Line(corner, side * edge.curve.normal)
-        short = Edge(line, np.zeros((1, 2)), edge.deviation)
+    for turn in (-1.0, 1.0):
+        line = Line(corner, turn * edge.curve.normal)
+        back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
+        side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
+        short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
         stretch = _follow(short, 0, 1.0, grid, hidden, reach)
         if stretch is not None:
             found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance="closure"))
@@ -131,9 +137,9 @@ def _follow(
     seen = float(high - low) + (float(np.ptp(edge.runs[met])) if met is not None else 0.0)
     is_circle = isinstance(edge.curve, Circle)
     word = "circular" if is_circle else "convergent" if met is None else "collinear"
-    return Stretch(
-        edge.curve, start + sign * float(ahead[first]), end, seen, met is not None, edge.deviation, word
-    )
+    begin = start + sign * float(ahead[first])
+    side = float(edge.sides[run])
+    return Stretch(edge.curve, begin, end, seen, met is not None, edge.deviation, side, word)
 
 
 def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
@@ -148,14 +154,14 @@ def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
 
 
 def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
-    """Number of the other run that begins or ends near arc length `end`."""
-    for other in range(len(edge.runs)):
+    """Number of the other run, with the surface on the same side, that begins or ends near `end`."""
+    for other in np.flatnonzero(edge.sides == edge.sides[run]):
         distance = np.abs(edge.runs[other] - end)
         if np.isfinite(edge.curve.length):
             distance = np.minimum(distance, np.abs(edge.curve.length - distance))
         alone = other == run and not np.isfinite(edge.curve.length)
         if not alone and distance.min() <= reach:
-            return other
+            return int(other)
     return None
 
 
@@ -164,7 +170,8 @@ def _paired(stretches: list[Stretch], cell: float) -> list[Stretch]:
     kept: list[Stretch] = []
     for stretch in stretches:
         twin = any(
-            other.two_sided and stretch.two_sided and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
+            (other.two_sided and stretch.two_sided and other.side == stretch.side)
+            and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
             for other in kept
         )
         if not twin:

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.edges import Line, find_edges
+from completion.curves import Line
+from completion.edges import find_edges
 from completion.merging import MergedSurface
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints

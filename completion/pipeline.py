@@ -49,8 +49,6 @@ class CompletionOptions:
         Whether hypothesised area is textured.
     max_sd_m : float
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
-    min_share : float
-        Surfaces with a smaller share of the measured pixels are kept as measured, without continuation.
     segmentation, evidence, texturing : options
         Of the stages.
     """
@@ -60,7 +58,6 @@ class CompletionOptions:
     registration_m: float = 0.005
     texture: bool = True
     max_sd_m: float = 0.02
-    min_share: float = 0.003
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -69,7 +66,7 @@ class CompletionOptions:
         if self.mode not in ("conservative", "standard", "bold"):
             raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
         lengths = ("sigma_m", "registration_m", "max_sd_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), min_share=(0.0, 1.0))
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
 
 class Completion(CompletedModel):
@@ -139,7 +136,7 @@ def complete(
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        surfaces = _large(merge(observations, regions, evidence), observations, options.min_share)
+        surfaces = merge(observations, regions, evidence)
         owners = number_pixels(surfaces, observations)
 
         cloud = measured_points(observations)
@@ -211,13 +208,6 @@ def measured_points(observations: Sequence[Observation], most: int = 40_000) -> 
     clouds = [seen.points[seen.valid] for seen in observations]
     stride = max(1, sum(len(cloud) for cloud in clouds) // most)
     return np.concatenate([cloud[::stride] for cloud in clouds])
-
-
-def _large(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], min_share: float
-) -> list[MergedSurface]:
-    total = sum(int(seen.valid.sum()) for seen in observations)
-    return [surface for surface in surfaces if surface.n_pixels >= min_share * total]
 
 
 def _typical(scales: Sequence[FloatArray]) -> float:

@@ -26,8 +26,9 @@ class Borders:
         Flat cells.
     stretch : (n,) int32
         Which edge.
-    cost : (n,) float
-        Improbability of a boundary there, 1 minus the edge's confidence.
+    cost : (n, 2) float
+        Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
+        minus the edge's confidence on the side where the surface was seen along it, 1 on the other.
     length : (n,) float
         Length of the cells' common side, metres.
     """
@@ -110,7 +111,7 @@ def _borders(
     """Pairs of cells on different sides of a stretch; the most probable edge counts where several pass."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
-    cost = np.full(len(first), np.inf)
+    cost = np.ones((len(first), 2))
     owner = np.full(len(first), -1, np.int32)
     for number, stretch in enumerate(stretches):
         side = stretch.curve.across(centres) >= 0
@@ -120,8 +121,9 @@ def _borders(
         within = (progress >= -slack) & (progress <= abs(stretch.end - stretch.start) + slack)
         parted, progress = parted[within], progress[within]
         price = 1 - stretch.confidence(progress)
-        better = price < cost[parted]
-        cost[parted[better]], owner[parted[better]] = price[better], number
+        surface = np.where(side[first[parted]] == (stretch.side > 0), 0, 1)
+        owner[parted[price < cost[parted].min(axis=1)]] = number
+        cost[parted, surface] = np.minimum(cost[parted, surface], price)
     at = np.flatnonzero(owner >= 0)
     return Borders(first[at], second[at], owner[at], cost[at], length[at])
 

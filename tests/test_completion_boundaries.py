@@ -8,7 +8,8 @@ from completion.chart import ChartGrid
 from completion.confidence import WALL_ON, WALL_WITHIN, distance_to
 from completion.continuation import continue_edges
 from completion.creases import meeting_line
-from completion.edges import Circle, Edge, Line, find_edges
+from completion.curves import Circle, Line
+from completion.edges import Edge, find_edges
 from completion.labelling import label_pieces
 from completion.rim import Rim, RimPoints
 from completion.shadows import divide
@@ -69,8 +70,8 @@ def _corner():
     measured = (row < 60) & (column < 60) & ~hidden
     open_ = ~measured & ~hidden
     edges = [
-        Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), 1e-4),
-        Edge(Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), 1e-4),
+        Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), np.array([1.0]), 1e-4),
+        Edge(Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), np.array([-1.0]), 1e-4),
     ]
     return hidden, measured, open_, edges
 
@@ -112,8 +113,8 @@ def test_an_edge_seen_on_both_sides_is_one_stretch_and_surer_than_one_seen_once(
     row, column = np.mgrid[:100, :100]
     hidden = (column >= 40) & (column < 60) & (row > 20) & (row < 80)
     line = Line(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
-    (both,) = continue_edges([Edge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), 1e-4)], GRID, hidden)
-    (once,) = continue_edges([Edge(line, np.array([[0.0, 0.4]]), 1e-4)], GRID, hidden)
+    (both,) = continue_edges([Edge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), np.ones(2), 1e-4)], GRID, hidden)
+    (once,) = continue_edges([Edge(line, np.array([[0.0, 0.4]]), np.ones(1), 1e-4)], GRID, hidden)
     assert both.provenance == "collinear"
     assert once.provenance == "convergent"
     assert both.confidence(np.array([0.1]))[0] > once.confidence(np.array([0.1]))[0]
