@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from completion.chart import ChartGrid
+from completion.cues import ALL_CUES, Cue
 from completion.curves import Circle, Line
 from completion.edges import Edge
 from scenes.checks import BoolArray, FloatArray
@@ -37,9 +38,9 @@ class Stretch:
         Standard deviation across the curve where it was seen, metres.
     side : float
         Sign of the distance across the curve on whose side the surface lies.
-    provenance : str
-        "collinear" (seen on both sides), "convergent" (followed from one end), "circular", or "closure" (at
-        right angles from a corner that was seen).
+    provenance : Cue
+        "intersection" (where it meets another surface), "collinear" (seen on both sides), "convergent"
+        (followed from one end), "circular", or "closure" (at right angles from a corner that was seen).
     """
 
     curve: Line | Circle
@@ -49,7 +50,7 @@ class Stretch:
     two_sided: bool
     deviation: float
     side: float
-    provenance: str
+    provenance: Cue
 
     def progress(self, uv: FloatArray) -> FloatArray:
         """How far (...,) points lie along the hidden stretch, metres; negative before it."""
@@ -71,7 +72,9 @@ class Stretch:
         return np.asarray(_SURE * self.seen_m / (self.seen_m + ahead), dtype=np.float64)
 
 
-def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
+def continue_edges(
+    edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
+) -> list[Stretch]:
     """Follow every edge from the ends of its runs through the hidden cells, until it leaves them.
 
     Parameters
@@ -82,6 +85,8 @@ def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) ->
         The cells.
     hidden : (rows, columns) bool
         Where the edges may go on.
+    cues : collection of Cue
+        Which ways of going on are followed.
     """
     stretches = []
     for edge in edges:
@@ -91,7 +96,7 @@ def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) ->
                 stretch = _follow(edge, run, sign, grid, hidden, _LEAD * float(grid.cell.max()))
                 followed += _turn(edge, run, sign, grid, hidden) if stretch is None else [stretch]
         stretches += _paired(followed, float(grid.cell.max()))
-    return stretches
+    return [stretch for stretch in stretches if stretch.provenance in cues]
 
 
 def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
@@ -108,7 +113,7 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
         stretch = _follow(short, 0, 1.0, grid, hidden, reach)
         if stretch is not None:
-            found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance="closure"))
+            found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance=Cue.CLOSURE))
     return found
 
 
@@ -135,11 +140,17 @@ def _follow(
     end = start + sign * length
     met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
     seen = float(high - low) + (float(np.ptp(edge.runs[met])) if met is not None else 0.0)
-    is_circle = isinstance(edge.curve, Circle)
-    word = "circular" if is_circle else "convergent" if met is None else "collinear"
     begin = start + sign * float(ahead[first])
     side = float(edge.sides[run])
-    return Stretch(edge.curve, begin, end, seen, met is not None, edge.deviation, side, word)
+    return Stretch(edge.curve, begin, end, seen, met is not None, edge.deviation, side, _cue(edge, met))
+
+
+def _cue(edge: Edge, met: int | None) -> Cue:
+    if edge.is_crease:
+        return Cue.INTERSECTION
+    if isinstance(edge.curve, Circle):
+        return Cue.CIRCULAR
+    return Cue.CONVERGENT if met is None else Cue.COLLINEAR
 
 
 def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,18 +36,21 @@ class Edge:
         Sign of the distance across the curve on whose side the surface lies, 1 or -1, for each stretch.
     deviation : float
         Standard deviation of a point of the curve across it where it was seen, metres.
+    is_crease : bool
+        Whether another surface meets it there.
     """
 
     curve: Line | Circle
     runs: FloatArray
     sides: FloatArray
     deviation: float
+    is_crease: bool = False
 
 
 def edge_along(line: Line, rim: RimPoints) -> tuple[Edge, BoolArray]:
     """Return the stretches of a known line along which rim points (n,) lie, and which points those are."""
     members = _in_runs(line, rim, _agrees(line, rim) & (np.linalg.norm(rim.step, axis=1) > 0))
-    return _edge(line, rim.only(members)), members
+    return replace(_edge(line, rim.only(members)), is_crease=True), members
 
 
 def find_edges(rim: RimPoints) -> list[Edge]:

@@ -39,7 +39,8 @@ def label_pieces(shadows: Shadows) -> Labelling:
 
     A boundary of the surface costs its length times its improbability: 1 along the outline of a shadow, for
     it would be a coincidence if a surface ended just where an occluder's silhouette lies; less along a
-    continued edge, if the surface is on the side of it on which it was seen. A piece that touches neither measured nor open cells is no surface.
+    continued edge, if the surface is on that side of it on which it was seen. A piece that touches neither
+    measured nor open cells is no surface.
     """
     n = shadows.n_pieces
     if not n:

@@ -13,18 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.audit import audit
+from completion.cues import ALL_CUES, Cue
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, find_enclosing, find_standing, find_touching, limit
+from completion.limits import Mode, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
 from completion.rim import find_rim
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.surroundings import survey
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import InputError, check_options
 from scenes.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
@@ -49,6 +51,8 @@ class CompletionOptions:
         Whether hypothesised area is textured.
     max_sd_m : float
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
+    cues : tuple of Cue
+        What is made use of; all that is known.
     segmentation, evidence, texturing : options
         Of the stages.
     """
@@ -58,6 +62,7 @@ class CompletionOptions:
     registration_m: float = 0.005
     texture: bool = True
     max_sd_m: float = 0.02
+    cues: tuple[Cue, ...] = ALL_CUES
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -136,17 +141,14 @@ def complete(
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        surfaces = merge(observations, regions, evidence)
+        surfaces = merge(observations, regions, evidence, across=Cue.MERGING in options.cues)
         owners = number_pixels(surfaces, observations)
 
-        cloud = measured_points(observations)
-        enclosing = find_enclosing(surfaces, cloud, _typical(scales))
-        touching = find_touching(owners, surfaces, observations, scales)
         rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
-        standing = find_standing(surfaces, rims, enclosing, touching)
+        surroundings = survey(surfaces, rims, owners, observations, scales)
 
         def continued(index: int) -> Patch:
-            limits = limit(index, surfaces, rims, enclosing, standing, touching, observations)
+            limits = limit(index, surfaces, rims, surroundings, observations, options.cues)
             return extend(
                 surfaces[index],
                 rims[index],
@@ -157,6 +159,7 @@ def complete(
                 evidence,
                 options.mode,
                 options.max_sd_m,
+                options.cues,
             )
 
         patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
@@ -201,19 +204,6 @@ def number_pixels(
         for owner, mask in zip(owners, surface.masks, strict=True):
             owner[mask] = number
     return owners
-
-
-def measured_points(observations: Sequence[Observation], most: int = 40_000) -> FloatArray:
-    """Measured points (n, 3) of all scans in the working frame, thinned evenly to about `most`."""
-    clouds = [seen.points[seen.valid] for seen in observations]
-    stride = max(1, sum(len(cloud) for cloud in clouds) // most)
-    return np.concatenate([cloud[::stride] for cloud in clouds])
-
-
-def _typical(scales: Sequence[FloatArray]) -> float:
-    known = [scale[np.isfinite(scale)] for scale in scales]
-    together = np.concatenate(known) if known else np.zeros(0)
-    return float(np.median(together)) if len(together) else 0.0
 
 
 def _each(

@@ -71,7 +71,9 @@ def _corner():
     open_ = ~measured & ~hidden
     edges = [
         Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), np.array([1.0]), 1e-4),
-        Edge(Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), np.array([-1.0]), 1e-4),
+        Edge(
+            Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), np.array([-1.0]), 1e-4
+        ),
     ]
     return hidden, measured, open_, edges
 
