@@ -17,7 +17,6 @@ from scenes.checks import BoolArray, FloatArray
 _LEAD = 4.0  # cells between the end of a run and the hidden zone
 _CORNER = 10.0  # cells of edge beside a seen corner that may be too few to fit a line to
 _SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
-_SURE = 0.9  # that an edge which two stretches agree on goes on between them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,8 +29,6 @@ class Stretch:
         Which the edge follows.
     start, end : float
         Arc lengths on the curve, the seen end first, metres; `end` may be the smaller one.
-    seen_m : float
-        Length of the stretch that was seen before `start`.
     two_sided : bool
         Whether the edge was seen again at `end`.
     deviation : float
@@ -46,7 +43,6 @@ class Stretch:
     curve: Line | Circle
     start: float
     end: float
-    seen_m: float
     two_sided: bool
     deviation: float
     side: float
@@ -59,17 +55,6 @@ class Stretch:
         if np.isfinite(self.curve.length):
             way = np.mod(way + self.curve.length / 4, self.curve.length) - self.curve.length / 4
         return np.asarray(way, dtype=np.float64)
-
-    def confidence(self, progress: FloatArray) -> FloatArray:
-        """Probability (...,) that the edge goes on for `progress` metres.
-
-        An edge of unknown length of which s was seen goes on for d more with probability s / (s + d): what
-        follows when no length is more likely than another on a logarithmic scale (Gott 1993).
-        """
-        if self.two_sided:
-            return np.full(np.shape(progress), _SURE)
-        ahead = np.maximum(progress, 0.0)
-        return np.asarray(_SURE * self.seen_m / (self.seen_m + ahead), dtype=np.float64)
 
 
 def continue_edges(
@@ -113,7 +98,7 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
         stretch = _follow(short, 0, 1.0, grid, hidden, reach)
         if stretch is not None:
-            found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance=Cue.CLOSURE))
+            found.append(replace(stretch, provenance=Cue.CLOSURE))
     return found
 
 
@@ -139,10 +124,9 @@ def _follow(
         return None
     end = start + sign * length
     met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
-    seen = float(high - low) + (float(np.ptp(edge.runs[met])) if met is not None else 0.0)
     begin = start + sign * float(ahead[first])
     side = float(edge.sides[run])
-    return Stretch(edge.curve, begin, end, seen, met is not None, edge.deviation, side, _cue(edge, met))
+    return Stretch(edge.curve, begin, end, met is not None, edge.deviation, side, _cue(edge, met))
 
 
 def _cue(edge: Edge, met: int | None) -> Cue:

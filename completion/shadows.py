@@ -16,6 +16,10 @@ from completion.continuation import Stretch
 from scenes.checks import BoolArray, FloatArray
 
 
+GOES_ON = 0.9
+"""Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Borders:
     """Pairs of neighbouring hidden cells between which a continued edge passes.
@@ -28,7 +32,7 @@ class Borders:
         Which edge.
     cost : (n, 2) float
         Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
-        minus the edge's confidence on the side where the surface was seen along it, 1 on the other.
+        minus `GOES_ON` on the side where the surface was seen along the edge, 1 on the other.
     length : (n,) float
         Length of the cells' common side, metres.
     """
@@ -108,7 +112,7 @@ def _borders(
     length: FloatArray,
     stretches: Sequence[Stretch],
 ) -> Borders:
-    """Pairs of cells on different sides of a stretch; the most probable edge counts where several pass."""
+    """Pairs of cells on different sides of a stretch."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
@@ -120,10 +124,9 @@ def _borders(
         progress = stretch.progress(middle)
         within = (progress >= -slack) & (progress <= abs(stretch.end - stretch.start) + slack)
         parted, progress = parted[within], progress[within]
-        price = 1 - stretch.confidence(progress)
         surface = np.where(side[first[parted]] == (stretch.side > 0), 0, 1)
-        owner[parted[price < cost[parted].min(axis=1)]] = number
-        cost[parted, surface] = np.minimum(cost[parted, surface], price)
+        owner[parted[owner[parted] < 0]] = number
+        cost[parted, surface] = 1 - GOES_ON
     at = np.flatnonzero(owner >= 0)
     return Borders(first[at], second[at], owner[at], cost[at], length[at])
 
