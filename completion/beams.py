@@ -48,6 +48,13 @@ class Beams:
 
     def thinned(self, step: int) -> Beams:
         """Every step-th beam."""
+        return self._only(slice(None, None, step))
+
+    def of_surfaces(self, numbers: NDArray[np.int64]) -> Beams:
+        """All beams that met these surfaces, the numbers from 1."""
+        return self._only(np.flatnonzero(np.isin(self.label, numbers)))
+
+    def _only(self, chosen: slice | NDArray[np.int64]) -> Beams:
         return Beams(
-            self.origin, self.label[::step], self.ranges[::step], self.sigma[::step], self.rays[::step]
+            self.origin, self.label[chosen], self.ranges[chosen], self.sigma[chosen], self.rays[chosen]
         )

@@ -21,6 +21,7 @@ from scenes.surfaces import Cylinder, Plane, Surface
 _LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
 _MAX_CONDITION = 1e12
 _THINNING = 3  # of the pixels that covariances are read from
+_FEW = 2_000  # pixels of a surface that are not thinned
 _LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
 
 
@@ -46,6 +47,14 @@ class _Sums:
             raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
         step: FloatArray = vectors @ ((self.vector / scale) @ vectors / values) / scale
         return step
+
+    def is_determined(self) -> bool:
+        """Whether the pixels determine the surface."""
+        try:
+            self.step()
+        except FitError:
+            return False
+        return True
 
     def repeated(self, times: int) -> _Sums:
         """The sums of so many times as many pixels like these."""
@@ -91,11 +100,10 @@ def refit(
     """
     beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
     placed = improve(surfaces, beams, flatness_m, n_rounds)
-    some = [beam.thinned(_THINNING) for beam in beams]
-    sums = [found.repeated(_THINNING) for found in _accumulate(placed, some, flatness_m)]
+    sums = _thinned_sums(placed, beams, flatness_m)
     excess = residual_correlation(placed, observations, labels, flatness_m)
     return [
-        None if surface is None or found.n <= len(found.vector) else _fit(surface, found, growth)
+        None if surface is None or not found.is_determined() else _fit(surface, found, growth)
         for surface, found, growth in zip(placed, sums, excess, strict=True)
     ]
 
@@ -109,6 +117,22 @@ def improve(
         sums = _accumulate(placed, beams, flatness_m)
         placed = [_moved(surface, found) for surface, found in zip(placed, sums, strict=True)]
     return placed
+
+
+def _thinned_sums(
+    surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float
+) -> list[_Sums]:
+    """Normal equations from a share of the pixels, from all of them for small surfaces.
+
+    Those that a grid's stride leaves of a narrow surface may stand in one line.
+    """
+    some = [beam.thinned(_THINNING) for beam in beams]
+    sums = [found.repeated(_THINNING) for found in _accumulate(surfaces, some, flatness_m)]
+    small = np.array([number for number, found in enumerate(sums) if found.n < _FEW], dtype=np.int64)
+    if len(small):
+        every = _accumulate(surfaces, [beam.of_surfaces(small + 1) for beam in beams], flatness_m)
+        sums = [every[k] if sums[k].n < _FEW else sums[k] for k in range(len(sums))]
+    return sums
 
 
 def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:

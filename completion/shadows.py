@@ -15,7 +15,6 @@ from completion.chart import ChartGrid
 from completion.continuation import Stretch
 from scenes.checks import BoolArray, FloatArray
 
-
 GOES_ON = 0.9
 """Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
 

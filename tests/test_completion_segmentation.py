@@ -8,6 +8,7 @@ from completion.evidence import EvidenceOptions
 from completion.merging import merge
 from completion.noise import estimate_noise
 from completion.observation import Observation, observe
+from completion.refitting import refit
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
@@ -169,3 +170,17 @@ def test_rounding_of_the_ranges_moves_no_pixel(name, noise):
         for one, other in zip(usual, merged(observed(rounded)), strict=True):
             assert np.array_equal(one.masks[0], other.masks[0])
             assert surfaces_close(one.fit.surface, other.fit.surface, angle=1e-9, length=1e-9)
+
+
+@pytest.mark.parametrize(("n_columns", "is_determined"), [(1, False), (2, True), (3, True), (30, True)])
+def test_narrow_surfaces_are_fitted_with_all_their_pixels_or_not_at_all(n_columns, is_determined):
+    """Every third pixel of an image whose width three divides may stand in one column."""
+    camera = PinholeProjection.from_fov(159, 120, 60)
+    noise = np.random.default_rng(0).normal(0, 0.002, camera.shape)
+    scan = RangeImage(2.0 / camera.directions()[..., 2] + noise, camera, Pose.identity(), sigma_m=0.002)
+    labels = np.zeros(camera.shape, np.int32)
+    labels[:, 30 : 30 + n_columns] = 1
+    (found,) = refit([Plane((0, 0, 2), (0, 0, -1))], [observed(scan)], [labels], 0.001)
+    assert (found is not None) == is_determined
+    if found is not None:
+        assert (np.linalg.eigvalsh(found.covariance) > 0).all()
