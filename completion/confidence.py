@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.chart import ChartGrid
@@ -16,35 +18,62 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder
 
 
-@dataclass(frozen=True, slots=True)
-class Persistence:
-    """How surfaces of a kind go on: with probability start * exp(-x / length).
+class Onward(IntEnum):
+    """How a surface goes on to a hidden place.
+
+    In the rectangle of what was measured, and towards what ends a wall, distances are those to the measured
+    part, in units of the root of its area; beyond the rectangle they are those from it, in units of its side.
+    """
+
+    WALL_WITHIN = 0  # walls, floors and ceilings, in their rectangle
+    WALL_TO_END = 1  # beyond it, towards the next wall or floor
+    WALL_BEYOND = 2  # beyond it, where nothing is known to end it
+    OBJECT_WITHIN = 3  # other planes, in their rectangle
+    OBJECT_BEYOND = 4
+    CYLINDER = 5
+
+
+PERSISTENCE: FloatArray = np.array([
+    [0.995, 4.0],
+    [0.98, 2.0],
+    [0.98, 0.25],
+    [0.985, 13.0],
+    [0.98, 0.75],
+    [0.995, 35.0],
+])  # fmt: skip
+"""Probability (6,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
+
+The most likely ones on the generated rooms with seeds 1000 to 1031, rounded
+(examples/calibrate_confidence.py).
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prospects:
+    """What the probability at n hidden places depends on.
 
     Attributes
     ----------
-    start : float
-        Probability just beside what was measured.
-    length : float
-        Distance x, in units of a measured size, in which it falls to 1/e.
+    base : (n,) float
+        Probability that no opening or end of the surface lies before them.
+    onward : (n,) int8
+        An `Onward`.
+    distance : (n,) float
+        In its units.
+    reaches : (n,) float
+        Probability that the surface goes on past them anyway, to what it stands on.
     """
 
-    start: float
-    length: float
+    base: FloatArray
+    onward: NDArray[np.int8]
+    distance: FloatArray
+    reaches: FloatArray
 
-    def at(self, x: FloatArray) -> FloatArray:
-        """Probability (...,) at distances (...,) in units of the measured size."""
-        return np.asarray(self.start * np.exp(-x / self.length), dtype=np.float64)
-
-
-# Most likely on the generated rooms with seeds 1000 to 1031, rounded (examples/calibrate_confidence.py).
-# In the rectangle of what was measured, and towards what ends a wall, distance to the measured part over the
-# root of its area; beyond the rectangle, distance from it over its side in that direction.
-WALL_WITHIN = Persistence(0.995, 4.0)  # walls, floors, ceilings
-WALL_TO_END = Persistence(0.98, 2.0)
-WALL_BEYOND = Persistence(0.98, 0.25)  # where nothing is known to end it
-OBJECT_WITHIN = Persistence(0.985, 13.0)  # other planes
-OBJECT_BEYOND = Persistence(0.98, 0.75)
-CYLINDER = Persistence(0.995, 35.0)
+    def probability(self, persistence: FloatArray = PERSISTENCE) -> FloatArray:
+        """Probability (n,) that the surface is there."""
+        start, length = persistence[self.onward].T
+        goes_on = start * np.exp(-self.distance / length)
+        return np.asarray(self.base * (self.reaches + (1 - self.reaches) * goes_on), dtype=np.float64)
 
 
 def estimate(
@@ -56,11 +85,6 @@ def estimate(
     open_: BoolArray,
 ) -> FloatArray:
     """Probability (rows, columns) that the surface is at each cell; 1 where it was measured.
-
-    With a probability that is the piece's margin the labelling holds. Otherwise the boundary between surface
-    and opening lies anywhere between measured and open cells, as far from the latter as an opening may reach
-    of which that much was seen: with probability s / (s + e) for e more (Gott 1993). Either way the surface
-    goes on for a distance with the persistence of its kind.
 
     Parameters
     ----------
@@ -76,39 +100,60 @@ def estimate(
         Where the surface was measured, and where beams passed.
     """
     result = np.where(observed, 1.0, 0.0)
+    if observed.any() and shadows.n_pieces:
+        found = prospects(grid, shadows, labelling, limits, observed, open_)
+        result[shadows.piece >= 0] = found.probability()
+    return result
+
+
+def prospects(
+    grid: ChartGrid,
+    shadows: Shadows,
+    labelling: Labelling,
+    limits: Limits,
+    observed: BoolArray,
+    open_: BoolArray,
+) -> Prospects:
+    """Return what the probability depends on at each hidden cell, in the order of `shadows.piece`.
+
+    With a probability that is the piece's margin the labelling holds. Otherwise the boundary between surface
+    and opening lies anywhere between measured and open cells, as far from the latter as an opening may reach
+    of which that much was seen: with probability s / (s + e) for e more (Gott 1993). Either way the surface
+    goes on for a distance with the persistence of its kind.
+    """
     inside = shadows.piece >= 0
-    if not inside.any() or not observed.any():
-        return result
     number = shadows.piece[inside]
     d = distance_to(observed, grid)[0][inside]
     e, s = (values[inside] for values in distance_to(open_, grid))
-    root = float(np.sqrt(observed.sum() * grid.cell_area))
-    goes_on = _goes_on(grid.centres_uv()[inside], d, root, limits)
     ended = e / (s + e)  # the opening, before it comes here
     apart = (d + e) / (s + d + e)
     measured, beside_open = shadows.beside_measured[number] > 0, shadows.beside_open[number] > 0
     between = np.where(measured, ended / np.maximum(apart, 1e-12), ended)
     anywhere = np.where(measured & ~beside_open, 1.0, between)
     held = np.abs(labelling.margin[number])
-    result[inside] = (held * labelling.is_surface[number] + (1 - held) * anywhere) * goes_on
-    return result
+    base = held * labelling.is_surface[number] + (1 - held) * anywhere
+    near = d / float(np.sqrt(observed.sum() * grid.cell_area))
+    return Prospects(base, *_onward(grid.centres_uv()[inside], near, limits))
 
 
-def _goes_on(uv: FloatArray, distance: FloatArray, root: float, limits: Limits) -> FloatArray:
-    """Probability (n,) that the surface goes on to places (n, 2) so far from its measured part."""
-    near = distance / root
+def _onward(
+    uv: FloatArray, near: FloatArray, limits: Limits
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
+    """How the surface goes on to places (n, 2), how far it is, and whether it reaches past them anyway."""
+    nothing = np.zeros(len(uv))
     if isinstance(limits.chart, Cylinder):
-        return CYLINDER.at(near)
+        return np.full(len(uv), Onward.CYLINDER, np.int8), near, nothing
     size = np.maximum(limits.own_high - limits.own_low, 1e-9)
     past = np.stack([limits.own_low - uv, uv - limits.own_high])  # side, place, axis
     is_out = (past > 0).any(axis=(0, 2))
     beyond = (np.maximum(past, 0.0) / size).max(axis=(0, 2))
     reaches = np.where(past > 0, limits.reaches[:, None, :], 1.0).min(axis=(0, 2))
-    if limits.encloses:
-        out = np.where(reaches > 0, WALL_TO_END.at(near), WALL_BEYOND.at(beyond))
-        return np.where(is_out, out, WALL_WITHIN.at(near))
-    out = reaches + (1 - reaches) * OBJECT_BEYOND.at(beyond)
-    return np.where(is_out, out, OBJECT_WITHIN.at(near))
+    if not limits.encloses:
+        onward = np.where(is_out, Onward.OBJECT_BEYOND, Onward.OBJECT_WITHIN)
+        return onward.astype(np.int8), np.where(is_out, beyond, near), np.where(is_out, reaches, 0.0)
+    to_end = is_out & (reaches > 0)
+    onward = np.select([to_end, is_out], [Onward.WALL_TO_END, Onward.WALL_BEYOND], Onward.WALL_WITHIN)
+    return onward.astype(np.int8), np.where(is_out & ~to_end, beyond, near), nothing
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:

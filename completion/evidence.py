@@ -86,6 +86,11 @@ class Evidence:
     occluder: NDArray[np.int32]
     through: BoolArray
 
+    @property
+    def open(self) -> BoolArray:
+        """Cells that beams passed, by a veto or seemingly."""
+        return (self.labels == Label.FREE) | self.through
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointLabels:

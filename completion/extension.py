@@ -126,7 +126,7 @@ def extend(
     edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))
 
     known = (spread <= max_sd_m).reshape(grid.shape)
-    open_ = (evidence.labels == Label.FREE) | evidence.through
+    open_ = evidence.open
     hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
     within = _within(grid, limits, evidence)
     hidden &= known & within & _in_window(grid, limits)

@@ -14,7 +14,6 @@ from scipy import ndimage
 from completion.chart import ChartGrid
 from completion.curves import Line
 from completion.edges import Edge
-from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
 
@@ -56,8 +55,7 @@ def find_openings(patch: Patch) -> list[Opening]:
         A completed surface.
     """
     solid = patch.observed | patch.hypothesised
-    through = (patch.evidence.labels == Label.FREE) | patch.evidence.through
-    through = ndimage.binary_closing(through, np.ones((3, 3))) & ~solid
+    through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
     unfilled = (patch.shadows.piece >= 0) & ~solid
     within = patch.is_within | solid
     part, n_parts = ndimage.label((through | unfilled) & within & ~solid)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.chart import ChartGrid
-from completion.confidence import WALL_BEYOND, WALL_WITHIN, distance_to
+from completion.confidence import Onward, Prospects, distance_to
 from completion.continuation import continue_edges
 from completion.creases import meeting_line
 from completion.cues import ALL_CUES, Cue
@@ -149,7 +149,10 @@ def test_rim_points_keep_their_place_in_another_chart():
 
 def test_confidence_falls_with_distance_and_faster_where_nothing_ends_the_surface():
     away = np.array([0.0, 0.5, 1.0])
-    within, beyond = WALL_WITHIN.at(away), WALL_BEYOND.at(away)
+    within, beyond = (
+        Prospects(np.ones(3), np.full(3, onward, np.int8), away, np.zeros(3)).probability()
+        for onward in (Onward.WALL_WITHIN, Onward.WALL_BEYOND)
+    )
     assert (np.diff(within) < 0).all()
     assert (beyond[1:] < within[1:]).all()
     cells = np.zeros(GRID.shape, dtype=np.bool_)
