@@ -89,7 +89,7 @@ class Evidence:
     @property
     def open(self) -> BoolArray:
         """Cells that beams passed, by a veto or seemingly."""
-        return (self.labels == Label.FREE) | self.through
+        return np.asarray((self.labels == Label.FREE) | self.through, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
