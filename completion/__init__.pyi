@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: MIT
+from .edit_file import read_edits as read_edits
+from .edits import Anchor as Anchor
+from .edits import Edit as Edit
 from .evidence import EvidenceOptions as EvidenceOptions
 from .evidence import Label as Label
 from .extension import Patch as Patch

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from completion.chart import ChartGrid
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +30,7 @@ class BoundarySegment:
     provenance : str
         "measured", or why the inferred part ends there: "intersection" (it meets a measured surface),
         "architectural" (it meets the enclosing plane beyond its own extent), "collinear" (its own straight
-        edge continued) or "shadow-limit" (the hidden zone ends).
+        edge continued), "shadow-limit" (the hidden zone ends) or "user" (a person says so).
     confidence : float
         Prior probability that the surface ends there; not calibrated.
     points : (n, 3) float
@@ -43,6 +45,7 @@ class BoundarySegment:
 
 _CONFIDENCE = {
     "measured": 1.0,
+    "user": 1.0,
     "intersection": 0.9,
     "architectural": 0.75,
     "collinear": 0.7,
@@ -82,7 +85,8 @@ def _classify(patch: Patch, mask: BoolArray) -> tuple[NDArray[np.str_], NDArray[
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )
-    at_cut = _at_cut(patch)
+    at_said = _near_planes(patch, patch.verdict.ends) | _near_openings(patch)
+    at_cut = _near_planes(patch, [cut for cut in patch.limits.cuts if cut not in patch.verdict.ends])
     kind = np.where(at_cut, "crease", kind)
     uv = patch.grid.centres_uv()
     reach = 1.5 * patch.grid.cell
@@ -90,16 +94,25 @@ def _classify(patch: Patch, mask: BoolArray) -> tuple[NDArray[np.str_], NDArray[
     at_side = (np.abs(uv[..., None, :] - limits.ends) <= reach).any(axis=(-1, -2))
     beyond_own = ((uv < limits.own_low) | (uv > limits.own_high)).any(axis=-1)
     inferred = np.select(
-        [at_cut & beyond_own, at_cut, at_side], ["architectural", "intersection", "collinear"], "shadow-limit"
+        [at_said, at_cut & beyond_own, at_cut, at_side],
+        ["user", "architectural", "intersection", "collinear"],
+        "shadow-limit",
     )
     return kind, np.where(patch.hypothesised, inferred, "measured")
 
 
-def _at_cut(patch: Patch) -> BoolArray:
-    """Cells within one and a half cells of a plane that the surface ends at."""
+def _near_openings(patch: Patch) -> BoolArray:
+    """Cells within about a cell of a declared opening."""
+    sides = [trim.cells for trim in patch.verdict.trims(patch.grid)]
+    crossed = np.logical_or.reduce([np.zeros(patch.grid.shape, dtype=np.bool_), *sides])
+    return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
+
+
+def _near_planes(patch: Patch, planes: Sequence[Plane]) -> BoolArray:
+    """Cells within one and a half cells of planes that the surface ends at."""
     centres = patch.grid.centres()
     near = np.zeros(len(centres), dtype=np.bool_)
-    for cut in patch.limits.cuts:
+    for cut in planes:
         near |= cut.distance(centres) <= 1.5 * float(patch.grid.cell.max())
     return near.reshape(patch.grid.shape)
 

@@ -18,6 +18,8 @@ from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
 from completion.boundary import trace_boundary
+from completion.edit_file import edit_record
+from completion.effect import effect_of
 from completion.extension import Patch, Provenance
 from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
@@ -58,10 +60,8 @@ def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> 
 def completion_record(completion: CompletedModel) -> dict[str, Any]:
     """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
     return {
-        "surfaces": [
-            _surface_record(index, patch, completion.world_from_reference)
-            for index, patch in enumerate(completion.patches, start=1)
-        ],
+        "edits": [edit_record(edit) for edit in completion.edits],
+        "surfaces": [_surface_record(completion, number) for number in range(1, len(completion.patches) + 1)],
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
@@ -75,11 +75,13 @@ def completion_record(completion: CompletedModel) -> dict[str, Any]:
     }
 
 
-def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
+def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
+    patch, world = completion.patches[number - 1], completion.world_from_reference
     fit = patch.source.fit
     return {
-        "id": index,
+        "id": number,
         "kind": fit.surface.kind,
+        "anchor": completion.anchor(number).tolist(),
         "parameters": surface_parameters(fit.surface.transformed(world)),
         "standard_deviation": fit.parameter_deviations(),
         "rms": fit.rms,
@@ -88,10 +90,12 @@ def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
         "observed_m2": patch.observed_m2,
         "hypothesised_m2": patch.hypothesised_m2,
         "encloses": patch.limits.encloses,
+        "user": _user_record(patch),
         "openings": [
             {
                 "area_m2": opening.area_m2,
                 "seen_share": opening.seen_share,
+                "provenance": "user" if opening.declared else "inferred",
                 "points": world.apply(opening.points).tolist(),
             }
             for opening in find_openings(patch)
@@ -105,6 +109,17 @@ def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
             }
             for segment in trace_boundary(patch)
         ],
+    }
+
+
+def _user_record(patch: Patch) -> dict[str, Any]:
+    """What a person had done to a surface, and what came of it."""
+    effect = effect_of(patch)
+    return {
+        "actions": list(patch.verdict.actions),
+        "filled_m2": effect.filled_m2,
+        "vetoed_m2": effect.vetoed_m2,
+        "measured_m2": effect.measured_m2,
     }
 
 

@@ -25,6 +25,7 @@ from completion.meshing import Trim
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
 from completion.shadows import Shadows, divide
+from completion.verdict import Verdict
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane
 
@@ -40,6 +41,7 @@ class Provenance(IntEnum):
     EDGES = 3  # inside the measured part's own straight edges, continued until they meet
     ARCHITECTURAL = 4  # on to the plane that encloses the room there
     FULL_TURN = 5  # around the back of a cylinder
+    USER = 6  # because a person says so
 
 
 LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
@@ -79,7 +81,9 @@ class Patch:
     labelling : Labelling
         Which pieces are surface.
     trims : tuple of Trim
-        Where the mesh of hypothesised cells is cut along continued edges.
+        Where the mesh of hypothesised cells is cut along continued edges and declared openings.
+    verdict : Verdict
+        What a person says of it.
     """
 
     source: MergedSurface
@@ -96,6 +100,7 @@ class Patch:
     shadows: Shadows
     labelling: Labelling
     trims: tuple[Trim, ...]
+    verdict: Verdict
 
     @property
     def observed(self) -> BoolArray:
@@ -123,12 +128,14 @@ def extend(
     options: EvidenceOptions,
     mode: Mode,
     max_sd_m: float,
+    verdict: Verdict,
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its limits.
 
     Its own edges are followed into the hidden zone and part it into pieces; the cheapest boundary says which
     pieces are surface and how clearly. A cell is filled only where some scan says OCCLUDED and none says
-    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode.
+    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode; or where a
+    person accepts it, who may not overrule the beams.
     """
     grid = _grid(surface, limits, observations)
     spread = surface.fit.standard_deviation(grid.centres())
@@ -139,7 +146,10 @@ def extend(
     open_ = (evidence.labels == Label.FREE) | evidence.through
     hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
     within = _within(grid, limits, evidence)
-    hidden &= known & within & _in_window(grid, limits)
+    word, declared = verdict.word(grid), verdict.open_cells(grid)
+    hidden &= known & within & ~declared
+    accepted = hidden & (word > 0) & (_in_window(grid, limits) | verdict.drawn(grid))
+    hidden &= _in_window(grid, limits)
     if mode == "conservative":
         hidden &= _hull(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden)
@@ -147,11 +157,17 @@ def extend(
     labelling = label_pieces(shadows)
 
     confidence = estimate(grid, shadows, labelling, limits, evidence.observed, open_)
-    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode])
-    reached = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
-    hypothesised = probable & reached & (evidence.labels == Label.OCCLUDED)
+    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & (word >= 0)
+    filled = probable | accepted
+    reached = _connected(filled | evidence.observed, evidence.observed, grid.wraps) | verdict.drawn(grid)
+    hypothesised = filled & reached & (evidence.labels == Label.OCCLUDED)
     hypothesised, trims = _trimmed(grid, evidence, hypothesised, shadows, stretches)
+    hypothesised, trims = _without(verdict, grid, hypothesised & (word >= 0), evidence, trims)
     provenance = _provenance(grid, limits, evidence.observed, hypothesised)
+    by_method = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
+    said = accepted & ~(probable & by_method) | _to_said_end(grid, limits)
+    said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
+    provenance[hypothesised & said] = Provenance.USER
     return Patch(
         surface,
         limits,
@@ -167,7 +183,29 @@ def extend(
         shadows,
         labelling,
         trims,
+        verdict,
     )
+
+
+def _without(
+    verdict: Verdict, grid: ChartGrid, hypothesised: BoolArray, evidence: Evidence, trims: tuple[Trim, ...]
+) -> tuple[BoolArray, tuple[Trim, ...]]:
+    """Take declared openings out: whole cells, and by cuts through those that their sides cross."""
+    sides = verdict.trims(grid)
+    if not sides:
+        return hypothesised, trims
+    declared = verdict.open_cells(grid)
+    crossed = np.logical_or.reduce([side.cells for side in sides])
+    around = ndimage.binary_dilation(hypothesised & ~declared, np.ones((3, 3)))
+    parted = crossed & declared & around & (evidence.labels == Label.OCCLUDED) & ~evidence.observed
+    return hypothesised & ~declared | parted, (*trims, *sides)
+
+
+def _to_said_end(grid: ChartGrid, limits: Limits) -> BoolArray:
+    """Cells beyond what was measured on the sides where a person set the end."""
+    uv = grid.centres_uv()
+    beyond = np.stack([uv < limits.own_low, uv > limits.own_high])  # side, row, column, axis
+    return np.asarray((beyond & limits.said[:, None, None, :]).any(axis=(0, 3)), dtype=np.bool_)
 
 
 def _boundaries(limits: Limits, rim: RimPoints) -> list[Edge]:

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.audit import audit
+from completion.editing import apply_edits
+from completion.edits import Edit
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, find_enclosing, find_standing, find_touching, limit
+from completion.limits import Mode, find_enclosing, find_standing, find_touching, limit, with_ends
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
@@ -51,6 +53,8 @@ class CompletionOptions:
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
     min_share : float
         Surfaces with a smaller share of the measured pixels are kept as measured, without continuation.
+    edits : tuple of Edit
+        What a person says of the surfaces.
     segmentation, evidence, texturing : options
         Of the stages.
     """
@@ -61,6 +65,7 @@ class CompletionOptions:
     texture: bool = True
     max_sd_m: float = 0.02
     min_share: float = 0.003
+    edits: tuple[Edit, ...] = ()
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -101,7 +106,7 @@ def complete(
     The scans are cut into regions on planes and cylinders; regions that one surface explains are joined
     across what stood before them; each surface is continued where it was hidden, never where a beam went
     through, until it meets another surface or its own edges, which are continued behind the occluder; and
-    its texture is continued with it.
+    its texture is continued with it. A person may have a say in which surfaces there are and how far they go.
 
     Parameters
     ----------
@@ -119,7 +124,7 @@ def complete(
     Raises
     ------
     InputError
-        No scans, or an unknown mode.
+        No scans, an unknown mode, or edits that fit no surface of these scans.
     """
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
@@ -139,7 +144,9 @@ def complete(
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        surfaces = _large(merge(observations, regions, evidence), observations, options.min_share)
+        found = _large(merge(observations, regions, evidence), observations, options.min_share)
+        edited = apply_edits(found, options.edits, observations, world_from_reference, evidence.flatness_m)
+        surfaces = [one.surface for one in edited]
         owners = number_pixels(surfaces, observations)
 
         cloud = measured_points(observations)
@@ -150,16 +157,18 @@ def complete(
 
         def continued(index: int) -> Patch:
             limits = limit(index, surfaces, rims, enclosing, standing, touching, observations)
+            verdict = edited[index].verdict
             return extend(
                 surfaces[index],
                 rims[index],
-                limits,
+                with_ends(limits, verdict.ends),
                 observations,
                 owners,
                 index + 1,
                 evidence,
                 options.mode,
                 options.max_sd_m,
+                verdict,
             )
 
         patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
@@ -191,6 +200,7 @@ def complete(
         audit=result,
         owners=tuple(owners),
         mode=options.mode,
+        edits=options.edits,
         world_from_reference=world_from_reference,
     )
 

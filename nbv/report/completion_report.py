@@ -16,6 +16,7 @@ from completion.pipeline import Completion
 from nbv.plots import range_colours
 from nbv.report.camera import Camera, aside_cameras, overview_cameras
 from nbv.report.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.edit_blocks import edit_sections
 from nbv.report.page import (
     Bar,
     Block,
@@ -66,6 +67,7 @@ def completion_page(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("What the scanner saw", scan_pictures(completion)),
             Section("Surfaces", surface_blocks(completion)),
+            *edit_sections(completion),
         ),
         options=options,
         seed=seed,
