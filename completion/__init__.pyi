@@ -18,3 +18,6 @@ from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
 from .texturing import TexturingOptions as TexturingOptions
+from .verification import Finding as Finding
+from .verification import Verification as Verification
+from .verification import verify as verify

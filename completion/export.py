@@ -17,15 +17,12 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from completion.boundary import trace_boundary
-from completion.edit_file import edit_record
-from completion.effect import effect_of
 from completion.extension import Patch, Provenance
-from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
 from completion.model import CompletedModel, LabelledPoints, to_8_bits
-from completion.openings import find_openings
+from completion.record import completion_record, provenance_word
 from completion.texturing import ChartTexture
+from completion.verification import Verification
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
 from scenes.formats.ply import write_mesh_ply
@@ -36,8 +33,12 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 _OBSERVED_GREY, _HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 
 
-def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> None:
+def save_completion(
+    completion: CompletedModel, folder: str | PathLike[str], verification: Verification | None = None
+) -> None:
     """Write completed.glb, observed.ply, hypothesised.ply and completion.json to an existing or new folder.
+
+    With `verification`, completion.json also says what later scans say of what the first one alone inferred.
 
     Raises
     ------
@@ -49,78 +50,12 @@ def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> 
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{target}: cannot make this folder: {error.strerror}") from error
-    legend = [f"provenance {member.value} {_word(member)}" for member in Provenance]
+    legend = [f"provenance {member.value} {provenance_word(member)}" for member in Provenance]
     world = completion.world_from_reference
     _write_points(target / "observed.ply", completion.observed_mesh(), world, legend)
     _write_points(target / "hypothesised.ply", completion.hypothesised, world, legend)
     write_bytes(target / "completed.glb", completed_glb(completion))
-    write_json(target / "completion.json", completion_record(completion))
-
-
-def completion_record(completion: CompletedModel) -> dict[str, Any]:
-    """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
-    return {
-        "edits": [edit_record(edit) for edit in completion.edits],
-        "surfaces": [_surface_record(completion, number) for number in range(1, len(completion.patches) + 1)],
-        "observed_m2": completion.observed_m2,
-        "hypothesised_m2": completion.hypothesised_m2,
-        "free_space_violation_m2": completion.free_space_violation_m2,
-        "mode": completion.mode,
-        "n_scans": len(completion.observations),
-        "range_noise": [
-            {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
-            for seen in completion.observations
-        ],
-        "provenance": {str(member.value): {"name": _word(member)} for member in Provenance},
-    }
-
-
-def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
-    patch, world = completion.patches[number - 1], completion.world_from_reference
-    fit = patch.source.fit
-    return {
-        "id": number,
-        "kind": fit.surface.kind,
-        "anchor": completion.anchor(number).tolist(),
-        "parameters": surface_parameters(fit.surface.transformed(world)),
-        "standard_deviation": fit.parameter_deviations(),
-        "rms": fit.rms,
-        "n": fit.n,
-        "n_parts": patch.source.n_parts,
-        "observed_m2": patch.observed_m2,
-        "hypothesised_m2": patch.hypothesised_m2,
-        "encloses": patch.limits.encloses,
-        "user": _user_record(patch),
-        "openings": [
-            {
-                "area_m2": opening.area_m2,
-                "seen_share": opening.seen_share,
-                "provenance": "user" if opening.declared else "inferred",
-                "points": world.apply(opening.points).tolist(),
-            }
-            for opening in find_openings(patch)
-        ],
-        "boundary": [
-            {
-                "kind": segment.kind,
-                "provenance": segment.provenance,
-                "confidence": segment.confidence,
-                "points": world.apply(segment.points).tolist(),
-            }
-            for segment in trace_boundary(patch)
-        ],
-    }
-
-
-def _user_record(patch: Patch) -> dict[str, Any]:
-    """What a person had done to a surface, and what came of it."""
-    effect = effect_of(patch)
-    return {
-        "actions": list(patch.verdict.actions),
-        "filled_m2": effect.filled_m2,
-        "vetoed_m2": effect.vetoed_m2,
-        "measured_m2": effect.measured_m2,
-    }
+    write_json(target / "completion.json", completion_record(completion, verification))
 
 
 def completed_glb(completion: CompletedModel) -> bytes:
@@ -268,7 +203,3 @@ def _write_points(path: Path, points: LabelledPoints, world: Pose, comments: Seq
         "confidence": points.confidence.astype(np.float32),
     }
     write_mesh_ply(path, world.apply(points.vertices), points.faces, properties, comments)
-
-
-def _word(provenance: Provenance) -> str:
-    return provenance.name.lower().replace("_", "-")

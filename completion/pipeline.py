@@ -26,6 +26,7 @@ from completion.rim import find_rim
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
+from completion.verification import Verification
 from scenes.checks import FloatArray, InputError, check_options
 from scenes.range_image import RangeImage
 
@@ -82,15 +83,17 @@ class Completion(CompletedModel):
 
     __slots__ = ()
 
-    def save(self, folder: str | PathLike[str]) -> None:
+    def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
         """Write completed.glb, observed.ply, hypothesised.ply and completion.json, in world coordinates.
+
+        With `verification`, completion.json also says what later scans say of what the first one inferred.
 
         Raises
         ------
         InputError
             The folder cannot be made or written.
         """
-        save_completion(self, folder)
+        save_completion(self, folder, verification)
 
 
 def complete(

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from completion.edit_file import read_edits
 from completion.effect import effect_of
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
+from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
+from scenes.range_image import RangeImage
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
 
@@ -71,20 +74,39 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
         )
+        verification = None
+        if len(scans) > 1:
+            run.watch.enter("verify")
+            verification = verify_first(scans, options, shared.threads)
         run.watch.enter("save")
-        save(run, completion)
+        save(run, completion, verification)
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
-        page = completion_page(completion, _title(request.paths), asked, shared.seed, shared.threads)
+        title = _title(request.paths)
+        page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
         page.write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         inputs = [*request.inputs, *([how.edits] if how.edits else [])]
-        run.finish(inputs, resolved, summary_of(completion), lines_of(completion))
+        run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 
-def save(run: Run, completion: Completion) -> None:
+def verify_first(
+    scans: Sequence[RangeImage], options: CompletionOptions, n_threads: int | None = None
+) -> Verification:
+    """Complete the first scan alone and let the others confirm or refute what was inferred."""
+    alone = complete(scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads)
+    return verify(
+        alone,
+        scans[1:],
+        options.evidence,
+        registration_m=options.registration_m,
+        sigma_m=options.sigma_m,
+    )
+
+
+def save(run: Run, completion: Completion, verification: Verification | None = None) -> None:
     """Write the completion's files and note them for the manifest."""
-    completion.save(run.out)
+    completion.save(run.out, verification)
     for name in FILES:
         run.path(name)
 
@@ -102,7 +124,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
     }
 
 
-def lines_of(completion: Completion) -> list[str]:
+def lines_of(completion: Completion, verification: Verification | None = None) -> list[str]:
     """Return the headline numbers for people."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
@@ -111,6 +133,15 @@ def lines_of(completion: Completion) -> list[str]:
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
+    if verification is not None:
+        confirmed, refuted, hidden = (
+            square_metres(verification.area_m2(finding))
+            for finding in (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
+        )
+        lines.append(
+            f"inferred from the first scan alone, the others confirm {confirmed} m2, refute {refuted} m2 and "
+            f"do not see {hidden} m2"
+        )
     return lines + _lines_of_edits(completion)
 
 
