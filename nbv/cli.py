@@ -250,6 +250,15 @@ def complete(
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
     ] = 0.005,
+    origin: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="X,Y,Z",
+            help="Where the scanner stood, for files of mere points; repeat it for each.",
+            show_default="from the files",
+        ),
+    ] = None,
     edits: Annotated[
         str | None,
         typer.Option(
@@ -274,7 +283,8 @@ def complete(
     from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
 
-    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units)
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
+    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units, stood)
     how = CompleteRequest(
         mode=mode,
         sigma_m=sigma,
