@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.chart import ChartGrid
 from completion.evidence import Label
-from completion.extension import Patch, Provenance
-from completion.limits import Limits
-from scenes.checks import BoolArray
+from completion.extension import Patch, Provenance, in_box
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +33,12 @@ class Effect:
 def effect_of(patch: Patch) -> Effect:
     """Measure what came of the verdict on a completed surface.
 
-    Where a surface is accepted as a whole, what beams went through counts inside the rectangle of its
-    measured part, since beyond there is no telling where it would have ended.
+    Where a surface is accepted as a whole, what beams went through counts in its measured rectangle and on
+    to its known ends.
     """
     grid, verdict = patch.grid, patch.verdict
-    accepted = (verdict.word(grid) > 0) & (verdict.drawn(grid) | _in_rectangle(grid, patch.limits))
+    known = in_box(grid, patch.limits, *patch.limits.known_window())
+    accepted = (verdict.word(grid) > 0) & (verdict.drawn(grid) | known)
     passed = (patch.evidence.labels == Label.FREE) | patch.evidence.through
     against = verdict.open_cells(grid)
     for end in verdict.ends:
@@ -50,9 +48,3 @@ def effect_of(patch: Patch) -> Effect:
         float((accepted & passed & ~patch.observed).sum()) * grid.cell_area,
         float((against & patch.observed).sum()) * grid.cell_area,
     )
-
-
-def _in_rectangle(grid: ChartGrid, limits: Limits) -> BoolArray:
-    """Cells in the rectangle of the measured part."""
-    uv = grid.centres_uv()
-    return np.asarray(((uv >= limits.own_low) & (uv <= limits.own_high)).all(axis=-1), dtype=np.bool_)

@@ -148,8 +148,8 @@ def extend(
     within = _within(grid, limits, evidence)
     word, declared = verdict.word(grid), verdict.open_cells(grid)
     hidden &= known & within & ~declared
-    accepted = hidden & (word > 0) & (_in_window(grid, limits) | verdict.drawn(grid))
-    hidden &= _in_window(grid, limits)
+    accepted = hidden & (word > 0) & (in_box(grid, limits, *limits.known_window()) | verdict.drawn(grid))
+    hidden &= in_box(grid, limits, *limits.window())
     if mode == "conservative":
         hidden &= _hull(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden)
@@ -282,11 +282,10 @@ def _extent(limits: Limits, observations: Sequence[Observation]) -> tuple[FloatA
     return places.min(axis=0), places.max(axis=0)
 
 
-def _in_window(grid: ChartGrid, limits: Limits) -> BoolArray:
-    """Cells in the rectangle in which a continuation is considered."""
+def in_box(grid: ChartGrid, limits: Limits, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Cells (rows, columns) in a rectangle of the chart, all around where a cylinder may be closed."""
     uv = grid.centres_uv()
     half = grid.cell * (0.5 - 1e-6)  # cells that only touch the window are outside, however they are rounded
-    low, high = limits.window()
     axes = [1] if limits.full_turn else [0, 1]
     inside = (uv >= low - half) & (uv <= high + half)
     return np.asarray(inside[..., axes].all(axis=-1), dtype=np.bool_)

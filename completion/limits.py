@@ -83,6 +83,12 @@ class Limits:
         high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
+    def known_window(self) -> tuple[FloatArray, FloatArray]:
+        """Low and high corners (2,) of the measured rectangle, widened to where it is known to end."""
+        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low)
+        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high)
+        return low, high
+
 
 def find_enclosing(surfaces: Sequence[MergedSurface], cloud: FloatArray, scale: float) -> list[bool]:
     """Tell which planes have nearly all measured points on their inner side: walls, floor, ceiling.

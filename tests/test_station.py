@@ -74,9 +74,7 @@ def test_places_and_points_that_cannot_be_meant_are_refused(cloud):
     with pytest.raises(InputError, match=r"origin is .* give finite"):
         scan_from_station(points, (0, np.nan, 0))
     layers = np.concatenate([origin + k * (points - origin) for k in (1.0, 1.5)])
-    with pytest.raises(
-        InputError, match=r"100 % of the directions from \(0.4, 0.4, 1.7\) meet points behind"
-    ):
+    with pytest.raises(InputError, match=r"100 % of .* from \(0.4, 0.4, 1.7\) meet points"):
         scan_from_station(layers, origin)
 
 
