@@ -46,8 +46,8 @@ class Edit:
     action : str
         "accept": hidden area is filled however improbable, never where beams went through; without an outline
         in the measured rectangle and on to its known ends. "reject": the surface is kept as measured.
-        "merge": all `surfaces` are one. "split": the surface is two that end at `cut`. "end": the surface goes
-        on to `cut` and ends there. "opening": there is nothing inside `outline`.
+        "merge": all `surfaces` are one. "split": the surface is two that end at `cut`. "end": the surface
+        goes on to `cut` and ends there. "opening": there is nothing inside `outline`.
     surfaces : tuple of Anchor
         Which; one, and for "merge" two or more. Points (3,) become anchors.
     cut : Plane or (2, 3) float, optional

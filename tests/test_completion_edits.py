@@ -15,6 +15,7 @@ from completion.effect import effect_of
 from completion.model import mesh_area
 from completion.openings import find_openings
 from completion.refitting import refit
+from nbv.report.edit_blocks import edit_sections
 from scenes.checks import InputError
 from scenes.formats.ply import read_mesh_ply
 from scenes.pose import Pose
@@ -55,7 +56,7 @@ def pane(*corners):
 
 @pytest.fixture(scope="module")
 def room() -> Completion:
-    return complete(example("two_occluders"), PLAIN)
+    return complete(example("two_occluders", pixels=120), PLAIN)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def test_without_edits_the_bytes_are_the_same(wall, wall_scan, tmp_path):
 
 
 def test_a_rejected_surface_is_kept_as_measured_and_the_others_as_they_were(room):
-    found = edited(example("two_occluders"), Edit(action="reject", surfaces=(FLOOR,)))
+    found = edited(example("two_occluders", pixels=120), Edit(action="reject", surfaces=(FLOOR,)))
     for before, after in zip(room.patches, found.patches, strict=True):
         np.testing.assert_array_equal(before.observed, after.observed)
         if "reject" in after.verdict.actions:
@@ -106,7 +107,7 @@ def test_only_the_outlined_part_is_rejected(wall, wall_scan):
 
 
 def test_accepted_area_is_filled_whatever_its_confidence_and_never_where_beams_went():
-    scan = example("two_occluders")
+    scan = example("two_occluders", pixels=120)
     shy = complete(scan, replace(PLAIN, mode="conservative"))
     found = edited(scan, Edit(action="accept", surfaces=(TALL_BOX_SIDE,)), mode="conservative")
     before, after = patch_at(shy, TALL_BOX_SIDE), patch_at(found, TALL_BOX_SIDE)
@@ -117,9 +118,12 @@ def test_accepted_area_is_filled_whatever_its_confidence_and_never_where_beams_w
     added = after.hypothesised & ~before.hypothesised
     assert (after.provenance[added] == Provenance.USER).mean() > 0.95
     assert effect_of(after).filled_m2 == pytest.approx(added.sum() * after.grid.cell_area, rel=0.05)
+    low, high = after.limits.known_window()
+    uv = after.grid.centres_uv()[added]
+    assert ((uv >= low - after.grid.cell) & (uv <= high + after.grid.cell)).all()
 
 
-@pytest.mark.parametrize("mode", ["conservative", "standard", "bold"])
+@pytest.mark.parametrize("mode", ["conservative", "bold"])
 def test_accepting_everything_never_fills_free_space(mode):
     scan = example("two_occluders", pixels=120)
     base = complete(scan, PLAIN)
@@ -137,6 +141,14 @@ def test_what_beams_went_through_is_told_when_it_was_accepted(wall_scan):
     effect = effect_of(found.patches[0])
     assert effect.filled_m2 == 0
     assert effect.vetoed_m2 == pytest.approx(0.35, rel=0.05)
+    (section,) = edit_sections(found)
+    texts = [cell.text for cell in section.blocks[0].rows[0]]
+    assert texts[:3] == ["1", "accept", "0"]
+    assert texts[3] == f"{effect.vetoed_m2:.3f}"
+
+
+def test_without_edits_the_report_has_no_section_on_them(wall):
+    assert edit_sections(wall) == ()
 
 
 def test_later_words_prevail(wall, wall_scan):
@@ -174,7 +186,7 @@ def test_a_split_surface_is_two_that_end_at_the_cut_and_merging_them_gives_the_w
 
 
 def test_merged_surfaces_are_one_fit_to_both_masks(room):
-    scan = example("two_occluders")
+    scan = example("two_occluders", pixels=120)
     one, other = room.patches[4], room.patches[8]
     found = edited(scan, Edit(action="merge", surfaces=(room.anchor(5), room.anchor(9))))  # parallel, apart
     assert len(found.patches) == len(room.patches) - 1
@@ -204,7 +216,7 @@ def test_a_surface_goes_on_to_the_end_that_a_person_sets(room):
     """The side of the tall box is not known to reach the floor; a person says that it goes on to z = 0.4."""
     end = Edit(action="end", surfaces=(TALL_BOX_SIDE,), cut=Plane((0, 0, 0.4), (0, 0, 1)))
     shy, found = (
-        complete(example("two_occluders"), replace(PLAIN, mode="conservative", edits=edits))
+        complete(example("two_occluders", pixels=120), replace(PLAIN, mode="conservative", edits=edits))
         for edits in ((), (end,))
     )
     lowest = [vertices_of(one, surface_at(one, TALL_BOX_SIDE))[:, 2].min(initial=2.7) for one in (shy, found)]

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from completion import CompletionOptions, complete
 from nbv.cli import app
+from nbv.report.page import Page
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.projection import SphericalProjection
@@ -78,7 +79,9 @@ def test_places_and_points_that_cannot_be_meant_are_refused(cloud):
         scan_from_station(layers, origin)
 
 
-def test_complete_takes_mere_points_with_their_origin(cloud, tmp_path):
+def test_complete_takes_mere_points_with_their_origin(cloud, tmp_path, monkeypatch):
+    page = Page("", "", "", (), None, (), {}, 0)
+    monkeypatch.setattr("nbv.commands.complete.completion_page", lambda *_: page)
     points, origin = cloud
     file = tmp_path / "room.xyz"
     np.savetxt(file, points)
