@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
 from .cues import Cue as Cue
+from .edit_file import read_edits as read_edits
+from .edits import Anchor as Anchor
+from .edits import Edit as Edit
 from .evidence import EvidenceOptions as EvidenceOptions
 from .evidence import Label as Label
 from .extension import Patch as Patch
@@ -16,3 +19,6 @@ from .pipeline import complete as complete
 from .provenance import Provenance as Provenance
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
 from .texturing import TexturingOptions as TexturingOptions
+from .verification import Finding as Finding
+from .verification import Verification as Verification
+from .verification import verify as verify

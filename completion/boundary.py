@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from completion.chart import ChartGrid
 from completion.cues import Cue
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +30,8 @@ class BoundarySegment:
         "frame" (the edge of the field of view) or "no-return".
     provenance : str
         "measured", or why the inferred part ends there: a `Cue` of a continued edge, "architectural" (at the
-        plane that encloses the room), or "shadow-limit" (the hidden zone ends, or it is no longer probable).
+        plane that encloses the room), "shadow-limit" (the hidden zone ends, or it is no longer probable), or
+        "user" (a person says so).
     confidence : float
         Probability that the surface ends there: that it is just inside and not just outside.
     points : (n, 3) float
@@ -46,7 +49,7 @@ def trace_boundary(patch: Patch) -> list[BoundarySegment]:
     mask = patch.observed | patch.hypothesised
     beyond = _Beyond.of(patch, mask)
     kinds, provenances = _kinds(patch, beyond), _provenances(patch)
-    ends = np.where(mask, patch.confidence - beyond.confidence, 0.0)
+    ends = np.where(provenances == "user", 1.0, np.maximum(patch.confidence - beyond.confidence, 0.0))
     segments = []
     for contour in _contours(mask):
         row, column = contour[:, 0], contour[:, 1]
@@ -55,9 +58,7 @@ def trace_boundary(patch: Patch) -> list[BoundarySegment]:
             kind, provenance = code[start]
             stretch = np.take(contour, range(start, end + 2), axis=0, mode="wrap")
             confidence = float(np.mean(ends[row[start : end + 1], column[start : end + 1]]))
-            segments.append(
-                BoundarySegment(kind, provenance, max(confidence, 0.0), _polyline(patch.grid, stretch))
-            )
+            segments.append(BoundarySegment(kind, provenance, confidence, _polyline(patch.grid, stretch)))
     return segments
 
 
@@ -96,7 +97,7 @@ def _kinds(patch: Patch, beyond: _Beyond) -> NDArray[np.str_]:
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )
-    return np.where(_at_cut(patch), "crease", kind)
+    return np.where(_near_planes(patch, _found_cuts(patch)), "crease", kind)
 
 
 def _provenances(patch: Patch) -> NDArray[np.str_]:
@@ -109,15 +110,28 @@ def _provenances(patch: Patch) -> NDArray[np.str_]:
         progress = stretch.progress(uv)
         hidden = (progress >= -reach) & (progress <= abs(stretch.end - stretch.start) + reach)
         result[hidden & (np.abs(stretch.curve.across(uv)) <= reach)] = str(stretch.provenance)
-    result[_at_cut(patch)] = str(Cue.ARCHITECTURAL)
+    result[_near_planes(patch, _found_cuts(patch))] = str(Cue.ARCHITECTURAL)
+    result[_near_planes(patch, patch.verdict.ends) | _near_openings(patch)] = "user"
     return np.where(patch.hypothesised, result, "measured")
 
 
-def _at_cut(patch: Patch) -> BoolArray:
-    """Cells within one and a half cells of a plane that the surface ends at."""
+def _found_cuts(patch: Patch) -> list[Plane]:
+    """Planes that the surface ends at without a person's saying so."""
+    return [cut for cut in patch.limits.cuts if cut not in patch.verdict.ends]
+
+
+def _near_openings(patch: Patch) -> BoolArray:
+    """Cells within about a cell of a declared opening."""
+    sides = [trim.cells for trim in patch.verdict.trims(patch.grid)]
+    crossed = np.logical_or.reduce([np.zeros(patch.grid.shape, dtype=np.bool_), *sides])
+    return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
+
+
+def _near_planes(patch: Patch, planes: Sequence[Plane]) -> BoolArray:
+    """Cells within one and a half cells of planes that the surface ends at."""
     centres = patch.grid.centres()
     near = np.zeros(len(centres), dtype=np.bool_)
-    for cut in patch.limits.cuts:
+    for cut in planes:
         near |= cut.distance(centres) <= 1.5 * float(patch.grid.cell.max())
     return near.reshape(patch.grid.shape)
 

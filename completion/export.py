@@ -17,14 +17,13 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from completion.boundary import trace_boundary
 from completion.extension import Patch
-from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
 from completion.model import CompletedModel, LabelledPoints, to_8_bits
-from completion.openings import find_openings
 from completion.provenance import Provenance
+from completion.record import completion_record, provenance_word
 from completion.texturing import ChartTexture
+from completion.verification import Verification
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
 from scenes.formats.ply import write_mesh_ply
@@ -35,8 +34,12 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 _OBSERVED_GREY, _HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 
 
-def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> None:
+def save_completion(
+    completion: CompletedModel, folder: str | PathLike[str], verification: Verification | None = None
+) -> None:
     """Write completed.glb, observed.ply, hypothesised.ply and completion.json to an existing or new folder.
+
+    With `verification`, completion.json also says what later scans say of what the first one alone inferred.
 
     Raises
     ------
@@ -48,65 +51,12 @@ def save_completion(completion: CompletedModel, folder: str | PathLike[str]) -> 
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{target}: cannot make this folder: {error.strerror}") from error
-    legend = [f"provenance {member.value} {_word(member)}" for member in Provenance]
+    legend = [f"provenance {member.value} {provenance_word(member)}" for member in Provenance]
     world = completion.world_from_reference
     _write_points(target / "observed.ply", completion.observed_mesh(), world, legend)
     _write_points(target / "hypothesised.ply", completion.hypothesised, world, legend)
     write_bytes(target / "completed.glb", completed_glb(completion))
-    write_json(target / "completion.json", completion_record(completion))
-
-
-def completion_record(completion: CompletedModel) -> dict[str, Any]:
-    """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
-    return {
-        "surfaces": [
-            _surface_record(index, patch, completion.world_from_reference)
-            for index, patch in enumerate(completion.patches, start=1)
-        ],
-        "observed_m2": completion.observed_m2,
-        "hypothesised_m2": completion.hypothesised_m2,
-        "free_space_violation_m2": completion.free_space_violation_m2,
-        "mode": completion.mode,
-        "n_scans": len(completion.observations),
-        "range_noise": [
-            {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
-            for seen in completion.observations
-        ],
-        "provenance": {str(member.value): {"name": _word(member)} for member in Provenance},
-    }
-
-
-def _surface_record(index: int, patch: Patch, world: Pose) -> dict[str, Any]:
-    fit = patch.source.fit
-    return {
-        "id": index,
-        "kind": fit.surface.kind,
-        "parameters": surface_parameters(fit.surface.transformed(world)),
-        "standard_deviation": fit.parameter_deviations(),
-        "rms": fit.rms,
-        "n": fit.n,
-        "n_parts": patch.source.n_parts,
-        "observed_m2": patch.observed_m2,
-        "hypothesised_m2": patch.hypothesised_m2,
-        "encloses": patch.limits.encloses,
-        "openings": [
-            {
-                "area_m2": opening.area_m2,
-                "seen_share": opening.seen_share,
-                "points": world.apply(opening.points).tolist(),
-            }
-            for opening in find_openings(patch)
-        ],
-        "boundary": [
-            {
-                "kind": segment.kind,
-                "provenance": segment.provenance,
-                "confidence": segment.confidence,
-                "points": world.apply(segment.points).tolist(),
-            }
-            for segment in trace_boundary(patch)
-        ],
-    }
+    write_json(target / "completion.json", completion_record(completion, verification))
 
 
 def completed_glb(completion: CompletedModel) -> bytes:
@@ -254,7 +204,3 @@ def _write_points(path: Path, points: LabelledPoints, world: Pose, comments: Seq
         "confidence": points.confidence.astype(np.float32),
     }
     write_mesh_ply(path, world.apply(points.vertices), points.faces, properties, comments)
-
-
-def _word(provenance: Provenance) -> str:
-    return provenance.name.lower().replace("_", "-")

@@ -22,9 +22,10 @@ from completion.limits import Limits, Mode
 from completion.merging import MergedSurface
 from completion.meshing import Trim
 from completion.observation import Observation
-from completion.provenance import hull_of, provenance_of
+from completion.provenance import Provenance, hull_of, provenance_of
 from completion.rim import Rim, RimPoints
 from completion.shadows import Shadows, divide
+from completion.verdict import Verdict
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane
 
@@ -68,7 +69,9 @@ class Patch:
     labelling : Labelling
         Which pieces are surface.
     trims : tuple of Trim
-        Where the mesh of hypothesised cells is cut along continued edges.
+        Where the mesh of hypothesised cells is cut along continued edges and declared openings.
+    verdict : Verdict
+        What a person says of it.
     """
 
     source: MergedSurface
@@ -85,6 +88,7 @@ class Patch:
     shadows: Shadows
     labelling: Labelling
     trims: tuple[Trim, ...]
+    verdict: Verdict
 
     @property
     def observed(self) -> BoolArray:
@@ -112,13 +116,15 @@ def extend(
     options: EvidenceOptions,
     mode: Mode,
     max_sd_m: float,
+    verdict: Verdict,
     cues: Collection[Cue] = ALL_CUES,
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its limits.
 
     Its own edges are followed into the hidden zone and part it into pieces; the cheapest boundary says which
     pieces are surface and how clearly. A cell is filled only where some scan says OCCLUDED and none says
-    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode.
+    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode; or where a
+    person accepts it, who may not overrule the beams.
     """
     grid = _grid(surface, limits, observations)
     spread = surface.fit.standard_deviation(grid.centres())
@@ -129,7 +135,10 @@ def extend(
     open_ = evidence.open
     hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
     within = _within(grid, limits, evidence)
-    hidden &= known & within & _in_window(grid, limits)
+    word, declared = verdict.word(grid), verdict.open_cells(grid)
+    hidden &= known & within & ~declared
+    accepted = hidden & (word > 0) & (in_box(grid, limits, *limits.known_window()) | verdict.drawn(grid))
+    hidden &= in_box(grid, limits, *limits.window())
     if mode == "conservative":
         hidden &= hull_of(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden, cues)
@@ -137,11 +146,17 @@ def extend(
     labelling = label_pieces(shadows)
 
     confidence = estimate(grid, shadows, labelling, limits, evidence.observed, open_)
-    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode])
-    reached = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
-    hypothesised = probable & reached & (evidence.labels == Label.OCCLUDED)
+    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & (word >= 0)
+    filled = probable | accepted
+    reached = _connected(filled | evidence.observed, evidence.observed, grid.wraps) | verdict.drawn(grid)
+    hypothesised = filled & reached & (evidence.labels == Label.OCCLUDED)
     hypothesised, trims = _trimmed(grid, evidence, hypothesised, shadows, stretches)
+    hypothesised, trims = _without(verdict, grid, hypothesised & (word >= 0), evidence, trims)
     provenance = provenance_of(grid, limits, evidence.observed, hypothesised)
+    by_method = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
+    said = accepted & ~(probable & by_method) | _to_said_end(grid, limits)
+    said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
+    provenance[hypothesised & said] = Provenance.USER
     return Patch(
         surface,
         limits,
@@ -157,7 +172,29 @@ def extend(
         shadows,
         labelling,
         trims,
+        verdict,
     )
+
+
+def _without(
+    verdict: Verdict, grid: ChartGrid, hypothesised: BoolArray, evidence: Evidence, trims: tuple[Trim, ...]
+) -> tuple[BoolArray, tuple[Trim, ...]]:
+    """Take declared openings out: whole cells, and by cuts through those that their sides cross."""
+    sides = verdict.trims(grid)
+    if not sides:
+        return hypothesised, trims
+    declared = verdict.open_cells(grid)
+    crossed = np.logical_or.reduce([side.cells for side in sides])
+    around = ndimage.binary_dilation(hypothesised & ~declared, np.ones((3, 3)))
+    parted = crossed & declared & around & (evidence.labels == Label.OCCLUDED) & ~evidence.observed
+    return hypothesised & ~declared | parted, (*trims, *sides)
+
+
+def _to_said_end(grid: ChartGrid, limits: Limits) -> BoolArray:
+    """Cells beyond what was measured on the sides where a person set the end."""
+    uv = grid.centres_uv()
+    beyond = np.stack([uv < limits.own_low, uv > limits.own_high])  # side, row, column, axis
+    return np.asarray((beyond & limits.said[:, None, None, :]).any(axis=(0, 3)), dtype=np.bool_)
 
 
 def _boundaries(limits: Limits, rim: RimPoints) -> list[Edge]:
@@ -234,11 +271,10 @@ def _extent(limits: Limits, observations: Sequence[Observation]) -> tuple[FloatA
     return places.min(axis=0), places.max(axis=0)
 
 
-def _in_window(grid: ChartGrid, limits: Limits) -> BoolArray:
-    """Cells in the rectangle in which a continuation is considered."""
+def in_box(grid: ChartGrid, limits: Limits, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Cells (rows, columns) in a rectangle of the chart, all around where a cylinder may be closed."""
     uv = grid.centres_uv()
     half = grid.cell * (0.5 - 1e-6)  # cells that only touch the window are outside, however they are rounded
-    low, high = limits.window()
     axes = [1] if limits.full_turn else [0, 1]
     inside = (uv >= low - half) & (uv <= high + half)
     return np.asarray(inside[..., axes].all(axis=-1), dtype=np.bool_)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -52,6 +52,8 @@ class Limits:
         Whether a cylinder may be closed around its back.
     encloses : bool
         Whether the surface bounds all that was measured, as walls and floors do.
+    said : (2, 2) bool
+        Which of its ends a person set.
     """
 
     chart: Surface
@@ -64,6 +66,7 @@ class Limits:
     reaches: FloatArray
     full_turn: bool
     encloses: bool
+    said: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
@@ -78,6 +81,12 @@ class Limits:
         low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
         high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
+
+    def known_window(self) -> tuple[FloatArray, FloatArray]:
+        """Low and high corners (2,) of the measured rectangle, widened to where it is known to end."""
+        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low)
+        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high)
+        return low, high
 
 
 def limit(
@@ -156,6 +165,29 @@ def limit(
         reaches,
         full_turn,
         bool(enclosing[index]),
+    )
+
+
+def with_ends(limits: Limits, planes: Sequence[Plane]) -> Limits:
+    """Return the limits of a surface that goes on to `planes` and ends there, because a person says so.
+
+    Where an enclosing plane is nearer, the surface ends at that.
+
+    Parameters
+    ----------
+    limits : Limits
+        As found.
+    planes : sequence of Plane
+        The surface lies on their normals' side.
+    """
+    ends, _ = _ends(limits.chart, planes, limits.own_low, limits.own_high)
+    said = np.stack([ends[0] > limits.ends[0], ends[1] < limits.ends[1]])
+    return replace(
+        limits,
+        cuts=(*limits.cuts, *planes),
+        ends=np.where(said, ends, limits.ends),
+        reaches=np.where(said, 1.0, limits.reaches),
+        said=said,
     )
 
 

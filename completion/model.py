@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from completion.audit import AuditResult
 from completion.chart import ChartGrid
+from completion.editing import anchor_point
+from completion.edits import Edit
 from completion.extension import Patch
 from completion.limits import Mode
 from completion.meshing import ChartMesh, mesh_cells, mesh_range_image
 from completion.observation import Observation
 from completion.provenance import Provenance
 from completion.texturing import ChartTexture
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 
 
@@ -73,6 +75,8 @@ class CompletedModel:
         For each scan, the number of the surface that each pixel belongs to.
     mode : str
         Mode it was made in.
+    edits : tuple of Edit
+        What a person said of the surfaces, world coordinates.
     world_from_reference : Pose
         From the working frame to the world.
     """
@@ -84,6 +88,7 @@ class CompletedModel:
     audit: AuditResult
     owners: tuple[NDArray[np.int32], ...]
     mode: Mode
+    edits: tuple[Edit, ...]
     world_from_reference: Pose
 
     @property
@@ -100,6 +105,19 @@ class CompletedModel:
     def free_space_violation_m2(self) -> float:
         """Inferred area that observed beams went through, by the audit, square metres."""
         return self.audit.violation_m2
+
+    def anchor(self, number: int) -> FloatArray:
+        """A measured point (3,) deep inside surface `number`, from 1, world coordinates: its name in edits.
+
+        Raises
+        ------
+        InputError
+            There is no such surface.
+        """
+        if not 1 <= number <= len(self.patches):
+            raise InputError(f"there is no surface {number}: there are {len(self.patches)}, counted from 1")
+        point = anchor_point(self.patches[number - 1].source, self.observations)
+        return self.world_from_reference.apply(point)
 
     def observed_mesh(self) -> LabelledPoints:
         """All measured points of all scans as one mesh, working frame."""

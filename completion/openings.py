@@ -15,6 +15,7 @@ from completion.chart import ChartGrid
 from completion.curves import Line
 from completion.edges import Edge
 from completion.extension import Patch
+from completion.verdict import Verdict, outline_uv
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
@@ -35,11 +36,14 @@ class Opening:
         Share of it that beams went through; the rest is hidden and inferred to be open.
     points : (n, 3) float
         Its outline, metres, working frame.
+    declared : bool
+        Whether a person drew it.
     """
 
     area_m2: float
     seen_share: float
     points: FloatArray
+    declared: bool = False
 
 
 def find_openings(patch: Patch) -> list[Opening]:
@@ -47,7 +51,8 @@ def find_openings(patch: Patch) -> list[Opening]:
 
     To what beams went through belongs the hidden area beside it that is inferred to be no surface. A hole
     that leaves the field of view, or that borders on area of which nothing is known, is not closed and is no
-    opening. Sides follow the surface's own edges where they lie near one.
+    opening. Sides follow the surface's own edges where they lie near one. Declared openings come first, and
+    holes that they reach into are none beside them.
 
     Parameters
     ----------
@@ -58,8 +63,9 @@ def find_openings(patch: Patch) -> list[Opening]:
     through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
     unfilled = (patch.shadows.piece >= 0) & ~solid
     within = patch.is_within | solid
-    part, n_parts = ndimage.label((through | unfilled) & within & ~solid)
-    openings = []
+    openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
+    rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
+    part, n_parts = ndimage.label((through | unfilled) & rest)
     for number in range(1, n_parts + 1):
         hole = part == number
         seen = int((hole & through).sum())
@@ -71,6 +77,14 @@ def find_openings(patch: Patch) -> list[Opening]:
             share = min(seen / float(hole.sum()), 1.0)
             openings.append(Opening(area, share, patch.grid.surface.from_uv(outline)))
     return openings
+
+
+def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
+    """An opening that a person drew."""
+    corners = outline_uv(patch.grid.surface, outline)
+    area = float(shapely.Polygon(corners).area)
+    seen = float((through & Verdict(openings=(outline,)).open_cells(patch.grid)).sum()) * patch.grid.cell_area
+    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
 
 
 def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from completion.audit import audit
 from completion.cues import ALL_CUES, Cue
+from completion.editing import apply_edits
+from completion.edits import Edit
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, limit
+from completion.limits import Mode, limit, with_ends
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
@@ -26,6 +28,7 @@ from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.surroundings import survey
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
+from completion.verification import Verification
 from scenes.checks import InputError, check_options
 from scenes.range_image import RangeImage
 
@@ -53,6 +56,8 @@ class CompletionOptions:
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
     cues : tuple of Cue
         What is made use of; all that is known.
+    edits : tuple of Edit
+        What a person says of the surfaces.
     segmentation, evidence, texturing : options
         Of the stages.
     """
@@ -63,6 +68,7 @@ class CompletionOptions:
     texture: bool = True
     max_sd_m: float = 0.02
     cues: tuple[Cue, ...] = ALL_CUES
+    edits: tuple[Edit, ...] = ()
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -79,15 +85,17 @@ class Completion(CompletedModel):
 
     __slots__ = ()
 
-    def save(self, folder: str | PathLike[str]) -> None:
+    def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
         """Write completed.glb, observed.ply, hypothesised.ply and completion.json, in world coordinates.
+
+        With `verification`, completion.json also says what later scans say of what the first one inferred.
 
         Raises
         ------
         InputError
             The folder cannot be made or written.
         """
-        save_completion(self, folder)
+        save_completion(self, folder, verification)
 
 
 def complete(
@@ -103,7 +111,7 @@ def complete(
     The scans are cut into regions on planes and cylinders; regions that one surface explains are joined
     across what stood before them; each surface is continued where it was hidden, never where a beam went
     through, until it meets another surface or its own edges, which are continued behind the occluder; and
-    its texture is continued with it.
+    its texture is continued with it. A person may have a say in which surfaces there are and how far they go.
 
     Parameters
     ----------
@@ -121,7 +129,7 @@ def complete(
     Raises
     ------
     InputError
-        No scans, or an unknown mode.
+        No scans, an unknown mode, or edits that fit no surface of these scans.
     """
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
@@ -141,7 +149,9 @@ def complete(
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        surfaces = merge(observations, regions, evidence, across=Cue.MERGING in options.cues)
+        found = merge(observations, regions, evidence, across=Cue.MERGING in options.cues)
+        edited = apply_edits(found, options.edits, observations, world_from_reference, evidence.flatness_m)
+        surfaces = [one.surface for one in edited]
         owners = number_pixels(surfaces, observations)
 
         rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
@@ -149,16 +159,18 @@ def complete(
 
         def continued(index: int) -> Patch:
             limits = limit(index, surfaces, rims, surroundings, observations, options.cues)
+            verdict = edited[index].verdict
             return extend(
                 surfaces[index],
                 rims[index],
-                limits,
+                with_ends(limits, verdict.ends),
                 observations,
                 owners,
                 index + 1,
                 evidence,
                 options.mode,
                 options.max_sd_m,
+                verdict,
                 options.cues,
             )
 
@@ -191,6 +203,7 @@ def complete(
         audit=result,
         owners=tuple(owners),
         mode=options.mode,
+        edits=options.edits,
         world_from_reference=world_from_reference,
     )
 

@@ -24,6 +24,7 @@ class Provenance(IntEnum):
     EDGES = 3  # inside the measured part's own straight edges, continued until they meet
     ARCHITECTURAL = 4  # on to the plane that encloses the room there
     FULL_TURN = 5  # around the back of a cylinder
+    USER = 6  # because a person says so
 
 
 def hull_of(grid: ChartGrid, cells: BoolArray) -> BoolArray:

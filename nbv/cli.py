@@ -244,6 +244,27 @@ def complete(
         float | None,
         typer.Option("--sigma", metavar="M", min=0, help="Range noise.", show_default="from the scans"),
     ] = None,
+    max_sd: Annotated[
+        float, typer.Option("--max-sd", metavar="M", min=0, help="Continue only where known to this.")
+    ] = 0.02,
+    registration: Annotated[
+        float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
+    ] = 0.005,
+    origin: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--origin",
+            metavar="X,Y,Z",
+            help="Where the scanner stood, for files of mere points; repeat it for each.",
+            show_default="from the files",
+        ),
+    ] = None,
+    edits: Annotated[
+        str | None,
+        typer.Option(
+            "--edits", metavar="FILE", help="Your say: completion.json with edits.", show_default=False
+        ),
+    ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
@@ -259,11 +280,20 @@ def complete(
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
-    from nbv.commands.complete import run_complete
+    from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
 
-    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units)
-    run_complete(shared, request, mode=mode, sigma_m=sigma, texture=not no_texture)
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
+    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units, stood)
+    how = CompleteRequest(
+        mode=mode,
+        sigma_m=sigma,
+        max_sd_m=max_sd,
+        registration_m=registration,
+        texture=not no_texture,
+        edits=edits,
+    )
+    run_complete(shared, request, how)
 
 
 @app.command()

@@ -109,7 +109,8 @@ def _refusal(suffix: str) -> str:
     if suffix in _CLOUD_SUFFIXES:
         return (
             f"{suffix} holds points without a pixel grid or sensor position, so no ray can be traced; "
-            "export an organised scan (.e57 structured, .ptx, .pcd organised) or an RGB-D folder"
+            "export an organised scan (.e57 structured, .ptx, .pcd organised) or an RGB-D folder, or say "
+            "where the scanner stood (unseen complete --origin X,Y,Z)"
         )
     known = ", ".join(SCAN_SUFFIXES)
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"

@@ -17,8 +17,9 @@ from completion import (
     complete,
 )
 from completion.boundary import trace_boundary
-from completion.export import completed_glb, completion_record, display_mesh
+from completion.export import completed_glb, display_mesh
 from completion.openings import find_openings
+from completion.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError

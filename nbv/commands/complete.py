@@ -3,47 +3,110 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from completion.edit_file import read_edits
+from completion.effect import effect_of
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
+from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
+from scenes.range_image import RangeImage
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
 
 
-def run_complete(
-    shared: Shared, request: ScanRequest, *, mode: Mode, sigma_m: float | None, texture: bool
-) -> None:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CompleteRequest:
+    """How scans are to be completed.
+
+    Attributes
+    ----------
+    mode : str
+        How probable inferred area must be.
+    sigma_m : float, optional
+        Range noise, metres; when None it is read off each scan.
+    max_sd_m : float
+        Predicted deviation up to which surfaces are continued, metres.
+    registration_m : float
+        Error of the poses of several scans, metres.
+    texture : bool
+        Whether inferred area is textured.
+    edits : str, optional
+        A file of edits.
+    """
+
+    mode: Mode
+    sigma_m: float | None
+    max_sd_m: float
+    registration_m: float
+    texture: bool
+    edits: str | None
+
+    def resolved(self) -> CompletionOptions:
+        """Return the options, the edits read from their file."""
+        return CompletionOptions(
+            mode=self.mode,
+            sigma_m=self.sigma_m,
+            max_sd_m=self.max_sd_m,
+            registration_m=self.registration_m,
+            texture=self.texture,
+            edits=() if self.edits is None else read_edits(self.edits),
+        )
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {**asdict(self), "edits": None if self.edits is None else Path(self.edits).name}
+
+
+def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> None:
     """Complete the scans of `request` and write model, record and report."""
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         scans = read_request(request)
-        options = CompletionOptions(mode=mode, sigma_m=sigma_m, texture=texture)
+        options = how.resolved()
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
         )
+        verification = None
+        if len(scans) > 1:
+            run.watch.enter("verify")
+            verification = verify_first(scans, options, shared.threads)
         run.watch.enter("save")
-        save(run, completion)
+        save(run, completion, verification)
         run.watch.enter("report")
-        asked = {
-            **request.options(), "instruments": instruments_of(scans),
-            "mode": mode, "sigma_m": sigma_m, "texture": texture,
-        }  # fmt: skip
-        page = completion_page(completion, _title(request.paths), asked, shared.seed, shared.threads)
+        asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
+        title = _title(request.paths)
+        page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
         page.write(run.path("report.html"))
-        resolved = {**asked, "resolved": asdict(options)}
-        run.finish(request.inputs, resolved, summary_of(completion), lines_of(completion))
+        resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
+        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
+        run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 
-def save(run: Run, completion: Completion) -> None:
+def verify_first(
+    scans: Sequence[RangeImage], options: CompletionOptions, n_threads: int | None = None
+) -> Verification:
+    """Complete the first scan alone and let the others confirm or refute what was inferred."""
+    alone = complete(scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads)
+    return verify(
+        alone,
+        scans[1:],
+        options.evidence,
+        registration_m=options.registration_m,
+        sigma_m=options.sigma_m,
+    )
+
+
+def save(run: Run, completion: Completion, verification: Verification | None = None) -> None:
     """Write the completion's files and note them for the manifest."""
-    completion.save(run.out)
+    completion.save(run.out, verification)
     for name in FILES:
         run.path(name)
 
@@ -57,18 +120,41 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
+        "edits": len(completion.edits),
     }
 
 
-def lines_of(completion: Completion) -> list[str]:
+def lines_of(completion: Completion, verification: Verification | None = None) -> list[str]:
     """Return the headline numbers for people."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
-    return [
+    lines = [
         f"measured  {square_metres(observed)} m2 on {len(completion.patches)} surfaces",
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
+    if verification is not None:
+        confirmed, refuted, hidden = (
+            square_metres(verification.area_m2(finding))
+            for finding in (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
+        )
+        lines.append(
+            f"inferred from the first scan alone, the others confirm {confirmed} m2, refute {refuted} m2 and "
+            f"do not see {hidden} m2"
+        )
+    return lines + _lines_of_edits(completion)
+
+
+def _lines_of_edits(completion: Completion) -> list[str]:
+    """What came of a person's edits."""
+    if not completion.edits:
+        return []
+    effects = [effect_of(patch) for patch in completion.patches]
+    filled, vetoed = sum(one.filled_m2 for one in effects), sum(one.vetoed_m2 for one in effects)
+    lines = [f"edits     {len(completion.edits)}, by which {square_metres(filled)} m2 are inferred"]
+    if vetoed > 0:
+        lines.append(f"accepted, but empty since beams went through: {square_metres(vetoed)} m2")
+    return lines
 
 
 def _title(paths: tuple[str, ...]) -> str:

@@ -13,8 +13,10 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
 from scenes.formats.trajectory import read_poses
+from scenes.points import read_points
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
+from scenes.station import scan_from_station
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,8 @@ class ScanRequest:
         A file with one pose a scan, in the order of the paths.
     units : str
         Unit of the files.
+    origins : tuple of (x, y, z)
+        Where the scanner stood for each path, metres; when given, files are read as mere points.
     """
 
     paths: tuple[str, ...]
@@ -40,6 +44,7 @@ class ScanRequest:
     depth_scale: float | None = None
     poses: str | None = None
     units: Units = "m"
+    origins: tuple[tuple[float, ...], ...] = ()
 
     @property
     def inputs(self) -> list[str]:
@@ -54,6 +59,7 @@ class ScanRequest:
             "depth_scale": self.depth_scale,
             "poses": None if self.poses is None else Path(self.poses).name,
             "units": self.units,
+            "origins": self.origins,
         }
 
 
@@ -65,6 +71,8 @@ def read_request(request: ScanRequest) -> list[RangeImage]:
     InputError
         Unusable files; several scans whose poses are not known.
     """
+    if request.origins:
+        return _read_clouds(request)
     camera: Intrinsics | None = None
     if request.intrinsics is not None:
         fx, fy, cx, cy = request.intrinsics
@@ -83,6 +91,24 @@ def read_request(request: ScanRequest) -> list[RangeImage]:
             f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
             "(tx ty tz qx qy qz qw, world from sensor), or complete them one by one"
         )
+    return scans
+
+
+def _read_clouds(request: ScanRequest) -> list[RangeImage]:
+    """Return the points of each path as a scan from the place that was said."""
+    if len(request.origins) != len(request.paths):
+        raise InputError(
+            f"{len(request.origins)} places for {len(request.paths)} scans; give --origin X,Y,Z once a scan"
+        )
+    if request.poses is not None:
+        raise InputError(f"{request.poses}: poses are for files that tell their own rays; leave out --origin")
+    scans = []
+    for path, origin in zip(request.paths, request.origins, strict=True):
+        cloud = read_points(path, request.units)
+        try:
+            scans.append(scan_from_station(cloud.points, origin, cloud.name))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
     return scans
 
 

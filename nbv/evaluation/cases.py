@@ -13,9 +13,9 @@ import numpy as np
 from completion.evaluation.cells import TrueCells, look
 from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.truth import TrueChart, TrueModel, true_charts
-from completion.export import completion_record
 from completion.model import CompletedModel
 from completion.provenance import Provenance
+from completion.record import completion_record
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
 from nbv.view import View

@@ -13,9 +13,11 @@ import numpy as np
 from completion.export import display_mesh
 from completion.extension import Patch
 from completion.pipeline import Completion
+from completion.verification import Verification
 from nbv.plots import range_colours
 from nbv.report.camera import Camera, aside_cameras, overview_cameras
 from nbv.report.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.edit_blocks import edit_sections
 from nbv.report.page import (
     Bar,
     Block,
@@ -33,6 +35,7 @@ from nbv.report.page import (
     square_metres,
 )
 from nbv.report.picture import Picture, picture_of, segment_pixels, surface_colour, upright
+from nbv.report.verification_blocks import verification_sections
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import Appearance, LabelledMesh
 from scenes.projection import SphericalProjection
@@ -45,9 +48,14 @@ _INFERRED = 1  # surface of inferred faces in the mesh for display
 
 
 def completion_page(
-    completion: Completion, title: str, options: Mapping[str, Any], seed: int, n_threads: int | None = None
+    completion: Completion,
+    title: str,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None = None,
+    verification: Verification | None = None,
 ) -> Page:
-    """Return the report of one completion."""
+    """Return the report of one completion, with what later scans say of the first one's, if that is known."""
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     violation = completion.free_space_violation_m2
     headlines = (
@@ -66,6 +74,8 @@ def completion_page(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("What the scanner saw", scan_pictures(completion)),
             Section("Surfaces", surface_blocks(completion)),
+            *edit_sections(completion),
+            *verification_sections(completion, verification),
         ),
         options=options,
         seed=seed,

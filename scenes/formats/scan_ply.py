@@ -56,7 +56,10 @@ def read_scan_ply(path: Path) -> RangeImage:
     InputError
         Any other PLY file: it does not say where the sensor stood.
     """
-    cure = "; a scan needs its grid and sensor pose: use .e57, .pcd (organised), .npz or an RGB-D folder"
+    cure = (
+        "; a scan needs its grid and sensor pose: use .e57, .pcd (organised), .npz or an RGB-D folder, or "
+        "say where the scanner stood (unseen complete --origin X,Y,Z)"
+    )
     if not is_scan_ply(path):
         raise InputError("is a PLY without sensor position and pixel grid" + cure)
     cloud = read_mesh_ply(path)

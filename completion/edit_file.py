@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Edit files: what a person says of surfaces, as JSON; a `completion.json` with "edits" filled in is one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from completion.edits import ACTIONS, Anchor, Edit
+from scenes.checks import InputError
+from scenes.formats.guard import check_file, reading
+from scenes.plane import Plane
+
+_FIELDS = {
+    "accept": ("surface", "outline"),
+    "reject": ("surface", "outline"),
+    "merge": ("surfaces",),
+    "split": ("surface", "plane", "line"),
+    "end": ("surface", "plane", "line"),
+    "opening": ("surface", "outline"),
+}
+
+
+def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
+    """Return the edits of a JSON file, in order.
+
+    The file is an object with a list "edits"; a `completion.json` to which edits were added is such a file.
+    Each edit is an object that says what to "do", and to which "surface" (merge: "surfaces"):
+
+        {"do": "reject",  "surface": 3}                    perhaps only inside an "outline": [[x, y, z], ...]
+        {"do": "accept",  "surface": 4}                    likewise
+        {"do": "merge",   "surfaces": [3, 7]}
+        {"do": "split",   "surface": 4, "line": [[x, y, z], [x, y, z]]}
+        {"do": "end",     "surface": 5, "plane": {"point": [x, y, z], "normal": [x, y, z]}}
+        {"do": "opening", "surface": 2, "outline": [[x, y, z], [x, y, z], [x, y, z], ...]}
+
+    A surface is a point [x, y, z] where it was measured, or a number: the "id" of one of the file's own
+    "surfaces", which says by its "anchor" where that is. World coordinates, metres. A "note" may be anything.
+
+    Raises
+    ------
+    InputError
+        Not such a file; the message names the file, the edit, counted from 1, and the cure.
+    """
+    file = check_file(Path(path))
+    with reading(file, "a file of edits (JSON)"):
+        held = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(held, dict) or not isinstance(held.get("edits"), list):
+            raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
+        anchors = _anchors(held.get("surfaces", []))
+        return tuple(
+            _edit(one, anchors, f"{file}: edit {number}") for number, one in enumerate(held["edits"], start=1)
+        )
+
+
+def edit_record(edit: Edit) -> dict[str, Any]:
+    """Return an edit as files hold it, its surfaces named by points."""
+    places = [{"point": anchor.point.tolist(), "kind": anchor.kind} for anchor in edit.surfaces]
+    record: dict[str, Any] = {"do": edit.action}
+    record |= {"surfaces": places} if edit.action == "merge" else {"surface": places[0]}
+    if isinstance(edit.cut, Plane):
+        record["plane"] = {"point": edit.cut.point.tolist(), "normal": edit.cut.normal_direction.tolist()}
+    elif edit.cut is not None:
+        record["line"] = edit.cut.tolist()
+    if edit.outline is not None:
+        record["outline"] = edit.outline.tolist()
+    return record
+
+
+def _anchors(surfaces: object) -> dict[int, Anchor]:
+    """The file's own surfaces by number."""
+    if not isinstance(surfaces, list):
+        raise InputError('its "surfaces" are no list; leave them as unseen complete wrote them')
+    try:
+        return {
+            int(one["id"]): Anchor(one["anchor"], one.get("kind"), f"surface {one['id']}") for one in surfaces
+        }
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            'its "surfaces" have no "id" and "anchor" each; leave them as unseen complete wrote them'
+        ) from error
+
+
+def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
+    if not isinstance(one, dict) or one.get("do") not in ACTIONS:
+        said = f", not {one['do']!r}" if isinstance(one, dict) and "do" in one else ""
+        raise InputError(f'{source}: needs a "do" of {", ".join(ACTIONS)}{said}')
+    action = one["do"]
+    known = _FIELDS[action]
+    strange = [name for name in one if name not in (*known, "do", "note")]
+    if strange:
+        raise InputError(f"{source}: {action} knows no {strange[0]!r}, only {', '.join(known)}")
+    if known[0] not in one:
+        raise InputError(f'{source}: {action} needs "{known[0]}"')
+    named = one[known[0]]
+    if action == "merge" and not isinstance(named, list):
+        raise InputError(f'{source}: "surfaces" are a list, such as [3, 7], got {named!r}')
+    surfaces = named if action == "merge" else [named]
+    if "plane" in one and "line" in one:
+        raise InputError(f"{source}: give a plane or a line, not both")
+    try:
+        return Edit(
+            action=action,
+            surfaces=tuple(_anchor(name, anchors, source) for name in surfaces),
+            cut=_cut(one),
+            outline=_numbers(one["outline"]) if "outline" in one else None,
+            source=source,
+        )
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(source) else f"{source}: {text}") from error
+
+
+def _anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> Anchor:
+    """The surface that an edit names by number, by point, or as `edit_record` does."""
+    if isinstance(name, dict):
+        return Anchor(_numbers(name.get("point")), name.get("kind"))
+    if not isinstance(name, int) or isinstance(name, bool):
+        return Anchor(_numbers(name))
+    if name in anchors:
+        return anchors[name]
+    cure = f"it lists {', '.join(map(str, anchors))}" if anchors else (
+        "it lists none; add the edits to the completion.json that the number is from, "
+        "or name the surface by a point on it, [x, y, z]"
+    )  # fmt: skip
+    raise InputError(f"{source}: surface {name} is not among the surfaces of this file: {cure}")
+
+
+def _cut(one: Mapping[str, Any]) -> Plane | Any | None:
+    if "line" in one:
+        return _numbers(one["line"])
+    if "plane" not in one:
+        return None
+    plane = one["plane"]
+    if not isinstance(plane, dict) or not {"point", "normal"} <= plane.keys():
+        raise InputError(f'a plane is {{"point": [x, y, z], "normal": [x, y, z]}}, got {plane!r}')
+    return Plane(_numbers(plane["point"]), _numbers(plane["normal"]))
+
+
+def _numbers(value: object) -> Any:
+    """An array of what should be coordinates."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        text = value if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
+        raise InputError(f"expected coordinates such as [x, y, z], got {text!r}") from error

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: MIT
+"""Editing: a person's edits carried out on the surfaces that were found, before they are continued."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from shapely import Polygon
+
+from completion.edits import Anchor, Edit
+from completion.merging import MergedSurface
+from completion.observation import Observation
+from completion.refitting import refit
+from completion.verdict import Verdict, Wish, outline_uv
+from scenes.checks import FloatArray, InputError
+from scenes.pose import Pose
+from scenes.surfaces import Plane
+
+_PICK_M = 0.05  # within which a place that a person names lies on a surface
+_FEWEST = 12  # pixels of a part
+_INNER = 0.9  # of a merged surface on the inner side of an end that one of its parts had
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edited:
+    """A surface with what a person says of it; working frame."""
+
+    surface: MergedSurface
+    verdict: Verdict = field(default_factory=Verdict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where edits are carried out."""
+
+    observations: Sequence[Observation]
+    reference_from_world: Pose
+    flatness_m: float
+
+
+def apply_edits(
+    surfaces: Sequence[MergedSurface],
+    edits: Sequence[Edit],
+    observations: Sequence[Observation],
+    world_from_reference: Pose,
+    flatness_m: float,
+) -> list[Edited]:
+    """Join and part surfaces as a person says, in the order of the edits, and note the rest for each.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        As found, working frame.
+    edits : sequence of Edit
+        World coordinates.
+    observations : sequence of Observation
+        The scans.
+    world_from_reference : Pose
+        From the working frame to the world.
+    flatness_m : float
+        How far surfaces stray from their ideal form, metres.
+
+    Returns
+    -------
+    list of Edited
+        Largest first.
+
+    Raises
+    ------
+    InputError
+        No surface, or one of another kind, where an edit says; a part that determines no surface; an outline
+        off its surface.
+    """
+    place = _Place(observations, world_from_reference.inverse(), flatness_m)
+    edited = [Edited(surface) for surface in surfaces]
+    for edit in edits:
+        found = [_find(edited, anchor, edit, place) for anchor in edit.surfaces]
+        numbers = list(dict.fromkeys(found))
+        chosen = [edited[number] for number in numbers]
+        rest = [one for number, one in enumerate(edited) if number not in numbers]
+        if edit.action == "merge":
+            edited = [*rest, _merged(chosen, edit, place)]
+        elif edit.action == "split":
+            edited = [*rest, *_split(chosen[0], edit, place)]
+        else:
+            edited[numbers[0]] = _noted(chosen[0], edit, place)
+    return sorted(edited, key=lambda one: -one.surface.n_pixels)
+
+
+def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
+    """The measured point (3,) of a surface that lies deepest inside it, working frame."""
+    largest = int(np.argmax([np.count_nonzero(mask) for mask in surface.masks]))
+    inside = np.pad(surface.masks[largest].astype(np.uint8), 1)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    return np.asarray(observations[largest].points[row, column], dtype=np.float64)
+
+
+def _find(edited: Sequence[Edited], anchor: Anchor, edit: Edit, place: _Place) -> int:
+    """Index of the surface that was measured at an anchor."""
+    point = place.reference_from_world.apply(anchor.point)
+    away = [
+        float(np.min(np.linalg.norm(one.surface.points(place.observations) - point, axis=1), initial=np.inf))
+        for one in edited
+    ]
+    nearest = int(np.argmin(away)) if away else -1
+    x, y, z = anchor.point
+    where = f"{edit.source}: {anchor.name} should be at ({x:.3f}, {y:.3f}, {z:.3f})"
+    cure = "was it meant for other scans? start from the completion.json of these"
+    if nearest < 0 or away[nearest] > _PICK_M:
+        gap = f"the nearest surface was measured {away[nearest]:.2f} m away" if edited else "there is none"
+        raise InputError(f"{where}, but {gap}; {cure}")
+    kind = edited[nearest].surface.fit.surface.kind
+    if anchor.kind not in (None, kind):
+        raise InputError(f"{where} and be a {anchor.kind}, but there is a {kind}; {cure}")
+    return nearest
+
+
+def _merged(parts: Sequence[Edited], edit: Edit, place: _Place) -> Edited:
+    """All parts as one surface, fitted anew to all their pixels from the largest one."""
+    if len(parts) < 2:
+        raise InputError(f"{edit.source}: all that it names is one surface already")
+    largest = max((part.surface for part in parts), key=lambda surface: surface.n_pixels)
+    masks = tuple(
+        np.logical_or.reduce(several) for several in zip(*(part.surface.masks for part in parts), strict=True)
+    )
+    n_parts = sum(part.surface.n_parts for part in parts)
+    surface = _refitted(MergedSurface(largest.fit, masks, n_parts), edit, place)
+    verdicts = [part.verdict for part in parts]
+    actions = tuple(action for verdict in verdicts for action in verdict.actions)
+    points = surface.points(place.observations)
+    ends = [end for verdict in verdicts for end in verdict.ends]
+    return Edited(
+        surface,
+        Verdict(
+            (*actions, "merge"),
+            tuple(end for end in ends if np.mean(end.distance(points) > 0) > _INNER),
+            tuple(wish for verdict in verdicts for wish in verdict.wishes),
+            tuple(outline for verdict in verdicts for outline in verdict.openings),
+        ),
+    )
+
+
+def _split(whole: Edited, edit: Edit, place: _Place) -> list[Edited]:
+    """The surface as two, each fitted to its own pixels, that end where it is cut."""
+    cut = _cut(whole.surface, edit, place)
+    parts = []
+    for side in (cut, cut.flipped()):
+        masks = tuple(
+            mask & (side.distance(np.nan_to_num(seen.points)) > 0)
+            for mask, seen in zip(whole.surface.masks, place.observations, strict=True)
+        )
+        n_pixels = sum(int(mask.sum()) for mask in masks)
+        if n_pixels < _FEWEST:
+            raise InputError(
+                f"{edit.source}: only {n_pixels} of {whole.surface.n_pixels} measured pixels lie on one side "
+                f"of it; a part takes {_FEWEST}"
+            )
+        part = _refitted(MergedSurface(whole.surface.fit, masks, 1), edit, place)
+        verdict = whole.verdict
+        noted = replace(verdict, actions=(*verdict.actions, "split"), ends=(*verdict.ends, side))
+        parts.append(Edited(part, noted))
+    return parts
+
+
+def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurface:
+    labels = [mask.astype(np.int32) for mask in surface.masks]
+    (fit,) = refit([surface.fit.surface], place.observations, labels, place.flatness_m, n_rounds=2)
+    if fit is None:
+        kind = surface.fit.surface.kind
+        raise InputError(f"{edit.source}: {surface.n_pixels} measured pixels determine no {kind}")
+    return replace(surface, fit=fit)
+
+
+def _noted(one: Edited, edit: Edit, place: _Place) -> Edited:
+    """The surface with an edit that says how it is to be continued."""
+    verdict = replace(one.verdict, actions=(*one.verdict.actions, edit.action))
+    if edit.action == "end":
+        return replace(one, verdict=replace(verdict, ends=(*verdict.ends, _cut(one.surface, edit, place))))
+    outline = None if edit.outline is None else _on_surface(one.surface, edit.outline, edit, place)
+    if edit.action == "opening" and outline is not None:
+        return replace(one, verdict=replace(verdict, openings=(*verdict.openings, outline)))
+    wish = Wish(edit.action == "accept", outline)
+    return replace(one, verdict=replace(verdict, wishes=(*verdict.wishes, wish)))
+
+
+def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:
+    """The plane of a cut, working frame, most of the measured surface on its normal's side."""
+    if isinstance(edit.cut, Plane):
+        plane = edit.cut.transformed(place.reference_from_world)
+    else:
+        start, end = _on_surface(surface, edit.cut, edit, place)
+        along = end - start
+        across = np.cross(along, surface.fit.surface.normal((start + end)[None] / 2)[0])
+        if np.linalg.norm(across) < 0.1 * np.linalg.norm(along):
+            raise InputError(f"{edit.source}: its line stands on the surface; draw it along the surface")
+        plane = Plane(start, across)
+    side = np.median(plane.distance(surface.points(place.observations)))
+    return plane if side >= 0 else plane.flipped()
+
+
+def _on_surface(surface: MergedSurface, points: FloatArray | None, edit: Edit, place: _Place) -> FloatArray:
+    """Points (n, 3) that a person named, on the surface, working frame."""
+    moved = place.reference_from_world.apply(np.asarray(points, dtype=np.float64))
+    shape = surface.fit.surface
+    off = np.abs(shape.distance(moved))
+    if off.max() > _PICK_M:
+        number = int(np.argmax(off))
+        raise InputError(
+            f"{edit.source}: point {number + 1} lies {off[number]:.2f} m off the surface; "
+            f"give points within {_PICK_M} m of it"
+        )
+    if edit.outline is not None and not Polygon(outline_uv(shape, moved)).is_valid:
+        raise InputError(f"{edit.source}: the outline crosses itself; give its corners in order")
+    return moved
