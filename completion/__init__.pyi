@@ -3,7 +3,6 @@ from .cues import Cue as Cue
 from .edit_file import read_edits as read_edits
 from .edits import Anchor as Anchor
 from .edits import Edit as Edit
-from .evidence import EvidenceOptions as EvidenceOptions
 from .evidence import Label as Label
 from .extension import Patch as Patch
 from .fitting import FitError as FitError
@@ -19,6 +18,7 @@ from .pipeline import complete as complete
 from .provenance import Provenance as Provenance
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
 from .texturing import TexturingOptions as TexturingOptions
+from .tolerance import EvidenceOptions as EvidenceOptions
 from .verification import Finding as Finding
 from .verification import Verification as Verification
 from .verification import verify as verify

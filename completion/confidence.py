@@ -34,12 +34,12 @@ class Onward(IntEnum):
 
 
 PERSISTENCE: FloatArray = np.array([
-    [0.995, 4.0],
-    [0.98, 2.0],
+    [0.998, 5.0],
+    [0.985, 2.7],
     [0.98, 0.25],
-    [0.985, 13.0],
-    [0.98, 0.75],
-    [0.995, 35.0],
+    [0.99, 15.0],
+    [0.98, 0.9],
+    [0.997, 45.0],
 ])  # fmt: skip
 """Probability (6,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
 

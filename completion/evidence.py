@@ -9,12 +9,14 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, convolve1d
+from scipy.ndimage import binary_dilation
 
 from completion.chart import ChartGrid
+from completion.free_space import free_cells
 from completion.observation import Observation
-from scenes.checks import BoolArray, FloatArray, check_options
-from scenes.surfaces import Cylinder, Plane, Surface
+from completion.tolerance import EvidenceOptions, ray_tolerance
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Cylinder, Surface
 
 _STRAY_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
@@ -27,32 +29,6 @@ class Label(IntEnum):
     OCCLUDED = 2  # something nearer stood before it
     VISIBLE = 3  # measured there
     FREE = 4  # a beam went through: nothing can be there
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EvidenceOptions:
-    """Tolerances along the ray.
-
-    Attributes
-    ----------
-    n_sigma : float
-        Standard deviations within which a range agrees with the surface.
-    flatness_m : float
-        How far a real surface may stray from its ideal form, metres.
-    registration_m : float
-        Error of the poses when there are several scans, metres.
-    max_tolerance_m : float
-        Where the tolerance is larger, only the surface's own pixels make it visible, and no beam is a veto.
-    """
-
-    n_sigma: float = 4.0
-    flatness_m: float = 0.001
-    registration_m: float = 0.0
-    max_tolerance_m: float = 0.1
-
-    def __post_init__(self) -> None:
-        lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,77 +199,12 @@ def label_points(
     return PointLabels(said, pixels, cosine, sure, through)
 
 
-def free_cells(
-    grid: ChartGrid, spread: FloatArray, observations: Sequence[Observation], options: EvidenceOptions
-) -> BoolArray:
-    """Tell for each cell, flat, whether observed beams went through it.
-
-    Every beam is intersected with the surface in closed form. Without noise one beam is a veto; with noise
-    it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a curved surface the
-    neighbours of a vetoed cell are vetoed too, since facets stray from the surface by less than a cell.
-    """
-    count = np.zeros(grid.shape)
-    noisy = False
-    for observation in observations:
-        valid = observation.valid
-        noisy |= observation.is_noisy
-        rays, measured, sigma = (
-            observation.rays[valid],
-            observation.scan.ranges[valid],
-            observation.sigma[valid],
-        )
-        origin = observation.scan.origin
-        for face in _both_faces(grid.surface):
-            reach = face.ray_ranges(origin, rays)
-            through = np.flatnonzero(np.isfinite(reach) & (reach < measured))
-            points = origin + reach[through, None] * rays[through]
-            index, cell = grid.cells_of(points)
-            hit = through[index]
-            cosine = np.abs(np.einsum("ij,ij->i", rays[hit], face.normal(points[index])))
-            tolerance = ray_tolerance(sigma[hit], spread[cell], cosine, options)
-            beyond = (measured[hit] - reach[hit] > tolerance) & (tolerance <= options.max_tolerance_m)
-            count += np.bincount(cell[beyond], minlength=count.size).reshape(grid.shape)
-    vetoed = count > 0
-    if noisy:
-        vetoed &= _neighbourhood_sum(count, grid.wraps) >= 2
-    if np.isfinite(grid.surface.period):
-        vetoed = _neighbourhood_sum(vetoed.astype(np.float64), grid.wraps) > 0
-    return np.asarray(vetoed.ravel(), dtype=np.bool_)
-
-
 def limb_cosine(surface: Surface, observation: Observation, points: FloatArray) -> FloatArray:
     """|cos| of incidence (n,) under which a ray half a pixel away may miss the surface; 0 on planes."""
     if not isinstance(surface, Cylinder):
         return np.zeros(len(points))
     pixel = _range_to(observation, points) * observation.scan.projection.pixel_angle
     return np.asarray(np.sqrt(np.minimum(pixel / surface.radius, 1.0)), dtype=np.float64)
-
-
-def ray_tolerance(
-    sigma: FloatArray, spread: FloatArray, cosine: FloatArray, options: EvidenceOptions
-) -> FloatArray:
-    """How far a range may stray from a surface and agree with it, metres along the ray."""
-    across = np.hypot(spread, options.flatness_m) / np.maximum(cosine, 1e-3)
-    registration = options.registration_m / np.maximum(cosine, 1e-3)
-    return np.asarray(options.n_sigma * np.hypot(sigma, across) + registration, dtype=np.float64)
-
-
-def _both_faces(surface: Surface) -> tuple[Surface, ...]:
-    """The surface as rays meet it from either side."""
-    if isinstance(surface, Plane):
-        return surface, surface.flipped()
-    if isinstance(surface, Cylinder):
-        return tuple(
-            Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
-            for concave in (False, True)
-        )
-    return (surface,)
-
-
-def _neighbourhood_sum(count: FloatArray, wraps: bool) -> FloatArray:
-    ones = np.ones(3)
-    across = convolve1d(count, ones, axis=1, mode="wrap" if wraps else "constant")
-    return np.asarray(convolve1d(across, ones, axis=0, mode="constant"), dtype=np.float64)
 
 
 def _tangent(cosine: FloatArray) -> FloatArray:

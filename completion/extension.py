@@ -16,7 +16,7 @@ from completion.continuation import Stretch, continue_edges
 from completion.creases import meeting_line
 from completion.cues import ALL_CUES, Cue
 from completion.edges import Edge, edge_along, find_edges
-from completion.evidence import Evidence, EvidenceOptions, Label, weigh
+from completion.evidence import Evidence, Label, weigh
 from completion.labelling import Labelling, label_pieces
 from completion.limits import Limits, Mode
 from completion.merging import MergedSurface
@@ -25,6 +25,7 @@ from completion.observation import Observation
 from completion.provenance import Provenance, hull_of, provenance_of
 from completion.rim import Rim, RimPoints
 from completion.shadows import Shadows, divide
+from completion.tolerance import EvidenceOptions
 from completion.verdict import Verdict
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.evidence import EvidenceOptions, Label, label_points
+from completion.evidence import Label, label_points
 from completion.observation import Observation
+from completion.tolerance import EvidenceOptions
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Surface
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from completion.agreement import Agreement, Part, compare, find_candidates, lies_on
 from completion.beams import Beams
-from completion.evidence import EvidenceOptions
 from completion.fitting.result import SurfaceFit
 from completion.gaps import gap_is_hidden
 from completion.observation import Observation
 from completion.refitting import improve, refit
 from completion.segmentation.regions import Region
+from completion.tolerance import EvidenceOptions
 from scenes.checks import BoolArray, FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests

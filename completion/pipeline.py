@@ -16,7 +16,6 @@ from completion.audit import audit
 from completion.cues import ALL_CUES, Cue
 from completion.editing import apply_edits
 from completion.edits import Edit
-from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
 from completion.limits import Mode, limit, with_ends
@@ -28,6 +27,7 @@ from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.surroundings import survey
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
+from completion.tolerance import EvidenceOptions
 from completion.verification import Verification
 from scenes.checks import InputError, check_options
 from scenes.range_image import RangeImage

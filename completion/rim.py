@@ -10,9 +10,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence import EvidenceOptions, ray_tolerance
 from completion.fitting.result import SurfaceFit
 from completion.observation import Observation
+from completion.tolerance import EvidenceOptions, ray_tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Surface
 

@@ -10,10 +10,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence import EvidenceOptions, Label, weigh
+from completion.evidence import Label, weigh
 from completion.extension import Patch
 from completion.model import CompletedModel
 from completion.observation import Observation, observe
+from completion.tolerance import EvidenceOptions
 from scenes.checks import FloatArray, InputError
 from scenes.range_image import RangeImage
 

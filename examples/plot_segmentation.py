@@ -20,11 +20,11 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 from scipy.ndimage import distance_transform_cdt
 
-from completion.evidence import EvidenceOptions
 from completion.merging import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.tolerance import EvidenceOptions
 from scenes import Cylinder, RangeImage, read_scan
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evaluation.hoover import HooverScore, score_regions
-from completion.evidence import EvidenceOptions
 from completion.merging import MergedSurface, merge
 from completion.observation import Observation, observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage

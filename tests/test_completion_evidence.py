@@ -6,9 +6,11 @@ import pytest
 
 from completion.audit import audit
 from completion.chart import ChartGrid
-from completion.evidence import EvidenceOptions, Label, free_cells, label_points, ray_tolerance, weigh
+from completion.evidence import Label, label_points, weigh
+from completion.free_space import free_cells
 from completion.meshing import mesh_cells, mesh_range_image
 from completion.observation import observe
+from completion.tolerance import EvidenceOptions, ray_tolerance
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage

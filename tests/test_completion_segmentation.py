@@ -4,13 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.evidence import EvidenceOptions
 from completion.merging import merge
 from completion.noise import estimate_noise
 from completion.observation import Observation, observe
 from completion.refitting import refit
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.tolerance import EvidenceOptions
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection

@@ -12,11 +12,11 @@ import pypcd4
 import pytest
 from numpy.typing import NDArray
 
-from completion.evidence import EvidenceOptions
 from completion.merging import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.tolerance import EvidenceOptions
 from scenes.files import read_scan
 from scenes.surfaces import Cylinder
 from tests.data_paths import data_path, requires_data

@@ -9,7 +9,6 @@ import pytest
 from skimage.measure import label as slow_parts
 
 from completion.agreement import Part, compare, find_candidates, lies_on
-from completion.evidence import EvidenceOptions
 from completion.fitting.euclidean import fit_cylinder, fit_plane
 from completion.merging import merge
 from completion.noise import RangeNoise
@@ -20,6 +19,7 @@ from completion.segmentation.parts import number_parts
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.segmentation.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
+from completion.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
 from scenes.range_image import RangeImage

@@ -5,11 +5,11 @@ import cv2
 import numpy as np
 import pytest
 
-from completion.evidence import EvidenceOptions
 from completion.merging import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage

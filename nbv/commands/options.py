@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Options: those that several commands share, with their names and help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder or file to write.", show_default=False)]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing.")]
+Threads = Annotated[
+    int | None,
+    typer.Option("--threads", min=1, help="Threads; results do not depend on it.", show_default="all cores"),
+]
+MaxMemory = Annotated[
+    str | None,
+    typer.Option(
+        "--max-memory", metavar="SIZE", help="Like 2GB; recorded, not enforced.", show_default="no limit"
+    ),
+]
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]
+SensorOption = Annotated[str, typer.Option("--sensor", help="A profile by name, or a TOML file.")]
+NoiseOption = Annotated[
+    str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ..., profile: the sensor's own.")
+]
+Incidence = Annotated[
+    float, typer.Option("--max-incidence", metavar="DEG", help="Largest angle between ray and normal.")
+]
+MaxRange = Annotated[
+    float | None, typer.Option("--max-range", metavar="M", help="Largest range.", show_default="the sensor's")
+]
+UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
+UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
+ModeOption = Annotated[
+    Literal["room", "object"] | None,
+    typer.Option("--mode", help="Scan from within, or from around.", show_default="from the scene"),
+]
+Intrinsics = Annotated[
+    str | None,
+    typer.Option("--intrinsics", metavar="FX,FY,CX,CY", help="Of depth images, pixels.", show_default=False),
+]
+DepthScale = Annotated[
+    float | None, typer.Option("--depth-scale", metavar="N", help="Depth values a unit.", show_default=False)
+]
+Poses = Annotated[
+    str | None,
+    typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
+]
