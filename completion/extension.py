@@ -24,9 +24,10 @@ from completion.merging import MergedSurface
 from completion.meshing import Trim
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
+from completion.rings import rings_passed
 from completion.shadows import Shadows, divide
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Plane
+from scenes.surfaces import Cylinder, Plane
 
 _MAX_CELLS = 200_000
 
@@ -140,6 +141,8 @@ def extend(
     hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
     within = _within(grid, limits, evidence)
     hidden &= known & within & _in_window(grid, limits)
+    if isinstance(limits.chart, Cylinder):
+        hidden &= ~rings_passed(evidence)[:, None]
     if mode == "conservative":
         hidden &= _hull(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden)
