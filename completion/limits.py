@@ -21,8 +21,6 @@ from scenes.surfaces import Cylinder, Plane, Surface
 
 Mode = Literal["conservative", "standard", "bold"]
 
-_ENCLOSING_SHARE = 0.88  # of all measured points on the inner side: windows and doors let some lie beyond
-_ENCLOSING_PIXELS = 0.02  # of all measured points on the plane itself
 _STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
 _UPRIGHT = 0.1  # sine of the angle
 _FULL_TURN_ARC = np.radians(90.0)
@@ -36,10 +34,10 @@ class Limits:
     ----------
     chart : Surface
         The surface with its chart laid along the directions that bound it.
-    enclosures : tuple of (int, Plane)
-        Number, from 1, and plane of every other surface that encloses the room.
-    cuts : tuple of Plane
-        Enclosing planes that the surface ends at; it stays on their normals' side.
+    enclosures : tuple of (int, Surface)
+        Number, from 1, and shape of every other surface that encloses the room.
+    cuts : tuple of Surface
+        Enclosing surfaces that this one ends at; it stays on their normals' side.
     neighbours : tuple of Surface
         Other surfaces that it was seen to meet in a crease.
     own_low, own_high : (2,) float
@@ -52,12 +50,12 @@ class Limits:
     full_turn : bool
         Whether a cylinder may be closed around its back.
     encloses : bool
-        Whether the surface bounds all that was measured, as walls and floors do.
+        Whether the surface is a plane that bounds all that was measured, as walls and floors do.
     """
 
     chart: Surface
-    enclosures: tuple[tuple[int, Plane], ...]
-    cuts: tuple[Plane, ...]
+    enclosures: tuple[tuple[int, Surface], ...]
+    cuts: tuple[Surface, ...]
     neighbours: tuple[Surface, ...]
     own_low: FloatArray
     own_high: FloatArray
@@ -79,27 +77,6 @@ class Limits:
         low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
         high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
-
-
-def find_enclosing(surfaces: Sequence[MergedSurface], cloud: FloatArray, scale: float) -> list[bool]:
-    """Tell which planes have nearly all measured points on their inner side: walls, floor, ceiling.
-
-    Parameters
-    ----------
-    surfaces : sequence of MergedSurface
-        All surfaces, working frame.
-    cloud : (n, 3) float
-        Measured points of all scans, thinned.
-    scale : float
-        Distance in metres below which a point counts as on the plane.
-    """
-    total = sum(surface.n_pixels for surface in surfaces)
-    result = []
-    for surface in surfaces:
-        inner = np.mean(surface.fit.surface.distance(cloud) > -3 * max(scale, surface.fit.rms))
-        large = surface.n_pixels >= _ENCLOSING_PIXELS * total
-        result.append(isinstance(surface.fit.surface, Plane) and large and bool(inner >= _ENCLOSING_SHARE))
-    return result
 
 
 def find_standing(
@@ -169,7 +146,7 @@ def limit(
 ) -> Limits:
     """Bound the continuation of surface `index`.
 
-    It ends at planes that enclose the room. A cylinder may run around its back where at least 90 degrees of
+    It ends at surfaces that enclose the room. A cylinder may run around its back where at least 90 degrees of
     it were seen, and its radius is known.
 
     Parameters
@@ -202,35 +179,33 @@ def limit(
         full_turn = not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
     elif isinstance(surface.fit.surface, Plane):
         plane = surface.fit.surface
-        planes = [
-            *(cut for _, cut in cuts),
-            *(surface for surface in neighbours if isinstance(surface, Plane)),
-        ]
+        planes = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
         chart = _aligned_chart(plane, planes, thinned, rims[index])
     else:
         raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
-    ends, which = _ends(chart, [plane for _, plane in cuts], own_low, own_high)
-    stands = [standing[number] * _is_upright(surface.fit.surface, plane) for number, plane in cuts]
+    ending = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
+    ends, which = _ends(chart, [plane for _, plane in ending], own_low, own_high)
+    stands = [standing[number] * _is_upright(surface.fit.surface, plane) for number, plane in ending]
     runs_on = enclosing[index] or isinstance(chart, Cylinder)
     reaches = np.where(np.isfinite(ends), 1.0 if runs_on else np.array([*stands, 0.0])[which], 0.0)
     enclosures = tuple(
         (number, other.fit.surface)
         for number, other in enumerate(surfaces, start=1)
-        if number != index + 1 and enclosing[number - 1] and isinstance(other.fit.surface, Plane)
+        if number != index + 1 and enclosing[number - 1]
     )
     return Limits(
         chart,
         enclosures,
-        tuple(plane for _, plane in cuts),
+        tuple(cut for _, cut in cuts),
         tuple(neighbours),
         own_low,
         own_high,
         ends,
         reaches,
         full_turn,
-        enclosing[index],
+        enclosing[index] and isinstance(chart, Plane),
     )
 
 
@@ -265,17 +240,16 @@ def find_touching(
 
 def _cuts(
     index: int, surfaces: Sequence[MergedSurface], enclosing: Sequence[bool], points: FloatArray
-) -> list[tuple[int, Plane]]:
-    """Enclosing planes, with their indices, that have the surface on their inner side."""
+) -> list[tuple[int, Surface]]:
+    """Enclosing surfaces, with their indices, that have the surface on their inner side."""
     cuts = []
     for other, candidate in enumerate(surfaces):
-        plane = candidate.fit.surface
-        if other == index or not isinstance(plane, Plane) or not enclosing[other]:
+        if other == index or not enclosing[other]:
             continue
-        distance = plane.distance(points)
+        distance = candidate.fit.surface.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
         if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= 0.98:
-            cuts.append((other, plane))
+            cuts.append((other, candidate.fit.surface))
     return cuts
 
 

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.audit import audit
+from completion.enclosure import find_enclosing
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, find_enclosing, find_standing, find_touching, limit
+from completion.limits import Mode, find_standing, find_touching, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
@@ -142,8 +143,7 @@ def complete(
         surfaces = _large(merge(observations, regions, evidence), observations, options.min_share)
         owners = number_pixels(surfaces, observations)
 
-        cloud = measured_points(observations)
-        enclosing = find_enclosing(surfaces, cloud, _typical(scales))
+        enclosing = find_enclosing(surfaces, observations, _typical(scales))
         touching = find_touching(owners, surfaces, observations, scales)
         rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
         standing = find_standing(surfaces, rims, enclosing, touching)
@@ -204,13 +204,6 @@ def number_pixels(
         for owner, mask in zip(owners, surface.masks, strict=True):
             owner[mask] = number
     return owners
-
-
-def measured_points(observations: Sequence[Observation], most: int = 40_000) -> FloatArray:
-    """Measured points (n, 3) of all scans in the working frame, thinned evenly to about `most`."""
-    clouds = [seen.points[seen.valid] for seen in observations]
-    stride = max(1, sum(len(cloud) for cloud in clouds) // most)
-    return np.concatenate([cloud[::stride] for cloud in clouds])
 
 
 def _large(
