@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.chart import ChartGrid
+from completion.cues import Cue
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
@@ -26,11 +27,10 @@ class BoundarySegment:
         What lies beyond it: "edge" (beams went through), "crease" (another surface), "occluded",
         "frame" (the edge of the field of view) or "no-return".
     provenance : str
-        "measured", or why the inferred part ends there: "intersection" (it meets a measured surface),
-        "architectural" (it meets the enclosing plane beyond its own extent), "collinear" (its own straight
-        edge continued) or "shadow-limit" (the hidden zone ends).
+        "measured", or why the inferred part ends there: a `Cue` of a continued edge, "architectural" (at the
+        plane that encloses the room), or "shadow-limit" (the hidden zone ends, or it is no longer probable).
     confidence : float
-        Prior probability that the surface ends there; not calibrated.
+        Probability that the surface ends there: that it is just inside and not just outside.
     points : (n, 3) float
         Polyline, metres, working frame.
     """
@@ -41,19 +41,12 @@ class BoundarySegment:
     points: FloatArray
 
 
-_CONFIDENCE = {
-    "measured": 1.0,
-    "intersection": 0.9,
-    "architectural": 0.75,
-    "collinear": 0.7,
-    "shadow-limit": 0.3,
-}
-
-
 def trace_boundary(patch: Patch) -> list[BoundarySegment]:
     """Outline of the measured and inferred cells, cut where its kind or provenance changes."""
     mask = patch.observed | patch.hypothesised
-    kinds, provenances = _classify(patch, mask)
+    beyond = _Beyond.of(patch, mask)
+    kinds, provenances = _kinds(patch, beyond), _provenances(patch)
+    ends = np.where(mask, patch.confidence - beyond.confidence, 0.0)
     segments = []
     for contour in _contours(mask):
         row, column = contour[:, 0], contour[:, 1]
@@ -61,38 +54,63 @@ def trace_boundary(patch: Patch) -> list[BoundarySegment]:
         for start, end in _runs(code):
             kind, provenance = code[start]
             stretch = np.take(contour, range(start, end + 2), axis=0, mode="wrap")
-            points = _polyline(patch.grid, stretch)
-            segments.append(BoundarySegment(kind, provenance, _CONFIDENCE[provenance], points))
+            confidence = float(np.mean(ends[row[start : end + 1], column[start : end + 1]]))
+            segments.append(
+                BoundarySegment(kind, provenance, max(confidence, 0.0), _polyline(patch.grid, stretch))
+            )
     return segments
 
 
-def _classify(patch: Patch, mask: BoolArray) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
-    """Kind and provenance that each cell of the mask would have on the outline."""
-    labels = np.pad(patch.evidence.labels, 1, constant_values=Label.OUT)
-    outside = np.pad(~mask, 1, constant_values=True)
-    worst = np.full(mask.shape, -1, np.int8)  # strongest label among the neighbours outside
-    for step_row, step_column in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        window = (
-            slice(1 + step_row, 1 + step_row + mask.shape[0]),
-            slice(1 + step_column, 1 + step_column + mask.shape[1]),
-        )
-        worst = np.where(outside[window], np.maximum(worst, labels[window]), worst)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beyond:
+    """What is just outside each cell: the strongest label, and how surely the surface is still there."""
+
+    label: NDArray[np.int8]
+    confidence: FloatArray
+
+    @classmethod
+    def of(cls, patch: Patch, mask: BoolArray) -> _Beyond:
+        unknown = np.isin(patch.evidence.labels, (Label.OUT, Label.NO_RETURN))
+        still = np.where(
+            unknown & patch.is_within, 1.0, patch.confidence
+        )  # out of sight it may as well go on
+        label, confidence = np.full(mask.shape, -1, np.int8), np.zeros(mask.shape)
+        outside = np.pad(~mask, 1, constant_values=True)
+        labels = np.pad(patch.evidence.labels, 1, constant_values=Label.OUT)
+        still = np.pad(still, 1, constant_values=1.0)
+        for row, column in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            window = (
+                slice(1 + row, 1 + row + mask.shape[0]),
+                slice(1 + column, 1 + column + mask.shape[1]),
+            )
+            label = np.where(outside[window], np.maximum(label, labels[window]), label)
+            confidence = np.where(outside[window], np.maximum(confidence, still[window]), confidence)
+        return cls(label, confidence)
+
+
+def _kinds(patch: Patch, beyond: _Beyond) -> NDArray[np.str_]:
+    """Kind that each cell would have on the outline."""
+    label = beyond.label
     kind = np.select(
-        [worst == Label.FREE, worst == Label.VISIBLE, worst == Label.OCCLUDED, worst == Label.NO_RETURN],
+        [label == Label.FREE, label == Label.VISIBLE, label == Label.OCCLUDED, label == Label.NO_RETURN],
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )
-    at_cut = _at_cut(patch)
-    kind = np.where(at_cut, "crease", kind)
-    uv = patch.grid.centres_uv()
-    reach = 1.5 * patch.grid.cell
-    limits = patch.limits
-    at_side = (np.abs(uv[..., None, :] - limits.ends) <= reach).any(axis=(-1, -2))
-    beyond_own = ((uv < limits.own_low) | (uv > limits.own_high)).any(axis=-1)
-    inferred = np.select(
-        [at_cut & beyond_own, at_cut, at_side], ["architectural", "intersection", "collinear"], "shadow-limit"
-    )
-    return kind, np.where(patch.hypothesised, inferred, "measured")
+    return np.where(_at_cut(patch), "crease", kind)
+
+
+def _provenances(patch: Patch) -> NDArray[np.str_]:
+    """Provenance that each cell would have on the outline."""
+    grid = patch.grid
+    reach = 1.5 * float(grid.cell.max())
+    uv = grid.centres_uv()
+    result = np.full(grid.shape, "shadow-limit", dtype="<U16")
+    for stretch in patch.stretches:
+        progress = stretch.progress(uv)
+        hidden = (progress >= -reach) & (progress <= abs(stretch.end - stretch.start) + reach)
+        result[hidden & (np.abs(stretch.curve.across(uv)) <= reach)] = str(stretch.provenance)
+    result[_at_cut(patch)] = str(Cue.ARCHITECTURAL)
+    return np.where(patch.hypothesised, result, "measured")
 
 
 def _at_cut(patch: Patch) -> BoolArray:

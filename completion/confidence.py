@@ -18,30 +18,33 @@ from scenes.surfaces import Cylinder
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
-    """How surfaces of a kind go on: with probability start * exp(-d / (length * s)).
+    """How surfaces of a kind go on: with probability start * exp(-x / length).
 
     Attributes
     ----------
     start : float
         Probability just beside what was measured.
     length : float
-        Distance d, in units of the measured extent s (the root of its area), in which it falls to 1/e.
+        Distance x, in units of a measured size, in which it falls to 1/e.
     """
 
     start: float
     length: float
 
-    def at(self, distance: FloatArray, extent: float) -> FloatArray:
-        """Probability (n,) at distances (n,) in metres from a measured part of an extent in metres."""
-        return np.asarray(self.start * np.exp(-distance / (self.length * extent)), dtype=np.float64)
+    def at(self, x: FloatArray) -> FloatArray:
+        """Probability (...,) at distances (...,) in units of the measured size."""
+        return np.asarray(self.start * np.exp(-x / self.length), dtype=np.float64)
 
 
-# Read off the shares that came true on the generated rooms with seeds 1000 to 1015, by distance and kind.
-WALL_WITHIN = Persistence(0.995, 3.0)  # a wall or floor, inside the rectangle of what was measured of it
-WALL_TO_END = Persistence(0.96, 1.5)  # beyond it, towards the next wall or floor
-WALL_ON = Persistence(0.98, 0.18)  # beyond it, where nothing is known to end it
-OBJECT_WITHIN = Persistence(0.98, 10.0)  # any other plane inside its rectangle
-CYLINDER = Persistence(0.98, 10.0)
+# Most likely on the generated rooms with seeds 1000 to 1031, rounded (examples/calibrate_confidence.py).
+# In the rectangle of what was measured, and towards what ends a wall, distance to the measured part over the
+# root of its area; beyond the rectangle, distance from it over its side in that direction.
+WALL_WITHIN = Persistence(0.995, 4.0)  # walls, floors, ceilings
+WALL_TO_END = Persistence(0.98, 2.0)
+WALL_BEYOND = Persistence(0.98, 0.25)  # where nothing is known to end it
+OBJECT_WITHIN = Persistence(0.985, 13.0)  # other planes
+OBJECT_BEYOND = Persistence(0.98, 0.75)
+CYLINDER = Persistence(0.995, 35.0)
 
 
 def estimate(
@@ -79,35 +82,39 @@ def estimate(
     number = shadows.piece[inside]
     d = distance_to(observed, grid)[0][inside]
     e, s = (values[inside] for values in distance_to(open_, grid))
-    extent = float(np.sqrt(observed.sum() * grid.cell_area))
-    goes_on = _goes_on(grid.centres_uv()[inside], d, extent, limits)
+    root = float(np.sqrt(observed.sum() * grid.cell_area))
+    goes_on = _goes_on(grid.centres_uv()[inside], d, root, limits)
     ended = e / (s + e)  # the opening, before it comes here
     apart = (d + e) / (s + d + e)
     measured, beside_open = shadows.beside_measured[number] > 0, shadows.beside_open[number] > 0
     between = np.where(measured, ended / np.maximum(apart, 1e-12), ended)
-    anywhere = np.where(beside_open, between, measured)
+    anywhere = np.where(measured & ~beside_open, 1.0, between)
     held = np.abs(labelling.margin[number])
     result[inside] = (held * labelling.is_surface[number] + (1 - held) * anywhere) * goes_on
     return result
 
 
-def _goes_on(uv: FloatArray, distance: FloatArray, extent: float, limits: Limits) -> FloatArray:
+def _goes_on(uv: FloatArray, distance: FloatArray, root: float, limits: Limits) -> FloatArray:
     """Probability (n,) that the surface goes on to places (n, 2) so far from its measured part."""
+    near = distance / root
     if isinstance(limits.chart, Cylinder):
-        return CYLINDER.at(distance, extent)
-    beyond = np.stack([uv < limits.own_low, uv > limits.own_high])  # side, place, axis
-    is_out = beyond.any(axis=(0, 2))
-    reaches = np.where(beyond, limits.reaches[:, None, :], 1.0).min(axis=(0, 2))
-    if not limits.encloses:
-        return np.where(is_out, reaches, OBJECT_WITHIN.at(distance, extent))
-    out = np.where(reaches > 0, WALL_TO_END.at(distance, extent), WALL_ON.at(distance, extent))
-    return np.where(is_out, out, WALL_WITHIN.at(distance, extent))
+        return CYLINDER.at(near)
+    size = np.maximum(limits.own_high - limits.own_low, 1e-9)
+    past = np.stack([limits.own_low - uv, uv - limits.own_high])  # side, place, axis
+    is_out = (past > 0).any(axis=(0, 2))
+    beyond = (np.maximum(past, 0.0) / size).max(axis=(0, 2))
+    reaches = np.where(past > 0, limits.reaches[:, None, :], 1.0).min(axis=(0, 2))
+    if limits.encloses:
+        out = np.where(reaches > 0, WALL_TO_END.at(near), WALL_BEYOND.at(beyond))
+        return np.where(is_out, out, WALL_WITHIN.at(near))
+    out = reaches + (1 - reaches) * OBJECT_BEYOND.at(beyond)
+    return np.where(is_out, out, OBJECT_WITHIN.at(near))
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:
-    """Distance of each cell to the nearest of `cells`, and the extent of the part that it belongs to, metres.
+    """Distance of each cell to the nearest of `cells`, and the longer side of the part it belongs to, metres.
 
-    Without any the distance is very long and the extent nothing.
+    Without any the distance is very long and the side nothing.
     """
     if not cells.any():
         return np.full(cells.shape, 1e6), np.zeros(cells.shape)
@@ -115,6 +122,7 @@ def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArr
     around = np.pad(cells, ((0, 0), (width, width)), mode="wrap") if grid.wraps else cells
     distance, nearest = ndimage.distance_transform_edt(~around, sampling=grid.cell[::-1], return_indices=True)
     part, _ = ndimage.label(around)
-    extent = np.sqrt(np.bincount(part.ravel()) * grid.cell_area)[part[tuple(nearest)]]
+    sides = [np.ptp([(axis.start, axis.stop) for axis in box], axis=1) for box in ndimage.find_objects(part)]
+    longer = np.append(0.0, (np.array(sides) * grid.cell[::-1]).max(axis=1))[part[tuple(nearest)]]
     middle = slice(width, 2 * width) if grid.wraps else slice(None)
-    return np.asarray(distance[:, middle]), np.asarray(extent[:, middle])
+    return np.asarray(distance[:, middle]), np.asarray(longer[:, middle])

@@ -3,19 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from completion.chart import ChartGrid
-from completion.edges import Circle, Edge, Line
+from completion.cues import ALL_CUES, Cue
+from completion.curves import Circle, Line
+from completion.edges import Edge
 from scenes.checks import BoolArray, FloatArray
 
 _LEAD = 4.0  # cells between the end of a run and the hidden zone
 _CORNER = 10.0  # cells of edge beside a seen corner that may be too few to fit a line to
 _SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
-_SURE = 0.9  # that an edge which two stretches agree on goes on between them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,24 +29,24 @@ class Stretch:
         Which the edge follows.
     start, end : float
         Arc lengths on the curve, the seen end first, metres; `end` may be the smaller one.
-    seen_m : float
-        Length of the stretch that was seen before `start`.
     two_sided : bool
         Whether the edge was seen again at `end`.
     deviation : float
         Standard deviation across the curve where it was seen, metres.
-    provenance : str
-        "collinear" (seen on both sides), "convergent" (followed from one end), "circular", or "closure" (at
-        right angles from a corner that was seen).
+    side : float
+        Sign of the distance across the curve on whose side the surface lies.
+    provenance : Cue
+        "intersection" (where it meets another surface), "collinear" (seen on both sides), "convergent"
+        (followed from one end), "circular", or "closure" (at right angles from a corner that was seen).
     """
 
     curve: Line | Circle
     start: float
     end: float
-    seen_m: float
     two_sided: bool
     deviation: float
-    provenance: str
+    side: float
+    provenance: Cue
 
     def progress(self, uv: FloatArray) -> FloatArray:
         """How far (...,) points lie along the hidden stretch, metres; negative before it."""
@@ -55,19 +56,10 @@ class Stretch:
             way = np.mod(way + self.curve.length / 4, self.curve.length) - self.curve.length / 4
         return np.asarray(way, dtype=np.float64)
 
-    def confidence(self, progress: FloatArray) -> FloatArray:
-        """Probability (...,) that the edge goes on for `progress` metres.
 
-        An edge of unknown length of which s was seen goes on for d more with probability s / (s + d): what
-        follows when no length is more likely than another on a logarithmic scale (Gott 1993).
-        """
-        if self.two_sided:
-            return np.full(np.shape(progress), _SURE)
-        ahead = np.maximum(progress, 0.0)
-        return np.asarray(_SURE * self.seen_m / (self.seen_m + ahead), dtype=np.float64)
-
-
-def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
+def continue_edges(
+    edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
+) -> list[Stretch]:
     """Follow every edge from the ends of its runs through the hidden cells, until it leaves them.
 
     Parameters
@@ -78,6 +70,8 @@ def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) ->
         The cells.
     hidden : (rows, columns) bool
         Where the edges may go on.
+    cues : collection of Cue
+        Which ways of going on are followed.
     """
     stretches = []
     for edge in edges:
@@ -87,7 +81,7 @@ def continue_edges(edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray) ->
                 stretch = _follow(edge, run, sign, grid, hidden, _LEAD * float(grid.cell.max()))
                 followed += _turn(edge, run, sign, grid, hidden) if stretch is None else [stretch]
         stretches += _paired(followed, float(grid.cell.max()))
-    return stretches
+    return [stretch for stretch in stretches if stretch.provenance in cues]
 
 
 def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
@@ -97,12 +91,14 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
     corner = edge.curve.at(edge.runs[run][int(sign > 0)])
     reach = _CORNER * float(grid.cell.max())
     found = []
-    for side in (-1.0, 1.0):
-        line = Line(corner, side * edge.curve.normal)
-        short = Edge(line, np.zeros((1, 2)), edge.deviation)
+    for turn in (-1.0, 1.0):
+        line = Line(corner, turn * edge.curve.normal)
+        back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
+        side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
+        short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
         stretch = _follow(short, 0, 1.0, grid, hidden, reach)
         if stretch is not None:
-            found.append(replace(stretch, seen_m=max(stretch.start, reach / _CORNER), provenance="closure"))
+            found.append(replace(stretch, provenance=Cue.CLOSURE))
     return found
 
 
@@ -128,12 +124,17 @@ def _follow(
         return None
     end = start + sign * length
     met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
-    seen = float(high - low) + (float(np.ptp(edge.runs[met])) if met is not None else 0.0)
-    is_circle = isinstance(edge.curve, Circle)
-    word = "circular" if is_circle else "convergent" if met is None else "collinear"
-    return Stretch(
-        edge.curve, start + sign * float(ahead[first]), end, seen, met is not None, edge.deviation, word
-    )
+    begin = start + sign * float(ahead[first])
+    side = float(edge.sides[run])
+    return Stretch(edge.curve, begin, end, met is not None, edge.deviation, side, _cue(edge, met))
+
+
+def _cue(edge: Edge, met: int | None) -> Cue:
+    if edge.is_crease:
+        return Cue.INTERSECTION
+    if isinstance(edge.curve, Circle):
+        return Cue.CIRCULAR
+    return Cue.CONVERGENT if met is None else Cue.COLLINEAR
 
 
 def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
@@ -148,14 +149,14 @@ def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
 
 
 def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
-    """Number of the other run that begins or ends near arc length `end`."""
-    for other in range(len(edge.runs)):
+    """Number of the other run, with the surface on the same side, that begins or ends near `end`."""
+    for other in np.flatnonzero(edge.sides == edge.sides[run]):
         distance = np.abs(edge.runs[other] - end)
         if np.isfinite(edge.curve.length):
             distance = np.minimum(distance, np.abs(edge.curve.length - distance))
         alone = other == run and not np.isfinite(edge.curve.length)
         if not alone and distance.min() <= reach:
-            return other
+            return int(other)
     return None
 
 
@@ -164,7 +165,8 @@ def _paired(stretches: list[Stretch], cell: float) -> list[Stretch]:
     kept: list[Stretch] = []
     for stretch in stretches:
         twin = any(
-            other.two_sided and stretch.two_sided and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
+            (other.two_sided and stretch.two_sided and other.side == stretch.side)
+            and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
             for other in kept
         )
         if not twin:

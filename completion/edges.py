@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Edges: straight and circular stretches of a surface's own boundary, fitted in its chart."""
+"""Edges: straight and circular stretches of a surface's own boundary, and on which side of them it lies."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from completion.curves import Circle, Line, fit_circle
 from completion.rim import RimPoints
 from scenes.checks import BoolArray, FloatArray
 
@@ -22,111 +22,35 @@ _GAP = 3.5  # steps between pixels that a run may lack
 _MIN_ARC = np.radians(30.0)
 
 
-class Curve(Protocol):
-    """A boundary that may go on: where it is, which side is which, and how far along it one is."""
-
-    def across(self, uv: FloatArray) -> FloatArray:
-        """Signed distance (...,) from the curve."""
-        ...
-
-    def along(self, uv: FloatArray) -> FloatArray:
-        """Arc length (...,) at the nearest point of the curve."""
-        ...
-
-    def at(self, along: FloatArray) -> FloatArray:
-        """Chart coordinates (..., 2) at an arc length."""
-        ...
-
-    @property
-    def length(self) -> float:
-        """Arc length after which it returns; inf for a line."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Line:
-    """The line through `point` along the unit vector `direction`, chart coordinates in metres."""
-
-    point: FloatArray
-    direction: FloatArray
-
-    @property
-    def normal(self) -> FloatArray:
-        """Unit vector a quarter turn anticlockwise of the direction."""
-        return np.array([-self.direction[1], self.direction[0]])
-
-    @property
-    def length(self) -> float:
-        """A line never returns."""
-        return float("inf")
-
-    def across(self, uv: FloatArray) -> FloatArray:
-        """Signed distance (...,)."""
-        distance: FloatArray = (uv - self.point) @ self.normal
-        return distance
-
-    def along(self, uv: FloatArray) -> FloatArray:
-        """Length (...,) from `point`."""
-        length: FloatArray = (uv - self.point) @ self.direction
-        return length
-
-    def at(self, along: FloatArray) -> FloatArray:
-        """Chart coordinates (..., 2)."""
-        place: FloatArray = self.point + np.asarray(along)[..., None] * self.direction
-        return place
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Circle:
-    """The circle around `centre` with `radius`, chart coordinates in metres."""
-
-    centre: FloatArray
-    radius: float
-
-    @property
-    def length(self) -> float:
-        """Circumference."""
-        return float(2 * np.pi * self.radius)
-
-    def across(self, uv: FloatArray) -> FloatArray:
-        """Signed distance (...,), positive inside."""
-        return np.asarray(self.radius - np.linalg.norm(uv - self.centre, axis=-1), dtype=np.float64)
-
-    def along(self, uv: FloatArray) -> FloatArray:
-        """Arc length (...,) in -pi r .. pi r."""
-        offset = uv - self.centre
-        return np.asarray(self.radius * np.arctan2(offset[..., 1], offset[..., 0]), dtype=np.float64)
-
-    def at(self, along: FloatArray) -> FloatArray:
-        """Chart coordinates (..., 2)."""
-        angle = np.asarray(along) / self.radius
-        place: FloatArray = self.centre + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return place
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
     """A curve with the stretches of it that were seen.
 
     Attributes
     ----------
-    curve : Curve
-        Line or circle.
+    curve : Line or Circle
+        Where it is.
     runs : (k, 2) float
         First and last arc length of each stretch, metres.
+    sides : (k,) float
+        Sign of the distance across the curve on whose side the surface lies, 1 or -1, for each stretch.
     deviation : float
         Standard deviation of a point of the curve across it where it was seen, metres.
+    is_crease : bool
+        Whether another surface meets it there.
     """
 
     curve: Line | Circle
     runs: FloatArray
+    sides: FloatArray
     deviation: float
+    is_crease: bool = False
 
 
 def edge_along(line: Line, rim: RimPoints) -> tuple[Edge, BoolArray]:
     """Return the stretches of a known line along which rim points (n,) lie, and which points those are."""
     members = _in_runs(line, rim, _agrees(line, rim) & (np.linalg.norm(rim.step, axis=1) > 0))
-    return _edge(line, rim.only(members)), members
+    return replace(_edge(line, rim.only(members)), is_crease=True), members
 
 
 def find_edges(rim: RimPoints) -> list[Edge]:
@@ -202,26 +126,22 @@ def _voted(rim: RimPoints, vote: BoolArray) -> tuple[Line, float]:
 
 def _line_of(rim: RimPoints) -> Line:
     """The line by least squares across it, points weighted by what a pixel's step says about them."""
-    weight = np.ones(len(rim.uv))
-    line = None
-    for _ in range(3):
-        mean = np.average(rim.uv, axis=0, weights=weight)
-        offset = rim.uv - mean
-        _, vectors = np.linalg.eigh((weight[:, None] * offset).T @ offset)
-        line = Line(mean, vectors[:, 1])
-        weight = 1 / np.square(_slack(line, rim))
-    assert line is not None
+    line = _weighted_line(rim.uv, np.ones(len(rim.uv)))
+    for _ in range(2):
+        line = _weighted_line(rim.uv, 1 / np.square(_slack(line, rim)))
     return line
+
+
+def _weighted_line(uv: FloatArray, weight: FloatArray) -> Line:
+    mean = np.average(uv, axis=0, weights=weight)
+    offset = uv - mean
+    _, vectors = np.linalg.eigh((weight[:, None] * offset).T @ offset)
+    return Line(mean, vectors[:, 1])
 
 
 def _slack(curve: Line | Circle, rim: RimPoints) -> FloatArray:
     """How far (n,) points may lie from the curve: half their step across it, and a little for noise."""
-    if isinstance(curve, Line):
-        normal = np.broadcast_to(curve.normal, rim.uv.shape)
-    else:
-        offset = rim.uv - curve.centre
-        normal = offset / np.maximum(np.linalg.norm(offset, axis=1), 1e-12)[:, None]
-    across = np.abs(np.einsum("ij,ij->i", rim.step, normal))
+    across = np.abs(np.einsum("ij,ij->i", rim.step, curve.towards(rim.uv)))
     return np.asarray(0.6 * across + 0.15 * np.linalg.norm(rim.step, axis=1), dtype=np.float64)
 
 
@@ -256,9 +176,20 @@ def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
 
 
 def _edge(curve: Line | Circle, rim: RimPoints) -> Edge:
-    """The edge whose points are `rim`."""
-    if not len(rim.uv):
-        return Edge(curve, np.zeros((0, 2)), 0.0)
+    """The edge whose points are `rim`; the surface lies where their steps come from."""
+    side = -np.sign(np.einsum("ij,ij->i", rim.step, curve.towards(rim.uv)))
+    runs, sides = [], []
+    for sign in (-1.0, 1.0):
+        spans = _spans(curve, rim.only(side == sign))
+        runs += spans
+        sides += [sign] * len(spans)
+    rms = float(np.sqrt(np.mean(np.square(curve.across(rim.uv))))) if len(rim.uv) else 0.0
+    deviation = rms * float(np.sqrt(2 / max(len(rim.uv), 2)))
+    return Edge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation)
+
+
+def _spans(curve: Line | Circle, rim: RimPoints) -> list[tuple[float, float]]:
+    """First and last arc length of each run of points."""
     along = curve.along(rim.uv)
     spans = [
         (float(along[run].min()), float(along[run].max()))
@@ -266,9 +197,8 @@ def _edge(curve: Line | Circle, rim: RimPoints) -> Edge:
         if len(run) >= _MIN_POINTS
     ]
     if isinstance(curve, Circle) and len(spans) > 1:
-        spans = _across_seam(spans, curve.length, float(_gaps(rim).max()))
-    rms = float(np.sqrt(np.mean(np.square(curve.across(rim.uv)))))
-    return Edge(curve, np.array(spans).reshape(-1, 2), rms * float(np.sqrt(2 / max(len(rim.uv), 2))))
+        return _across_seam(spans, curve.length, float(_gaps(rim).max()))
+    return spans
 
 
 def _across_seam(spans: list[tuple[float, float]], length: float, gap: float) -> list[tuple[float, float]]:
@@ -295,30 +225,9 @@ def _circle_of(rim: RimPoints) -> Circle | None:
     line = _line_of(rim)
     if np.mean(_agrees(line, rim)) > 0.6:
         return None
-    circle = _pratt(rim.uv)
+    circle = fit_circle(rim.uv)
     if circle is None or np.mean(_agrees(circle, rim)) < 0.9:
         return None
     angle = np.sort(circle.along(rim.uv)) / circle.radius
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     return circle if 2 * np.pi - gaps.max() >= _MIN_ARC else None
-
-
-def _pratt(uv: FloatArray) -> Circle | None:
-    """The circle by Pratt's normalisation (Pratt 1987), None where the points lie on a line."""
-    mean = uv.mean(axis=0)
-    x, y = (uv - mean).T
-    z = x * x + y * y
-    moments = np.column_stack([z, x, y, np.ones(len(x))])
-    constraint = np.array([[0, 0, 0, -2.0], [0, 1, 0, 0], [0, 0, 1, 0], [-2.0, 0, 0, 0]])
-    values, vectors = np.linalg.eig(np.linalg.solve(constraint, moments.T @ moments))
-    rounding = 1e-9 * float(np.abs(values).max())
-    proper = (np.abs(values.imag) < rounding) & (values.real > -rounding)  # nothing where the fit is exact
-    real = np.where(proper, values.real, np.inf)
-    if not np.isfinite(real).any():
-        return None
-    a, b, c, d = vectors[:, int(np.argmin(real))].real
-    if abs(a) < 1e-12:
-        return None
-    centre = np.array([-b, -c]) / (2 * a)
-    square = float(centre @ centre - d / a)
-    return Circle(mean + centre, float(np.sqrt(square))) if square > 0 else None

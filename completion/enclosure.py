@@ -20,7 +20,7 @@ _N_BEAMS = 40_000
 
 def find_enclosing(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation], scale: float
-) -> list[bool]:
+) -> BoolArray:
     """Tell which surfaces have nearly all measured points on their inner side: walls, floor, ceiling, vault.
 
     What was seen through a plane, inside the outline of what was measured of it, lies behind a window, a door
@@ -35,12 +35,14 @@ def find_enclosing(
     scale : float
         Distance in metres below which a point counts as on the surface.
     """
-    total = sum(surface.n_pixels for surface in surfaces)
-    result = []
-    for surface in surfaces:
-        is_large = surface.n_pixels >= _LEAST_PIXELS * total
-        result.append(is_large and _may_enclose(surface.fit.surface) and _holds(surface, observations, scale))
-    return result
+    least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
+    found = [
+        surface.n_pixels >= least
+        and _may_enclose(surface.fit.surface)
+        and _holds(surface, observations, scale)
+        for surface in surfaces
+    ]
+    return np.array(found, dtype=np.bool_)
 
 
 def _may_enclose(surface: Surface) -> bool:

@@ -18,11 +18,12 @@ from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
 from completion.boundary import trace_boundary
-from completion.extension import Patch, Provenance
+from completion.extension import Patch
 from completion.fitting.result import surface_parameters
 from completion.meshing import ChartMesh, mesh_cells
 from completion.model import CompletedModel, LabelledPoints, to_8_bits
 from completion.openings import find_openings
+from completion.provenance import Provenance
 from completion.texturing import ChartTexture
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError

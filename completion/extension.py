@@ -3,19 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely import MultiPoint, contains_xy
 
 from completion.chart import ChartGrid
 from completion.confidence import estimate
 from completion.continuation import Stretch, continue_edges
 from completion.creases import meeting_line
+from completion.cues import ALL_CUES, Cue
 from completion.edges import Edge, edge_along, find_edges
 from completion.evidence import Evidence, EvidenceOptions, Label, weigh
 from completion.labelling import Labelling, label_pieces
@@ -23,6 +22,7 @@ from completion.limits import Limits, Mode
 from completion.merging import MergedSurface
 from completion.meshing import Trim
 from completion.observation import Observation
+from completion.provenance import hull_of, provenance_of
 from completion.rim import Rim, RimPoints
 from completion.rings import rings_passed
 from completion.shadows import Shadows, divide
@@ -30,17 +30,6 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane
 
 _MAX_CELLS = 200_000
-
-
-class Provenance(IntEnum):
-    """How a place came to be in the model."""
-
-    MEASURED = 0
-    INTERIOR = 1  # a hole in the measured part: the surface goes on behind the occluder
-    BETWEEN = 2  # between parts that an occluder had cut apart
-    EDGES = 3  # inside the measured part's own straight edges, continued until they meet
-    ARCHITECTURAL = 4  # on to the plane that encloses the room there
-    FULL_TURN = 5  # around the back of a cylinder
 
 
 LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
@@ -124,6 +113,7 @@ def extend(
     options: EvidenceOptions,
     mode: Mode,
     max_sd_m: float,
+    cues: Collection[Cue] = ALL_CUES,
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its limits.
 
@@ -144,8 +134,8 @@ def extend(
     if isinstance(limits.chart, Cylinder):
         hidden &= ~rings_passed(evidence)[:, None]
     if mode == "conservative":
-        hidden &= _hull(grid, evidence.observed)
-    stretches = continue_edges(edges, grid, hidden)
+        hidden &= hull_of(grid, evidence.observed)
+    stretches = continue_edges(edges, grid, hidden, cues)
     shadows = divide(grid, hidden, evidence.observed, open_, stretches)
     labelling = label_pieces(shadows)
 
@@ -154,7 +144,7 @@ def extend(
     reached = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
     hypothesised = probable & reached & (evidence.labels == Label.OCCLUDED)
     hypothesised, trims = _trimmed(grid, evidence, hypothesised, shadows, stretches)
-    provenance = _provenance(grid, limits, evidence.observed, hypothesised)
+    provenance = provenance_of(grid, limits, evidence.observed, hypothesised)
     return Patch(
         surface,
         limits,
@@ -280,42 +270,3 @@ def _connected(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:
         joined = both & (reached[part[:, 0]] | reached[part[:, -1]])
         reached[part[joined, 0]] = reached[part[joined, -1]] = True
     return np.asarray(reached[part], dtype=np.bool_)
-
-
-def _hull(grid: ChartGrid, cells: BoolArray) -> BoolArray:
-    """Cells whose centre lies in the convex hull of the given ones."""
-    rows, columns = np.nonzero(cells)
-    if len(rows) < 3:
-        return cells.copy()
-    outline = MultiPoint(np.column_stack([columns, rows]).astype(np.float64)[_extremes(rows)]).convex_hull
-    row, column = np.mgrid[: grid.shape[0], : grid.shape[1]]
-    return np.asarray(contains_xy(outline.buffer(0.5), column, row), dtype=np.bool_)
-
-
-def _extremes(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Indices of the first and last cell in each row; `rows` ascends, and columns ascend in each."""
-    first = np.flatnonzero(np.diff(rows, prepend=-1))
-    return np.unique(np.concatenate([first, np.append(first[1:] - 1, len(rows) - 1)]))
-
-
-def _provenance(
-    grid: ChartGrid, limits: Limits, observed: BoolArray, hypothesised: BoolArray
-) -> NDArray[np.int8]:
-    result = np.full(grid.shape, -1, np.int8)
-    uv = grid.centres_uv()
-    beyond = ((uv < limits.own_low) | (uv > limits.own_high)).any(axis=-1)
-    if limits.full_turn:
-        beyond = (uv[..., 1] < limits.own_low[1]) | (uv[..., 1] > limits.own_high[1])
-        turned = (uv[..., 0] < limits.own_low[0]) | (uv[..., 0] > limits.own_high[0])
-        result[hypothesised & turned] = Provenance.FULL_TURN
-    result[hypothesised & beyond] = Provenance.ARCHITECTURAL
-    within = hypothesised & (result < 0)
-    result[within] = Provenance.EDGES
-    part, n_parts = ndimage.label(observed, structure=np.ones((3, 3)))
-    sizes = np.bincount(part.ravel(), minlength=n_parts + 1)[1:]
-    if len(sizes):
-        largest = part == int(np.argmax(sizes)) + 1
-        result[within & _hull(grid, observed)] = Provenance.BETWEEN
-        result[within & _hull(grid, largest)] = Provenance.INTERIOR
-    result[observed] = Provenance.MEASURED
-    return result

@@ -39,7 +39,8 @@ def label_pieces(shadows: Shadows) -> Labelling:
 
     A boundary of the surface costs its length times its improbability: 1 along the outline of a shadow, for
     it would be a coincidence if a surface ended just where an occluder's silhouette lies; less along a
-    continued edge. A piece that touches neither measured nor open cells is no surface.
+    continued edge, if the surface is on that side of it on which it was seen. A piece that touches neither
+    measured nor open cells is no surface.
     """
     n = shadows.n_pieces
     if not n:
@@ -69,19 +70,18 @@ class _Graph:
         piece = shadows.piece.ravel()
         a, b = piece[borders.first].astype(np.int64), piece[borders.second].astype(np.int64)
         apart = a != b
-        a, b = np.minimum(a, b)[apart], np.maximum(a, b)[apart]
-        pair, index = np.unique(a * n + b, return_inverse=True)
-        between = np.bincount(index, (borders.cost * borders.length)[apart], minlength=len(pair))
-        length = np.bincount(index, borders.length[apart], minlength=len(pair))
+        a, b, cost, length = a[apart], b[apart], borders.cost[apart], borders.length[apart]
+        pair, index = np.unique(np.append(a * n + b, b * n + a), return_inverse=True)
+        between = np.bincount(index, np.append(*cost.T) * np.tile(length, 2), minlength=len(pair))
+        shared = np.bincount(index, np.tile(length, 2), minlength=len(pair))
         every = np.arange(n)
         outline = shadows.beside_measured + shadows.beside_open
-        for end in (pair // n, pair % n):
-            outline = outline + np.bincount(end, length, minlength=n)
+        outline = outline + np.bincount(pair // n, shared, minlength=n)
         return cls(
             n,
-            np.concatenate([pair // n, pair % n, np.full(n, n), every]),
-            np.concatenate([pair % n, pair // n, every, np.full(n, n + 1)]),
-            np.concatenate([between, between, shadows.beside_measured, shadows.beside_open]),
+            np.concatenate([pair // n, np.full(n, n), every]),
+            np.concatenate([pair % n, every, np.full(n, n + 1)]),
+            np.concatenate([between, shadows.beside_measured, shadows.beside_open]),
             outline,
         )
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,18 +11,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.edges import Line, find_edges
+from completion.cues import ALL_CUES, Cue
+from completion.curves import Line
+from completion.edges import find_edges
 from completion.merging import MergedSurface
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
 from completion.segmentation.regions import observed_arc
+from completion.surroundings import Surroundings, is_upright
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 
 Mode = Literal["conservative", "standard", "bold"]
 
-_STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
-_UPRIGHT = 0.1  # sine of the angle
 _FULL_TURN_ARC = np.radians(90.0)
 
 
@@ -71,7 +72,7 @@ class Limits:
         as far again as they are long, cylinders as far again along their axis, other surfaces no farther.
         """
         size = self.own_high - self.own_low
-        further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else np.zeros(2)
+        further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else size
         if self.encloses:
             further = np.full(2, np.linalg.norm(size))
         low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
@@ -79,70 +80,13 @@ class Limits:
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
 
-def find_standing(
-    surfaces: Sequence[MergedSurface],
-    rims: Sequence[RimPoints],
-    enclosing: Sequence[bool],
-    touching: BoolArray,
-) -> FloatArray:
-    """Probability (n,) that what stands at right angles to an enclosing plane reaches down to it; else 0.
-
-    Of the n surfaces whose end on its side was seen k end on the plane; with a beta prior the next one does
-    with probability (k + a) / (n + a + b).
-
-    Parameters
-    ----------
-    surfaces : sequence of MergedSurface
-        All surfaces, working frame.
-    rims : sequence of RimPoints
-        The rim of each, in its own chart.
-    enclosing : sequence of bool
-        Which enclose the room.
-    touching : (n, n) bool
-        Which surfaces were seen to meet.
-    """
-    standing = np.zeros(len(surfaces))
-    for number, base in enumerate(surfaces):
-        plane = base.fit.surface
-        if not enclosing[number] or not isinstance(plane, Plane):
-            continue
-        ending = [
-            touching[number, other]
-            for other in range(len(surfaces))
-            if not enclosing[other]
-            and _is_upright(surfaces[other].fit.surface, plane)
-            and (touching[number, other] or _ends_above(surfaces[other], rims[other], plane))
-        ]
-        standing[number] = (sum(ending) + _STANDING[0]) / (len(ending) + sum(_STANDING))
-    return standing
-
-
-def _is_upright(surface: Surface, base: Plane) -> bool:
-    """Tell whether a surface stands at right angles to a plane, to within six degrees."""
-    if isinstance(surface, Plane):
-        return abs(float(surface.normal_direction @ base.normal_direction)) < _UPRIGHT
-    return (
-        isinstance(surface, Cylinder) and 1 - abs(float(surface.direction @ base.normal_direction)) < _UPRIGHT
-    )
-
-
-def _ends_above(surface: MergedSurface, rim: RimPoints, base: Plane) -> bool:
-    """Tell whether the rim nearest to a plane is mostly the surface's own edge."""
-    height = base.distance(surface.fit.surface.from_uv(rim.uv))
-    if not len(height):
-        return False
-    lowest = rim.kind[height <= height.min() + 0.05 * np.ptp(height)]
-    return bool(np.mean(lowest == Rim.OWN_EDGE) > 0.5)
-
-
 def limit(
     index: int,
     surfaces: Sequence[MergedSurface],
     rims: Sequence[RimPoints],
-    enclosing: Sequence[bool],
-    standing: FloatArray,
-    touching: BoolArray,
+    surroundings: Surroundings,
     observations: Sequence[Observation],
+    cues: Collection[Cue] = ALL_CUES,
 ) -> Limits:
     """Bound the continuation of surface `index`.
 
@@ -153,30 +97,32 @@ def limit(
     ----------
     index : int
         Which surface.
-    surfaces, rims, enclosing : sequences
-        All surfaces, their rims, and whether each encloses the room.
-    standing : (n,) float
-        Probability that what stands on each of them reaches down to it.
-    touching : (n, n) bool
-        Which surfaces were seen to meet.
+    surfaces, rims : sequences
+        All surfaces and their rims.
+    surroundings : Surroundings
+        What they are to each other.
     observations : sequence of Observation
         The scans.
+    cues : collection of Cue
+        Whether creases, enclosing planes and full turns are made use of.
     """
-    surface = surfaces[index]
+    surface, enclosing = surfaces[index], surroundings.encloses
     points = surface.points(observations)
     thinned = points[:: max(1, len(points) // 50_000)]
-    cuts = _cuts(index, surfaces, enclosing, thinned)
+    cuts = _cuts(index, surfaces, enclosing, thinned) if Cue.ARCHITECTURAL in cues else []
     neighbours = [
         surface.fit.surface
         for other, surface in enumerate(surfaces)
-        if touching[index, other] and not enclosing[other]
+        if Cue.INTERSECTION in cues and surroundings.meets[index, other] and not enclosing[other]
     ]
     full_turn = False
     if isinstance(surface.fit.surface, Cylinder):
         chart: Surface = _facing_chart(surface.fit.surface, thinned)
         arc = observed_arc(surface.fit.surface, thinned)
         known = surface.fit.parameter_deviations()["radius"] < 0.05 * surface.fit.surface.radius
-        full_turn = not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
+        full_turn = (
+            Cue.FULL_TURN in cues and not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
+        )
     elif isinstance(surface.fit.surface, Plane):
         plane = surface.fit.surface
         planes = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
@@ -187,7 +133,9 @@ def limit(
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
     ending = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
     ends, which = _ends(chart, [plane for _, plane in ending], own_low, own_high)
-    stands = [standing[number] * _is_upright(surface.fit.surface, plane) for number, plane in ending]
+    stands = [
+        surroundings.standing[number] * is_upright(surface.fit.surface, plane) for number, plane in ending
+    ]
     runs_on = enclosing[index] or isinstance(chart, Cylinder)
     reaches = np.where(np.isfinite(ends), 1.0 if runs_on else np.array([*stands, 0.0])[which], 0.0)
     enclosures = tuple(
@@ -205,41 +153,12 @@ def limit(
         ends,
         reaches,
         full_turn,
-        enclosing[index] and isinstance(chart, Plane),
+        bool(enclosing[index]) and isinstance(chart, Plane),
     )
 
 
-def find_touching(
-    owners: Sequence[NDArray[np.int32]],
-    surfaces: Sequence[MergedSurface],
-    observations: Sequence[Observation],
-    scales: Sequence[FloatArray],
-) -> BoolArray:
-    """Tell which pairs of surfaces were seen to meet: neighbouring pixels that lie on both."""
-    n = len(surfaces)
-    meetings = np.zeros((n + 1, n + 1), np.int64)
-    for owner, observation, scale in zip(owners, observations, scales, strict=True):
-        for step in ((0, 2), (2, 0)):
-            a = owner[: owner.shape[0] - step[0], : owner.shape[1] - step[1]]
-            b = owner[step[0] :, step[1] :]
-            rows, columns = np.nonzero((a != b) & (a > 0) & (b > 0))
-            first, second = a[rows, columns], b[rows, columns]
-            p = observation.points[rows, columns]
-            q = observation.points[rows + step[0], columns + step[1]]
-            reach = 3 * scale[rows, columns] + 2 * np.linalg.norm(p - q, axis=1)
-            for i, j in {(int(i), int(j)) for i, j in zip(first, second, strict=True)}:
-                pair = (first == i) & (second == j)
-                near = np.abs(surfaces[j - 1].fit.surface.distance(p[pair])) <= reach[pair]
-                near &= np.abs(surfaces[i - 1].fit.surface.distance(q[pair])) <= reach[pair]
-                gap = np.linalg.norm(p[pair] - q[pair], axis=1)
-                near &= gap <= np.quantile(gap, 0.9)
-                meetings[i, j] += int(near.sum())
-    both = meetings + meetings.T
-    return np.asarray(both[1:, 1:] >= 8, dtype=np.bool_)
-
-
 def _cuts(
-    index: int, surfaces: Sequence[MergedSurface], enclosing: Sequence[bool], points: FloatArray
+    index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
 ) -> list[tuple[int, Surface]]:
     """Enclosing surfaces, with their indices, that have the surface on their inner side."""
     cuts = []

@@ -66,7 +66,11 @@ class _Piece:
 
 
 def merge(
-    observations: Sequence[Observation], regions: Sequence[Sequence[Region]], options: EvidenceOptions
+    observations: Sequence[Observation],
+    regions: Sequence[Sequence[Region]],
+    options: EvidenceOptions,
+    *,
+    across: bool = True,
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
 
@@ -84,6 +88,8 @@ def merge(
         The regions of each scan.
     options : EvidenceOptions
         Flatness, registration, and tolerances of the gap test.
+    across : bool
+        Whether regions are joined across occluders at all.
     """
     pieces = [
         _piece(index, region, observation, options)
@@ -91,7 +97,7 @@ def merge(
         for region in found
     ]
     group = np.arange(len(pieces))
-    agreements = _agreements(pieces)
+    agreements = _agreements(pieces) if across else {}
     for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
         if agreement.chi2 > 1:
             break
@@ -102,7 +108,8 @@ def merge(
         joined = [pieces[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
         if _fits_all(joined, options) and _hidden_between(pieces[i], pieces[j], observations, options):
             group[group == group[j]] = group[i]
-    _adopt_small(group, pieces, observations, options)
+    if across:
+        _adopt_small(group, pieces, observations, options)
     merged = _merged(group, pieces, observations, options)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 

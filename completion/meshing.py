@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.chart import ChartGrid
-from completion.edges import Circle, Line
+from completion.curves import Circle, Line
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Surface
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from completion.audit import AuditResult
 from completion.chart import ChartGrid
-from completion.extension import Patch, Provenance
+from completion.extension import Patch
 from completion.limits import Mode
 from completion.meshing import ChartMesh, mesh_cells, mesh_range_image
 from completion.observation import Observation
+from completion.provenance import Provenance
 from completion.texturing import ChartTexture
 from scenes.checks import FloatArray
 from scenes.pose import Pose

@@ -12,7 +12,8 @@ import shapely
 from scipy import ndimage
 
 from completion.chart import ChartGrid
-from completion.edges import Edge, Line
+from completion.curves import Line
+from completion.edges import Edge
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray

@@ -13,19 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.audit import audit
-from completion.enclosure import find_enclosing
+from completion.cues import ALL_CUES, Cue
 from completion.evidence import EvidenceOptions
 from completion.export import save_completion
 from completion.extension import Patch, extend
-from completion.limits import Mode, find_standing, find_touching, limit
+from completion.limits import Mode, limit
 from completion.merging import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
 from completion.rim import find_rim
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
+from completion.surroundings import survey
 from completion.texturing import ChartTexture, TexturingOptions, texture_patch
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import InputError, check_options
 from scenes.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
@@ -50,8 +51,8 @@ class CompletionOptions:
         Whether hypothesised area is textured.
     max_sd_m : float
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
-    min_share : float
-        Surfaces with a smaller share of the measured pixels are kept as measured, without continuation.
+    cues : tuple of Cue
+        What is made use of; all that is known.
     segmentation, evidence, texturing : options
         Of the stages.
     """
@@ -61,7 +62,7 @@ class CompletionOptions:
     registration_m: float = 0.005
     texture: bool = True
     max_sd_m: float = 0.02
-    min_share: float = 0.003
+    cues: tuple[Cue, ...] = ALL_CUES
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -70,7 +71,7 @@ class CompletionOptions:
         if self.mode not in ("conservative", "standard", "bold"):
             raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
         lengths = ("sigma_m", "registration_m", "max_sd_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), min_share=(0.0, 1.0))
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
 
 class Completion(CompletedModel):
@@ -140,16 +141,14 @@ def complete(
         )
         regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        surfaces = _large(merge(observations, regions, evidence), observations, options.min_share)
+        surfaces = merge(observations, regions, evidence, across=Cue.MERGING in options.cues)
         owners = number_pixels(surfaces, observations)
 
-        enclosing = find_enclosing(surfaces, observations, _typical(scales))
-        touching = find_touching(owners, surfaces, observations, scales)
         rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
-        standing = find_standing(surfaces, rims, enclosing, touching)
+        surroundings = survey(surfaces, rims, owners, observations, scales)
 
         def continued(index: int) -> Patch:
-            limits = limit(index, surfaces, rims, enclosing, standing, touching, observations)
+            limits = limit(index, surfaces, rims, surroundings, observations, options.cues)
             return extend(
                 surfaces[index],
                 rims[index],
@@ -160,6 +159,7 @@ def complete(
                 evidence,
                 options.mode,
                 options.max_sd_m,
+                options.cues,
             )
 
         patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
@@ -204,19 +204,6 @@ def number_pixels(
         for owner, mask in zip(owners, surface.masks, strict=True):
             owner[mask] = number
     return owners
-
-
-def _large(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], min_share: float
-) -> list[MergedSurface]:
-    total = sum(int(seen.valid.sum()) for seen in observations)
-    return [surface for surface in surfaces if surface.n_pixels >= min_share * total]
-
-
-def _typical(scales: Sequence[FloatArray]) -> float:
-    known = [scale[np.isfinite(scale)] for scale in scales]
-    together = np.concatenate(known) if known else np.zeros(0)
-    return float(np.median(together)) if len(together) else 0.0
 
 
 def _each(

@@ -15,6 +15,9 @@ from completion.chart import ChartGrid
 from completion.continuation import Stretch
 from scenes.checks import BoolArray, FloatArray
 
+GOES_ON = 0.9
+"""Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Borders:
@@ -26,8 +29,9 @@ class Borders:
         Flat cells.
     stretch : (n,) int32
         Which edge.
-    cost : (n,) float
-        Improbability of a boundary there, 1 minus the edge's confidence.
+    cost : (n, 2) float
+        Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
+        minus `GOES_ON` on the side where the surface was seen along the edge, 1 on the other.
     length : (n,) float
         Length of the cells' common side, metres.
     """
@@ -107,10 +111,10 @@ def _borders(
     length: FloatArray,
     stretches: Sequence[Stretch],
 ) -> Borders:
-    """Pairs of cells on different sides of a stretch; the most probable edge counts where several pass."""
+    """Pairs of cells on different sides of a stretch."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
-    cost = np.full(len(first), np.inf)
+    cost = np.ones((len(first), 2))
     owner = np.full(len(first), -1, np.int32)
     for number, stretch in enumerate(stretches):
         side = stretch.curve.across(centres) >= 0
@@ -119,9 +123,9 @@ def _borders(
         progress = stretch.progress(middle)
         within = (progress >= -slack) & (progress <= abs(stretch.end - stretch.start) + slack)
         parted, progress = parted[within], progress[within]
-        price = 1 - stretch.confidence(progress)
-        better = price < cost[parted]
-        cost[parted[better]], owner[parted[better]] = price[better], number
+        surface = np.where(side[first[parted]] == (stretch.side > 0), 0, 1)
+        owner[parted[owner[parted] < 0]] = number
+        cost[parted, surface] = 1 - GOES_ON
     at = np.flatnonzero(owner >= 0)
     return Borders(first[at], second[at], owner[at], cost[at], length[at])
 

@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from completion.chart import ChartGrid
-from completion.confidence import WALL_ON, WALL_WITHIN, distance_to
+from completion.confidence import WALL_BEYOND, WALL_WITHIN, distance_to
 from completion.continuation import continue_edges
 from completion.creases import meeting_line
-from completion.edges import Circle, Edge, Line, find_edges
+from completion.cues import ALL_CUES, Cue
+from completion.curves import Circle, Line
+from completion.edges import Edge, find_edges
 from completion.labelling import label_pieces
 from completion.rim import Rim, RimPoints
 from completion.shadows import divide
@@ -69,8 +71,10 @@ def _corner():
     measured = (row < 60) & (column < 60) & ~hidden
     open_ = ~measured & ~hidden
     edges = [
-        Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), 1e-4),
-        Edge(Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), 1e-4),
+        Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), np.array([1.0]), 1e-4),
+        Edge(
+            Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), np.array([-1.0]), 1e-4
+        ),
     ]
     return hidden, measured, open_, edges
 
@@ -108,16 +112,14 @@ def test_what_touches_nothing_known_is_no_surface():
     assert label_pieces(divide(GRID, nothing, nothing, nothing, [])).is_surface.shape == (0,)
 
 
-def test_an_edge_seen_on_both_sides_is_one_stretch_and_surer_than_one_seen_once():
+def test_an_edge_seen_on_both_sides_is_one_stretch():
     row, column = np.mgrid[:100, :100]
     hidden = (column >= 40) & (column < 60) & (row > 20) & (row < 80)
     line = Line(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
-    (both,) = continue_edges([Edge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), 1e-4)], GRID, hidden)
-    (once,) = continue_edges([Edge(line, np.array([[0.0, 0.4]]), 1e-4)], GRID, hidden)
+    (both,) = continue_edges([Edge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), np.ones(2), 1e-4)], GRID, hidden)
+    (once,) = continue_edges([Edge(line, np.array([[0.0, 0.4]]), np.ones(1), 1e-4)], GRID, hidden)
     assert both.provenance == "collinear"
     assert once.provenance == "convergent"
-    assert both.confidence(np.array([0.1]))[0] > once.confidence(np.array([0.1]))[0]
-    assert once.confidence(np.array([0.2]))[0] < once.confidence(np.array([0.1]))[0]
 
 
 def test_surfaces_meet_where_geometry_says():
@@ -147,12 +149,59 @@ def test_rim_points_keep_their_place_in_another_chart():
 
 def test_confidence_falls_with_distance_and_faster_where_nothing_ends_the_surface():
     away = np.array([0.0, 0.5, 1.0])
-    within, beyond = WALL_WITHIN.at(away, 1.0), WALL_ON.at(away, 1.0)
+    within, beyond = WALL_WITHIN.at(away), WALL_BEYOND.at(away)
     assert (np.diff(within) < 0).all()
     assert (beyond[1:] < within[1:]).all()
     cells = np.zeros(GRID.shape, dtype=np.bool_)
     assert (distance_to(cells, GRID)[0] > 1e5).all()
-    cells[10:20, 10:20] = True
-    distance, extent = distance_to(cells, GRID)
-    assert distance[15, 29] == pytest.approx(0.1)
-    assert extent[50, 50] == pytest.approx(0.1)
+    cells[10:20, 10:30] = True
+    distance, longer = distance_to(cells, GRID)
+    assert distance[15, 39] == pytest.approx(0.1)
+    assert longer[50, 50] == pytest.approx(0.2)
+
+
+def test_an_edge_parts_surface_from_opening_only_on_the_side_it_was_seen_on():
+    """Open cells left, measured ones right of a strip with one edge down its middle."""
+    row, column = np.mgrid[:100, :100]
+    hidden = (column >= 40) & (column < 60) & (row < 50)
+    measured, open_ = (column >= 60) & (row < 50), (column < 40) & (row < 50)
+    line = Line(np.array([0.5, 0.0]), np.array([0.0, 1.0]))
+    pieces = {}
+    for side in (-1.0, 1.0):  # `across` grows to the left
+        edge = Edge(line, np.array([[0.5, 0.9]]), np.array([side]), 1e-4)
+        shadows = divide(GRID, hidden, measured, open_, continue_edges([edge], GRID, hidden))
+        assert shadows.n_pieces == 2
+        pieces[side] = label_pieces(shadows).margin[shadows.piece[25, [41, 58]]]
+    assert pieces[-1.0][0] < pieces[1.0][0]
+    assert pieces[-1.0][1] > pieces[1.0][1]
+
+
+def test_runs_on_one_line_with_the_surface_on_different_sides_stay_apart():
+    uv, _ = _stairs(0.0)
+    below, above = _rim(uv[:25], (0.0, STEP)), _rim(uv[30:], (0.0, -STEP))
+    rim = RimPoints(
+        np.concatenate([below.uv, above.uv]),
+        np.concatenate([below.step, above.step]),
+        np.concatenate([below.kind, above.kind]),
+    )
+    (edge,) = find_edges(rim)
+    normal_up = edge.curve.normal[1] > 0
+    assert sorted(edge.sides) == [-1.0, 1.0]
+    first = edge.sides[np.argmin(np.abs(edge.curve.at(edge.runs.mean(axis=1))[:, 0] - 0.12))]
+    assert (first < 0) == normal_up  # the surface lies below where steps lead up
+
+
+@pytest.mark.parametrize("cue", [Cue.COLLINEAR, Cue.CONVERGENT, Cue.CLOSURE])
+def test_a_cue_that_is_left_out_continues_no_edge(cue):
+    row, column = np.mgrid[:100, :100]
+    hidden = (column >= 40) & (column < 60) & (row > 20) & (row < 80)
+    line = Line(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
+    runs = {
+        Cue.COLLINEAR: [[0.0, 0.4], [0.6, 1.0]], Cue.CONVERGENT: [[0.0, 0.4]], Cue.CLOSURE: [[0.7, 0.9]],
+    }[cue]  # fmt: skip
+    if cue == Cue.CLOSURE:
+        line, hidden = Line(np.array([0.39, 0.0]), np.array([0.0, 1.0])), hidden & (row > 40)
+    edge = Edge(line, np.array(runs), np.ones(len(runs)), 1e-4)
+    others = tuple(other for other in ALL_CUES if other != cue)
+    assert {stretch.provenance for stretch in continue_edges([edge], GRID, hidden)} == {cue}
+    assert continue_edges([edge], GRID, hidden, others) == []

@@ -221,7 +221,7 @@ def test_options_change_the_result():
     base = complete(scan, PLAIN)
     for options in (
         CompletionOptions(texture=False, sigma_m=0.02),
-        CompletionOptions(texture=False, min_share=0.2),
+        CompletionOptions(texture=False, cues=()),
         CompletionOptions(texture=False, max_sd_m=1e-6),
         CompletionOptions(texture=False, evidence=EvidenceOptions(n_sigma=1.0)),
     ):
@@ -258,7 +258,6 @@ def test_the_face_is_complete():
         (CompletionOptions, "sigma_m", -1.0),
         (CompletionOptions, "registration_m", np.inf),
         (CompletionOptions, "max_sd_m", -0.02),
-        (CompletionOptions, "min_share", 1.5),
         (SegmentationOptions, "min_pixels", 2),
         (SegmentationOptions, "max_angle_deg", 100.0),
         (EvidenceOptions, "flatness_m", np.nan),

@@ -25,7 +25,7 @@ from scenes.atomic import json_text
 from scenes.checks import InputError
 from tests.sweep_examples import small_column
 
-LEAST = replace(CompletionOptions(texture=False), min_share=0.01)
+LEAST = replace(CompletionOptions(texture=False), max_sd_m=0.01)
 METHODS = {"standard": CompletionOptions(texture=False), BASELINES[1].name: BASELINES[1]}
 
 
@@ -105,7 +105,7 @@ def test_an_interrupted_evaluation_ends_in_the_same_bytes(tmp_path, monkeypatch)
     monkeypatch.setattr("nbv.evaluation.command.office_cases", lambda _frames: [small_column(150)])
     monkeypatch.setattr("nbv.evaluation.command.SWEEPS", {"arc": replace(SWEEPS["arc"], levels=(60.0,))})
     monkeypatch.setattr("nbv.evaluation.sweeps.column_case", lambda level, seed: small_column(level, seed))
-    options = ["--scenes", "office", "--mode", "standard", "--no-baselines", "--leave-out", "min-share"]
+    options = ["--scenes", "office", "--mode", "standard", "--no-baselines", "--leave-out", "full-turn"]
     options += ["--sweep", "arc", "--sweep-seeds", "1"]
 
     def run(folder: str, *extra: str):
@@ -113,7 +113,7 @@ def test_an_interrupted_evaluation_ends_in_the_same_bytes(tmp_path, monkeypatch)
 
     whole = run("whole")
     assert whole.exit_code == 0, whole.output
-    assert "standard without min-share: " in whole.output
+    assert "standard without full-turn: " in whole.output
     assert "a case (median of " in whole.output
     costs = json.loads((tmp_path / "whole" / "manifest.json").read_text())["times"]["costs"]
     assert costs["standard"]["n"] == 2

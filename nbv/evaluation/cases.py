@@ -14,8 +14,8 @@ from completion.evaluation.cells import TrueCells, look
 from completion.evaluation.hypothesis import Hypothesis, continued_surfaces
 from completion.evaluation.truth import TrueChart, TrueModel, true_charts
 from completion.export import completion_record
-from completion.extension import Provenance
 from completion.model import CompletedModel
+from completion.provenance import Provenance
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
 from nbv.view import View

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from completion.cues import ALL_CUES, Cue
 from completion.limits import Mode
 from completion.pipeline import CompletionOptions
 from nbv.evaluation.cases import Case
@@ -66,12 +67,11 @@ def mode_methods(modes: Sequence[Mode]) -> dict[str, Method]:
 
 
 def ablations() -> dict[str, CompletionOptions]:
-    """Return our standard mode with one cue left out, by the cue's name.
-
-    To add one, say here what the options without it are.
-    """
+    """Return our standard mode with one cue left out, by the cue's name."""
     standard = CompletionOptions(mode="standard", texture=False)
-    return {"min-share": replace(standard, min_share=0.0)}
+    return {
+        str(cue): replace(standard, cues=tuple(other for other in ALL_CUES if other != cue)) for cue in Cue
+    }
 
 
 def ablation_methods(cues: Sequence[str]) -> dict[str, Method]:
