@@ -18,6 +18,7 @@ from completion.merging import MergedSurface
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
 from completion.segmentation.regions import observed_arc
+from completion.sides import ended_sides
 from completion.surroundings import Surroundings, is_upright
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
@@ -48,6 +49,8 @@ class Limits:
         does, metres.
     reaches : (2, 2) float
         Probability that the surface goes on to each of them.
+    ended : (2, 2) bool
+        Sides of that rectangle at which the surface was seen to end.
     full_turn : bool
         Whether a cylinder may be closed around its back.
     encloses : bool
@@ -62,6 +65,7 @@ class Limits:
     own_high: FloatArray
     ends: FloatArray
     reaches: FloatArray
+    ended: BoolArray
     full_turn: bool
     encloses: bool
 
@@ -75,8 +79,8 @@ class Limits:
         further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else size
         if self.encloses:
             further = np.full(2, np.linalg.norm(size))
-        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
-        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
+        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further * ~self.ended[0])
+        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further * ~self.ended[1])
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
 
@@ -131,6 +135,10 @@ def limit(
         raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
+    sides = ended_sides(rims[index].recharted(surface.fit.surface, chart), own_low, own_high)
+    ended = np.isfinite(sides)
+    own_low = np.where(ended[0], np.minimum(own_low, sides[0]), own_low)
+    own_high = np.where(ended[1], np.maximum(own_high, sides[1]), own_high)
     ending = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
     ends, which = _ends(chart, [plane for _, plane in ending], own_low, own_high)
     stands = [
@@ -152,6 +160,7 @@ def limit(
         own_high,
         ends,
         reaches,
+        ended,
         full_turn,
         bool(enclosing[index]) and isinstance(chart, Plane),
     )
