@@ -93,7 +93,7 @@ REAL = (
         "range/pcl/office1.pcd",
         "Point Cloud Library, BSD-3",
         0,
-        "Wall and floor go on behind desk and chair; the recess on the right ends at its jambs.",
+        "Wall and floor go on behind desk and chair, and behind the boxes in the recess.",
     ),
     Real(
         "align3d",
@@ -196,8 +196,8 @@ HEAD = """<!-- Written by `python examples/plot_completion.py`; do not edit. -->
 # Before and after
 
 Each picture is seen from a step aside of the one scan that was completed, in standard mode, so that what lay
-behind the occluders comes into view. Grey is measured, blue inferred, and nothing is known where it is
-hatched. `python examples/plot_completion.py` writes pictures and page.
+behind the occluders comes into view. Marked blue is what was inferred; where it is hatched nothing is known.
+`python examples/plot_completion.py` writes pictures and page.
 
 ## Built-in scenes
 
@@ -205,7 +205,7 @@ Measured; completed, what is inferred in blue; completed, what is inferred in it
 figures 9 and 10."""
 REAL_HEAD = """## Real scans
 
-Measured, and completed with what is inferred in blue; shape alone, without the scans' colours."""
+Measured, and completed with what is inferred in blue; measured area is grey, for shape alone is drawn."""
 
 if __name__ == "__main__":
     main()
