@@ -16,7 +16,6 @@ from completion.cues import Cue
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +96,7 @@ def _kinds(patch: Patch, beyond: _Beyond) -> NDArray[np.str_]:
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )
-    return np.where(_near_planes(patch, _found_cuts(patch)), "crease", kind)
+    return np.where(_near(patch, _found_cuts(patch)), "crease", kind)
 
 
 def _provenances(patch: Patch) -> NDArray[np.str_]:
@@ -110,13 +109,13 @@ def _provenances(patch: Patch) -> NDArray[np.str_]:
         progress = stretch.progress(uv)
         hidden = (progress >= -reach) & (progress <= abs(stretch.end - stretch.start) + reach)
         result[hidden & (np.abs(stretch.curve.across(uv)) <= reach)] = str(stretch.provenance)
-    result[_near_planes(patch, _found_cuts(patch))] = str(Cue.ARCHITECTURAL)
-    result[_near_planes(patch, patch.verdict.ends) | _near_openings(patch)] = "user"
+    result[_near(patch, _found_cuts(patch))] = str(Cue.ARCHITECTURAL)
+    result[_near(patch, patch.verdict.ends) | _near_openings(patch)] = "user"
     return np.where(patch.hypothesised, result, "measured")
 
 
-def _found_cuts(patch: Patch) -> list[Plane]:
-    """Planes that the surface ends at without a person's saying so."""
+def _found_cuts(patch: Patch) -> list[Surface]:
+    """Surfaces that this one ends at without a person's saying so."""
     return [cut for cut in patch.limits.cuts if cut not in patch.verdict.ends]
 
 
@@ -127,11 +126,11 @@ def _near_openings(patch: Patch) -> BoolArray:
     return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
 
 
-def _near_planes(patch: Patch, planes: Sequence[Plane]) -> BoolArray:
-    """Cells within one and a half cells of planes that the surface ends at."""
+def _near(patch: Patch, others: Sequence[Surface]) -> BoolArray:
+    """Cells within one and a half cells of others that the surface ends at."""
     centres = patch.grid.centres()
     near = np.zeros(len(centres), dtype=np.bool_)
-    for cut in planes:
+    for cut in others:
         near |= cut.distance(centres) <= 1.5 * float(patch.grid.cell.max())
     return near.reshape(patch.grid.shape)
 

@@ -24,11 +24,12 @@ from completion.meshing import Trim
 from completion.observation import Observation
 from completion.provenance import Provenance, hull_of, provenance_of
 from completion.rim import Rim, RimPoints
+from completion.rings import rings_passed
 from completion.shadows import Shadows, divide
 from completion.tolerance import EvidenceOptions
 from completion.verdict import Verdict
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Plane
+from scenes.surfaces import Cylinder, Plane
 
 _MAX_CELLS = 200_000
 
@@ -138,6 +139,8 @@ def extend(
     within = _within(grid, limits, evidence)
     word, declared = verdict.word(grid), verdict.open_cells(grid)
     hidden &= known & within & ~declared
+    if isinstance(limits.chart, Cylinder):
+        hidden &= ~rings_passed(evidence)[:, None]
     accepted = hidden & (word > 0) & (in_box(grid, limits, *limits.known_window()) | verdict.drawn(grid))
     hidden &= in_box(grid, limits, *limits.window())
     if mode == "conservative":

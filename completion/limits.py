@@ -18,6 +18,7 @@ from completion.merging import MergedSurface
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
 from completion.segmentation.regions import observed_arc
+from completion.sides import ended_sides
 from completion.surroundings import Surroundings, is_upright
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
@@ -35,10 +36,10 @@ class Limits:
     ----------
     chart : Surface
         The surface with its chart laid along the directions that bound it.
-    enclosures : tuple of (int, Plane)
-        Number, from 1, and plane of every other surface that encloses the room.
-    cuts : tuple of Plane
-        Enclosing planes that the surface ends at; it stays on their normals' side.
+    enclosures : tuple of (int, Surface)
+        Number, from 1, and shape of every other surface that encloses the room.
+    cuts : tuple of Surface
+        Enclosing surfaces that this one ends at; it stays on their normals' side.
     neighbours : tuple of Surface
         Other surfaces that it was seen to meet in a crease.
     own_low, own_high : (2,) float
@@ -48,22 +49,25 @@ class Limits:
         does, metres.
     reaches : (2, 2) float
         Probability that the surface goes on to each of them.
+    ended : (2, 2) bool
+        Sides of that rectangle at which the surface was seen to end.
     full_turn : bool
         Whether a cylinder may be closed around its back.
     encloses : bool
-        Whether the surface bounds all that was measured, as walls and floors do.
+        Whether the surface is a plane that bounds all that was measured, as walls and floors do.
     said : (2, 2) bool
         Which of its ends a person set.
     """
 
     chart: Surface
-    enclosures: tuple[tuple[int, Plane], ...]
-    cuts: tuple[Plane, ...]
+    enclosures: tuple[tuple[int, Surface], ...]
+    cuts: tuple[Surface, ...]
     neighbours: tuple[Surface, ...]
     own_low: FloatArray
     own_high: FloatArray
     ends: FloatArray
     reaches: FloatArray
+    ended: BoolArray
     full_turn: bool
     encloses: bool
     said: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
@@ -71,15 +75,16 @@ class Limits:
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
 
-        On each side it reaches to where the surface may end; without such an end, walls and floors may go on
-        as far again as they are long, cylinders as far again along their axis, other surfaces no farther.
+        On each side it reaches to where the surface may end; without such an end, and where it was not seen
+        to end, walls and floors may go on as far again as they are long, cylinders as far again along their
+        axis, other planes as far again as they are long in that direction.
         """
         size = self.own_high - self.own_low
         further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else size
         if self.encloses:
             further = np.full(2, np.linalg.norm(size))
-        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further)
-        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further)
+        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further * ~self.ended[0])
+        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further * ~self.ended[1])
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
     def known_window(self) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +104,7 @@ def limit(
 ) -> Limits:
     """Bound the continuation of surface `index`.
 
-    It ends at planes that enclose the room. A cylinder may run around its back where at least 90 degrees of
+    It ends at surfaces that enclose the room. A cylinder may run around its back where at least 90 degrees of
     it were seen, and its radius is known.
 
     Parameters
@@ -134,37 +139,40 @@ def limit(
         )
     elif isinstance(surface.fit.surface, Plane):
         plane = surface.fit.surface
-        planes = [
-            *(cut for _, cut in cuts),
-            *(surface for surface in neighbours if isinstance(surface, Plane)),
-        ]
+        planes = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
         chart = _aligned_chart(plane, planes, thinned, rims[index])
     else:
         raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
     own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
-    ends, which = _ends(chart, [plane for _, plane in cuts], own_low, own_high)
+    sides = ended_sides(rims[index].recharted(surface.fit.surface, chart), own_low, own_high)
+    ended = np.isfinite(sides)
+    own_low = np.where(ended[0], np.minimum(own_low, sides[0]), own_low)
+    own_high = np.where(ended[1], np.maximum(own_high, sides[1]), own_high)
+    ending = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
+    ends, which = _ends(chart, [plane for _, plane in ending], own_low, own_high)
     stands = [
-        surroundings.standing[number] * is_upright(surface.fit.surface, plane) for number, plane in cuts
+        surroundings.standing[number] * is_upright(surface.fit.surface, plane) for number, plane in ending
     ]
     runs_on = enclosing[index] or isinstance(chart, Cylinder)
     reaches = np.where(np.isfinite(ends), 1.0 if runs_on else np.array([*stands, 0.0])[which], 0.0)
     enclosures = tuple(
         (number, other.fit.surface)
         for number, other in enumerate(surfaces, start=1)
-        if number != index + 1 and enclosing[number - 1] and isinstance(other.fit.surface, Plane)
+        if number != index + 1 and enclosing[number - 1]
     )
     return Limits(
         chart,
         enclosures,
-        tuple(plane for _, plane in cuts),
+        tuple(cut for _, cut in cuts),
         tuple(neighbours),
         own_low,
         own_high,
         ends,
         reaches,
+        ended,
         full_turn,
-        bool(enclosing[index]),
+        bool(enclosing[index]) and isinstance(chart, Plane),
     )
 
 
@@ -193,17 +201,16 @@ def with_ends(limits: Limits, planes: Sequence[Plane]) -> Limits:
 
 def _cuts(
     index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
-) -> list[tuple[int, Plane]]:
-    """Enclosing planes, with their indices, that have the surface on their inner side."""
+) -> list[tuple[int, Surface]]:
+    """Enclosing surfaces, with their indices, that have the surface on their inner side."""
     cuts = []
     for other, candidate in enumerate(surfaces):
-        plane = candidate.fit.surface
-        if other == index or not isinstance(plane, Plane) or not enclosing[other]:
+        if other == index or not enclosing[other]:
             continue
-        distance = plane.distance(points)
+        distance = candidate.fit.surface.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
         if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= 0.98:
-            cuts.append((other, plane))
+            cuts.append((other, candidate.fit.surface))
     return cuts
 
 

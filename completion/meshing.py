@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from completion.chart import ChartGrid
 from completion.curves import Circle, Line
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Plane
+from scenes.surfaces import Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class ChartMesh:
 
 
 def mesh_cells(
-    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], trims: Sequence[Trim] = (), *, merged: bool
+    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim] = (), *, merged: bool
 ) -> ChartMesh:
     """Triangulate the given cells of a grid, clipped by the cuts and trims.
 
@@ -67,7 +67,7 @@ def mesh_cells(
         The grid.
     cells : (rows, columns) bool
         Cells to mesh.
-    cuts : sequence of Plane
+    cuts : sequence of Surface
         Keep what lies on the normals' side; cells across a cut become polygons that end on it.
     trims : sequence of Trim
         The same for curves of the chart, each for its own cells.
@@ -115,7 +115,7 @@ def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     return corner[first], index
 
 
-def _corner_heights(grid: ChartGrid, cuts: Sequence[Plane]) -> FloatArray:
+def _corner_heights(grid: ChartGrid, cuts: Sequence[Surface]) -> FloatArray:
     """Signed distance (cuts, rows + 1, columns + 1) of the cell corners from the cuts; zeros for no cut."""
     rows, columns = grid.shape
     if not cuts:
@@ -156,7 +156,7 @@ def _box_polygon(box: NDArray[np.int64]) -> FloatArray:
 
 
 def _clipped(
-    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Plane], trims: Sequence[Trim]
+    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim]
 ) -> list[FloatArray]:
     """Each cell as the polygon (row, column) that is left on the inner side (Sutherland & Hodgman 1974)."""
     result = []

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.enclosure import find_enclosing
 from completion.merging import MergedSurface
 from completion.observation import Observation
 from completion.rim import Rim, RimPoints
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 
-_ENCLOSING_SHARE = 0.88  # of all measured points on the inner side: windows and doors let some lie beyond
-_ENCLOSING_PIXELS = 0.02  # of all measured points on the plane itself
 _STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
 _UPRIGHT = 0.1  # sine of the angle
 _MEETING_PAIRS = 8  # of neighbouring pixels
@@ -29,7 +28,7 @@ class Surroundings:
     Attributes
     ----------
     encloses : (n,) bool
-        Planes with nearly all measured points on their inner side: walls, floor, ceiling.
+        Surfaces with nearly all measured points on their inner side: walls, floor, ceiling, vault.
     meets : (n, n) bool
         Pairs that were seen to meet.
     standing : (n,) float
@@ -63,16 +62,9 @@ def survey(
     scales : sequence of (rows, columns) float
         For each scan how far ranges may stray from an ideal surface, metres.
     """
-    encloses = _encloses(surfaces, measured_points(observations), _typical(scales))
+    encloses = find_enclosing(surfaces, observations, _typical(scales))
     meets = _meets(owners, surfaces, observations, scales)
     return Surroundings(encloses, meets, _standing(surfaces, rims, encloses, meets))
-
-
-def measured_points(observations: Sequence[Observation], most: int = 40_000) -> FloatArray:
-    """Measured points (n, 3) of all scans in the working frame, thinned evenly to about `most`."""
-    clouds = [seen.points[seen.valid] for seen in observations]
-    stride = max(1, sum(len(cloud) for cloud in clouds) // most)
-    return np.concatenate([cloud[::stride] for cloud in clouds])
 
 
 def _typical(scales: Sequence[FloatArray]) -> float:
@@ -88,17 +80,6 @@ def is_upright(surface: Surface, base: Plane) -> bool:
     return (
         isinstance(surface, Cylinder) and 1 - abs(float(surface.direction @ base.normal_direction)) < _UPRIGHT
     )
-
-
-def _encloses(surfaces: Sequence[MergedSurface], cloud: FloatArray, scale: float) -> BoolArray:
-    """Planes with nearly all of the points `cloud` on their inner side."""
-    total = sum(surface.n_pixels for surface in surfaces)
-    result = np.zeros(len(surfaces), dtype=np.bool_)
-    for number, surface in enumerate(surfaces):
-        inner = np.mean(surface.fit.surface.distance(cloud) > -3 * max(scale, surface.fit.rms))
-        large = surface.n_pixels >= _ENCLOSING_PIXELS * total
-        result[number] = isinstance(surface.fit.surface, Plane) and large and inner >= _ENCLOSING_SHARE
-    return result
 
 
 def _standing(

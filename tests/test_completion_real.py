@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from completion import Completion, CompletionOptions, complete
+from completion.evidence import Label
 from scenes.files import read_scan
 from scenes.surfaces import Cylinder, Plane
 from tests.data_paths import data_path, requires_data
@@ -39,6 +40,17 @@ def test_pump_room_vertical_pipe_has_its_radius():
     axis = found.world_from_reference.rotate(pipe.grid.surface.direction)
     assert abs(axis[2]) > 0.999
     assert pipe.source.fit.parameter_deviations()["radius"] < 0.0008
+
+
+def test_pump_room_pipes_end_where_beams_passed():
+    """The two risers end at the flanges of the pumps, below which the scanner looked past them."""
+    found = completed("range/e57/pumpA.e57")
+    pipes = [p for p in found.patches if p.limits.full_turn]
+    assert sum(p.hypothesised_m2 for p in pipes) > 1.0
+    for pipe in pipes:
+        passed = np.count_nonzero(pipe.evidence.labels == Label.FREE, axis=1)
+        through = passed > np.count_nonzero(pipe.evidence.own, axis=1)
+        assert not pipe.hypothesised[through].any()
 
 
 def test_pump_room_floor_runs_on_under_the_pumps():

@@ -156,11 +156,11 @@ def test_the_gallery_script_scores_frames_by_each_other(tmp_path, monkeypatch) -
     monkeypatch.setitem(sys.modules, spec.name, script)
     spec.loader.exec_module(script)
     monkeypatch.setattr(script, "SETS", (SimulatedSet(),))
-    script.main(tmp_path, tmp_path)
+    script.main(["-o", str(tmp_path), "--pictures", str(tmp_path)])
     page = (tmp_path / "hidden-by-other-scans.md").read_text()
-    assert page.count("| simulated frame 1 |") == 3
-    assert page.count("| simulated frame 2 |") == 1
-    assert (tmp_path / "simulated.png").stat().st_size > 1000
+    assert page.count("| simulated frame 1 |") == 4  # three modes, and the row of buffers
+    assert page.count("| simulated frame 2 |") == 2
+    assert (tmp_path / "simulated-1.png").stat().st_size > 1000
     first = next(line for line in page.splitlines() if "frame 1 | standard" in line)
     precision = float(first.split("|")[3])
     assert precision > 0.9

@@ -24,6 +24,7 @@ from scenes.builtin import builtin_scene
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
+from scenes.range_image import RangeImage
 
 EVIL = "<script>alert('x')</script>"
 
@@ -202,3 +203,16 @@ def test_panoramas_are_drawn_upright_with_equal_angles_and_camera_images_as_they
     camera = PinholeProjection.from_fov(21, 30, 60)
     np.testing.assert_array_equal(upright(height, camera, most=60), height)
     assert upright(height, camera, most=10).shape == (10, 7)
+
+
+def test_a_panorama_is_drawn_upright_however_its_rows_and_columns_run():
+    """The scanner looks level, as one on a tripod does; some files list rows upwards."""
+    elevations, azimuths = np.radians(np.linspace(-25, 25, 40)), np.radians(np.linspace(-30, 30, 50))
+    for rows in (elevations, elevations[::-1]):
+        for columns in (azimuths, azimuths[::-1]):
+            projection = SphericalProjection(columns, rows)
+            pose = Pose.looking_at((0.5, 0.5, 1.5), (5.0, 4.0, 1.2))
+            ranges = np.full(projection.shape, 3.0)
+            for camera in aside_cameras(RangeImage(ranges, projection, pose)):
+                assert camera.axes[1] @ [0.0, 0.0, 1.0] < -0.8
+                assert np.linalg.det(camera.axes) == pytest.approx(1)

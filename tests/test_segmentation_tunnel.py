@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from completion import CompletionOptions, complete
 from completion.merging import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
@@ -49,3 +50,10 @@ def test_the_floor_runs_along_the_vault_below_its_axis(found):
     vault, floor = (one.fit.surface for one in found)
     assert abs(vault.direction @ floor.normal_direction) < np.sin(np.radians(1.5))
     assert 0 < floor.distance(vault.point[None])[0] < vault.radius
+
+
+def test_the_floor_ends_at_the_vault():
+    completed = complete(tunnel(), CompletionOptions(texture=False), rng=0)
+    vault = completed.patches[0].source.fit.surface
+    assert completed.hypothesised_m2 > 0.05
+    assert vault.distance(completed.hypothesised.vertices).min() > -0.03

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from completion.evaluation.buffers import BufferScore, score_buffers
 from completion.evaluation.samples import Samples
 from scenes.checks import BoolArray, FloatArray
 from scenes.range_image import RangeImage
@@ -32,6 +33,8 @@ class HiddenScore:
     n_reference, n_found : int
         Reference points, one in each voxel of 2 cm, that the input scan did not see and that are in its
         view; and those of them with inferred area near.
+    buffers : tuple of BufferScore
+        The same area and points matched within other distances.
     """
 
     state: NDArray[np.int8]
@@ -40,6 +43,7 @@ class HiddenScore:
     unknown_m2: float
     n_reference: int
     n_found: int
+    buffers: tuple[BufferScore, ...]
 
     @property
     def precision(self) -> float:
@@ -97,7 +101,8 @@ def score_by_others(
     state = np.select([right, wrong, counted], [1, -1, 0], 2).astype(np.int8)
     found = _near(reference, samples.points, tolerance_m)
     right_m2, wrong_m2, unknown_m2 = (float(samples.areas[state == code].sum()) for code in (1, -1, 0))
-    return HiddenScore(state, right_m2, wrong_m2, unknown_m2, len(reference), int(found.sum()))
+    buffers = score_buffers(samples, counted, crossed, reference)
+    return HiddenScore(state, right_m2, wrong_m2, unknown_m2, len(reference), int(found.sum()), buffers)
 
 
 def _hidden_and_apart(

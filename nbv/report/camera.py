@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.report.picture import upright
 from scenes.checks import FloatArray
 from scenes.range_image import RangeImage
 
@@ -66,8 +67,8 @@ def aim(
 
 def aside_cameras(scan: RangeImage) -> list[Camera]:
     """Return cameras that see what the scan saw from a step aside, turned about the middle of it."""
-    rows, columns = scan.shape
-    rays = scan.world_from_sensor.rotate(scan.projection.directions())
+    rays = scan.world_from_sensor.rotate(upright(scan.projection.directions(), scan.projection))
+    rows, columns = rays.shape[:2]
     forward, across, downward = _axes(rays)
     up = np.array([0.0, 0.0, 1.0])
     if -downward @ up < 0.5:  # a scan in its camera's own frame: its image says what is up

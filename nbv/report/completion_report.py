@@ -4,19 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from completion.export import display_mesh
 from completion.extension import Patch
 from completion.pipeline import Completion
 from completion.verification import Verification
 from nbv.plots import range_colours
-from nbv.report.camera import Camera, aside_cameras, overview_cameras
-from nbv.report.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.camera import aside_cameras, overview_cameras
 from nbv.report.edit_blocks import edit_sections
 from nbv.report.page import (
     Bar,
@@ -34,17 +32,11 @@ from nbv.report.page import (
     count,
     square_metres,
 )
-from nbv.report.picture import Picture, picture_of, segment_pixels, surface_colour, upright
+from nbv.report.picture import picture_of, segment_pixels, surface_colour, upright
+from nbv.report.stage import Stage, is_single_camera, solid_bounds
 from nbv.report.verification_blocks import verification_sections
-from scenes.checks import BoolArray, FloatArray
-from scenes.mesh import Appearance, LabelledMesh
-from scenes.projection import SphericalProjection
-from scenes.range_image import RangeImage
 
-_WIDTH, _TRIAL_WIDTH = 760, 96
 _MOST_SCANS = 3  # of which pictures are shown
-_CAMERA_LIKE = np.radians(80.0)  # field of view up to which a step aside shows what a scan saw
-_INFERRED = 1  # surface of inferred faces in the mesh for display
 
 
 def completion_page(
@@ -140,12 +132,11 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
     """The model as measured, with inferred area, and with inferred area marked, from the same viewpoint."""
-    scans = [seen.scan.transformed(completion.world_from_reference) for seen in completion.observations]
-    mesh = display_mesh(completion)
+    stage = Stage.of(completion, n_threads)
+    mesh, scans = stage.after.mesh, stage.scans
     if not len(mesh.faces):
         return (Text("There is no surface to show."),)
-    stage = _Stage.of(mesh, scans, n_threads)
-    single = _is_single_camera(scans)
+    single = is_single_camera(scans)
     cameras = aside_cameras(scans[0]) if single else overview_cameras(solid_bounds(mesh))
     best = max(range(len(cameras)), key=lambda k: stage.shown(cameras[k]))
     opposite = best ^ 1 if single else (best + len(cameras) // 2) % len(cameras)
@@ -153,101 +144,6 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
     pictures = stage.shoot(cameras[best], where)
     turned = replace(stage.shoot(cameras[opposite], "")[2], caption="The same from the other side.")
     return Legend(), Gallery((*pictures, turned), 2)
-
-
-def _is_single_camera(scans: list[RangeImage]) -> bool:
-    """Tell whether there is one scan, and that of no more than a camera would see."""
-    if len(scans) != 1:
-        return False
-    projection = scans[0].projection
-    if isinstance(projection, SphericalProjection):
-        spans = np.ptp(projection.azimuths), np.ptp(projection.elevations)
-        return bool(max(spans) <= _CAMERA_LIKE)
-    return True
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Stage:
-    """The model with and without inferred area, ready for drawing."""
-
-    before: Canvas
-    after: Canvas
-    scans: list[RangeImage]
-
-    @classmethod
-    def of(cls, mesh: LabelledMesh, scans: list[RangeImage], n_threads: int | None) -> _Stage:
-        front = fronts(mesh, scans)
-        kept = np.flatnonzero(mesh.face_surface != _INFERRED)
-        before = Canvas(part_of(mesh, kept), front[kept], n_threads)
-        return cls(before, Canvas(mesh, front, n_threads), scans)
-
-    def is_inferred(self, layer: Layer) -> BoolArray:
-        """Pixels that show inferred area."""
-        labels = self.after.mesh.face_surface
-        return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
-
-    def shown(self, camera: Camera) -> tuple[int, int]:
-        """How much inferred area, and how much at all, a camera shows."""
-        layer = self.after.look(camera, camera.shape(_TRIAL_WIDTH))
-        return int(self.is_inferred(layer).sum()), int(layer.hit.sum())
-
-    def shoot(self, camera: Camera, where: str) -> tuple[Picture, Picture, Picture]:
-        """Return the pictures before, after, and after with inferred area marked."""
-        shape = camera.shape(_WIDTH)
-        beside = not _is_single_camera(self.scans) and len(self.scans) > 1
-        bounds = _inner(solid_bounds(self.after.mesh))
-        first, last = self.before.look(camera, shape), self.after.look(camera, shape)
-        hidden = passes_hidden(camera, ~first.hit, self.scans, bounds, beside_counts=beside)
-        inferred, colour = self.is_inferred(last), self.after.colour(last)
-        unknown_before, unknown_after = (hidden | inferred) & ~first.hit, hidden & ~last.hit
-        marked = mark_inferred(colour, inferred, self.after.shade(last))
-        return (
-            picture_of(mark_unknown(self.before.colour(first), unknown_before), "Measured.", where),
-            picture_of(
-                mark_unknown(colour, unknown_after), "Completed.", "With what was inferred, texture and all."
-            ),
-            picture_of(
-                mark_unknown(marked, unknown_after),
-                "Completed, marked.",
-                "What was inferred is blue; nothing is known where it is hatched.",
-            ),
-        )
-
-
-def _inner(bounds: FloatArray) -> FloatArray:
-    """Return a box 1 % smaller, so that its own walls hide nothing in it."""
-    inner: FloatArray = bounds.mean(axis=0) + 0.99 * (bounds - bounds.mean(axis=0))
-    return inner
-
-
-def solid_bounds(mesh: LabelledMesh) -> FloatArray:
-    """Bounds (2, 3) of the mesh without its most remote half percents."""
-    return np.quantile(mesh.vertices, [0.005, 0.995], axis=0)
-
-
-def fronts(mesh: LabelledMesh, scans: list[RangeImage]) -> FloatArray:
-    """Normals (m, 3) of the faces' fronts: a single scanner's side where measured, else the winding's."""
-    normals = mesh.face_normals()
-    if len(scans) != 1:
-        return normals
-    towards = scans[0].origin - mesh.corners.mean(axis=1)
-    away = np.einsum("ij,ij->i", normals, towards) < 0
-    normals[away & (mesh.face_surface != _INFERRED)] *= -1
-    return normals
-
-
-def part_of(mesh: LabelledMesh, kept: Any) -> LabelledMesh:
-    """Return the mesh with some of its faces."""
-    look = mesh.appearance
-    part = None
-    if look is not None:
-        part = Appearance(
-            look.corner_colour[kept],
-            look.images,
-            None if look.face_image is None else look.face_image[kept],
-            None if look.corner_uv is None else look.corner_uv[kept],
-        )
-    return LabelledMesh(mesh.vertices, mesh.faces[kept], mesh.face_surface[kept], part)
 
 
 def surface_blocks(completion: Completion) -> tuple[Block, ...]:
