@@ -16,6 +16,7 @@ from completion.cues import Cue
 from completion.evidence import Label
 from completion.extension import Patch
 from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces import Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
