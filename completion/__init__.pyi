@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-from .cues import Cue as Cue
-from .edit_file import read_edits as read_edits
-from .edits import Anchor as Anchor
-from .edits import Edit as Edit
+from .boundary.cues import Cue as Cue
+from .edits.edit import Anchor as Anchor
+from .edits.edit import Edit as Edit
+from .edits.file import read_edits as read_edits
 from .evidence import Label as Label
 from .extension import Patch as Patch
 from .fitting import FitError as FitError

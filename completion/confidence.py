@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.boundary.labelling import Labelling
+from completion.boundary.shadows import Shadows
 from completion.chart import ChartGrid
-from completion.labelling import Labelling
 from completion.limits import Limits
-from completion.shadows import Shadows
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder
 

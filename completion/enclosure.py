@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import MultiPoint, contains_xy
 
-from completion.merging import MergedSurface
+from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface

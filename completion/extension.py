@@ -10,24 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.boundary.continuation import Stretch, continue_edges
+from completion.boundary.creases import meeting_line
+from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.edges import Edge, edge_along, find_edges
+from completion.boundary.labelling import Labelling, label_pieces
+from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.rings import rings_passed
+from completion.boundary.shadows import Shadows, divide
 from completion.chart import ChartGrid
 from completion.confidence import estimate
-from completion.continuation import Stretch, continue_edges
-from completion.creases import meeting_line
-from completion.cues import ALL_CUES, Cue
-from completion.edges import Edge, edge_along, find_edges
+from completion.edits.verdict import Verdict
 from completion.evidence import Evidence, Label, weigh
-from completion.labelling import Labelling, label_pieces
 from completion.limits import Limits, Mode
-from completion.merging import MergedSurface
+from completion.merging.pipeline import MergedSurface
 from completion.meshing import Trim
 from completion.observation import Observation
 from completion.provenance import Provenance, hull_of, provenance_of
-from completion.rim import Rim, RimPoints
-from completion.rings import rings_passed
-from completion.shadows import Shadows, divide
 from completion.tolerance import EvidenceOptions
-from completion.verdict import Verdict
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane
 

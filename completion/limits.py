@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.cues import ALL_CUES, Cue
-from completion.curves import Line
-from completion.edges import find_edges
-from completion.merging import MergedSurface
+from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.curves import Line
+from completion.boundary.edges import find_edges
+from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.sides import ended_sides
+from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
-from completion.rim import Rim, RimPoints
 from completion.segmentation.regions import observed_arc
-from completion.sides import ended_sides
 from completion.surroundings import Surroundings, is_upright
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface

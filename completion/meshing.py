@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.boundary.curves import Circle, Line
 from completion.chart import ChartGrid
-from completion.curves import Circle, Line
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Surface
 

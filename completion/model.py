@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from completion.audit import AuditResult
 from completion.chart import ChartGrid
-from completion.editing import anchor_point
-from completion.edits import Edit
+from completion.edits.application import anchor_point
+from completion.edits.edit import Edit
 from completion.extension import Patch
 from completion.limits import Mode
 from completion.meshing import ChartMesh, mesh_cells, mesh_range_image

@@ -11,11 +11,11 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
+from completion.boundary.curves import Line
+from completion.boundary.edges import Edge
 from completion.chart import ChartGrid
-from completion.curves import Line
-from completion.edges import Edge
+from completion.edits.verdict import Verdict, outline_uv
 from completion.extension import Patch
-from completion.verdict import Verdict, outline_uv
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through

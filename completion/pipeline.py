@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.audit import audit
-from completion.cues import ALL_CUES, Cue
-from completion.editing import apply_edits
-from completion.edits import Edit
+from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.rim import find_rim
+from completion.edits.application import apply_edits
+from completion.edits.edit import Edit
 from completion.export import save_completion
 from completion.extension import Patch, extend
 from completion.limits import Mode, limit, with_ends
-from completion.merging import MergedSurface, merge
+from completion.merging.pipeline import MergedSurface, merge
 from completion.model import CompletedModel, hypothesised_mesh
 from completion.observation import Observation, observe
-from completion.rim import find_rim
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.surroundings import survey

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from completion.boundary import trace_boundary
-from completion.edit_file import edit_record
+from completion.edits.file import edit_record
 from completion.effect import effect_of
 from completion.extension import Patch
 from completion.fitting.result import surface_parameters
 from completion.model import CompletedModel
 from completion.openings import find_openings
+from completion.outline import trace_boundary
 from completion.provenance import Provenance
 from completion.verification import Finding, Verification, counterpart
 

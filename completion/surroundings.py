@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.boundary.rim import Rim, RimPoints
 from completion.enclosure import find_enclosing
-from completion.merging import MergedSurface
+from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
-from completion.rim import Rim, RimPoints
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Plane, Surface
 

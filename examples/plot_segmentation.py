@@ -20,7 +20,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 from scipy.ndimage import distance_transform_cdt
 
-from completion.merging import MergedSurface, merge
+from completion.merging.pipeline import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

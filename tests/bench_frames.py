@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evaluation.hoover import HooverScore, score_regions
-from completion.merging import MergedSurface, merge
+from completion.merging.pipeline import MergedSurface, merge
 from completion.observation import Observation, observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

@@ -4,16 +4,16 @@
 import numpy as np
 import pytest
 
+from completion.boundary.continuation import continue_edges
+from completion.boundary.creases import meeting_line
+from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.curves import Circle, Line
+from completion.boundary.edges import Edge, find_edges
+from completion.boundary.labelling import label_pieces
+from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.shadows import divide
 from completion.chart import ChartGrid
 from completion.confidence import Onward, Prospects, distance_to
-from completion.continuation import continue_edges
-from completion.creases import meeting_line
-from completion.cues import ALL_CUES, Cue
-from completion.curves import Circle, Line
-from completion.edges import Edge, find_edges
-from completion.labelling import label_pieces
-from completion.rim import Rim, RimPoints
-from completion.shadows import divide
 from scenes.surfaces import Cylinder, Plane
 
 STEP = 0.01

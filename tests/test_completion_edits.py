@@ -9,11 +9,11 @@ import pytest
 from shapely import Polygon, contains_xy
 
 from completion import Anchor, Completion, CompletionOptions, Edit, Label, Provenance, complete, read_edits
-from completion.boundary import trace_boundary
-from completion.edit_file import edit_record
+from completion.edits.file import edit_record
 from completion.effect import effect_of
 from completion.model import mesh_area
 from completion.openings import find_openings
+from completion.outline import trace_boundary
 from completion.refitting import refit
 from nbv.report.edit_blocks import edit_sections
 from scenes.checks import InputError

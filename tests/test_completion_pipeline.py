@@ -16,9 +16,9 @@ from completion import (
     TexturingOptions,
     complete,
 )
-from completion.boundary import trace_boundary
 from completion.export import completed_glb, display_mesh
 from completion.openings import find_openings
+from completion.outline import trace_boundary
 from completion.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.merging import merge
+from completion.merging.pipeline import merge
 from completion.noise import estimate_noise
 from completion.observation import Observation, observe
 from completion.refitting import refit

@@ -3,8 +3,8 @@
 
 import numpy as np
 
+from completion.boundary.rings import rings_passed
 from completion.evidence import Evidence, Label
-from completion.rings import rings_passed
 
 
 def evidence(labels, own) -> Evidence:

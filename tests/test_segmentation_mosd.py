@@ -12,7 +12,7 @@ import pypcd4
 import pytest
 from numpy.typing import NDArray
 
-from completion.merging import MergedSurface, merge
+from completion.merging.pipeline import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from skimage.measure import label as slow_parts
 
-from completion.agreement import Part, compare, find_candidates, lies_on
 from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.merging import merge
+from completion.merging.agreement import Part, compare, find_candidates, lies_on
+from completion.merging.pipeline import merge
 from completion.noise import RangeNoise
 from completion.observation import observe
 from completion.refitting import refit

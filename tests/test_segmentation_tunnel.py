@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from completion import CompletionOptions, complete
-from completion.merging import MergedSurface, merge
+from completion.merging.pipeline import MergedSurface, merge
 from completion.observation import observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

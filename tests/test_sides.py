@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from completion.rim import Rim, RimPoints
-from completion.sides import ended_sides
+from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.sides import ended_sides
 from scenes.surfaces import Plane
 from tests.test_enclosure import WALL, completed, patch_on, scan_of, within
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from completion.edit_file import read_edits
+from completion.edits.file import read_edits
 from completion.effect import effect_of
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete

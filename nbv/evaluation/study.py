@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from completion.cues import ALL_CUES, Cue
+from completion.boundary.cues import ALL_CUES, Cue
 from completion.limits import Mode
 from completion.pipeline import CompletionOptions
 from nbv.evaluation.cases import Case

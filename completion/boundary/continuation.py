@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.curves import Circle, Line
+from completion.boundary.edges import Edge
 from completion.chart import ChartGrid
-from completion.cues import ALL_CUES, Cue
-from completion.curves import Circle, Line
-from completion.edges import Edge
 from scenes.checks import BoolArray, FloatArray
 
 _LEAD = 4.0  # cells between the end of a run and the hidden zone

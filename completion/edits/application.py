@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from shapely import Polygon
 
-from completion.edits import Anchor, Edit
-from completion.merging import MergedSurface
+from completion.edits.edit import Anchor, Edit
+from completion.edits.verdict import Verdict, Wish, outline_uv
+from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
 from completion.refitting import refit
-from completion.verdict import Verdict, Wish, outline_uv
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.surfaces import Plane

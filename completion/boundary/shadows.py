@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from completion.boundary.continuation import Stretch
 from completion.chart import ChartGrid
-from completion.continuation import Stretch
 from scenes.checks import BoolArray, FloatArray
 
 GOES_ON = 0.9

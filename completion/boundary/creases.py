@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.curves import Line
+from completion.boundary.curves import Line
 from scenes.surfaces import Cylinder, Plane, Surface
 
 _LEAST_SINE = 0.1  # of the angle between surfaces: flatter ones meet anywhere

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
+from completion.boundary.curves import Line
 from completion.chart import ChartGrid
-from completion.curves import Line
-from completion.edits import Action
+from completion.edits.edit import Action
 from completion.meshing import Trim
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane, Surface

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.agreement import Agreement, Part, compare, find_candidates, lies_on
 from completion.beams import Beams
 from completion.fitting.result import SurfaceFit
-from completion.gaps import gap_is_hidden
+from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
+from completion.merging.gaps import gap_is_hidden
 from completion.observation import Observation
 from completion.refitting import improve, refit
 from completion.segmentation.regions import Region

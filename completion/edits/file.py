@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.edits import ACTIONS, Anchor, Edit
+from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, reading
 from scenes.plane import Plane
