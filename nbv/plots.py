@@ -93,9 +93,10 @@ def coverage_curve(
             axes.plot([n_scans] * 2, [100 * low, 100 * high], color=theme.inferred, linewidth=6, zorder=4,
                       solid_capstyle="butt")  # fmt: skip
             axes.annotate(
-                f"{100 * high:.0f} % by\n{n_scans} scans and\ninference", (n_scans, 100 * high), ha="center",
-                xytext=(0, 5), textcoords="offset points", color=theme.inferred, fontsize=8.5,
-                fontweight="bold",
+                f"{100 * high:.0f} % by {n_scans} scans\nand inference", (n_scans, 100 * high),
+                ha="right" if n_scans > 0.6 * last else "left", va="top",
+                xytext=(-6 if n_scans > 0.6 * last else 6, 0), textcoords="offset points",
+                color=theme.inferred, fontsize=8.5, fontweight="bold",
             )  # fmt: skip
         axes.set_xlim(0, last * 1.02)
         axes.set_ylim(0, 106)
