@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.evidence import Label
 from completion.extension import Patch, in_box
 from completion.provenance import Provenance
 
@@ -39,13 +38,12 @@ def effect_of(patch: Patch) -> Effect:
     """
     grid, verdict = patch.grid, patch.verdict
     known = in_box(grid, patch.limits, *patch.limits.known_window())
-    accepted = (verdict.word(grid) > 0) & (verdict.drawn(grid) | known)
-    passed = (patch.evidence.labels == Label.FREE) | patch.evidence.through
+    accepted = verdict.accepted(grid, known)
     against = verdict.open_cells(grid)
     for end in verdict.ends:
         against |= (end.distance(grid.centres()) < -float(np.hypot(*grid.cell)) / 2).reshape(grid.shape)
     return Effect(
         float((patch.hypothesised & (patch.provenance == Provenance.USER)).sum()) * grid.cell_area,
-        float((accepted & passed & ~patch.observed).sum()) * grid.cell_area,
+        float((accepted & patch.evidence.open & ~patch.observed).sum()) * grid.cell_area,
         float((against & patch.observed).sum()) * grid.cell_area,
     )

@@ -133,32 +133,25 @@ def extend(
     evidence = weigh(grid, spread, observations, owners, owner, options)
     edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))
 
-    known = (spread <= max_sd_m).reshape(grid.shape)
-    open_ = evidence.open
-    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~open_ & ~evidence.observed
     within = _within(grid, limits, evidence)
-    word, declared = verdict.word(grid), verdict.open_cells(grid)
-    hidden &= known & within & ~declared
-    if isinstance(limits.chart, Cylinder):
-        hidden &= ~rings_passed(evidence)[:, None]
-    accepted = hidden & (word > 0) & (in_box(grid, limits, *limits.known_window()) | verdict.drawn(grid))
-    hidden &= in_box(grid, limits, *limits.window())
+    possible = _possible(grid, limits, evidence, verdict) & within & (spread <= max_sd_m).reshape(grid.shape)
+    accepted = possible & verdict.accepted(grid, in_box(grid, limits, *limits.known_window()))
+    hidden = possible & in_box(grid, limits, *limits.window())
     if mode == "conservative":
         hidden &= hull_of(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden, cues)
-    shadows = divide(grid, hidden, evidence.observed, open_, stretches)
+    shadows = divide(grid, hidden, evidence.observed, evidence.open, stretches)
     labelling = label_pieces(shadows)
 
-    confidence = estimate(grid, shadows, labelling, limits, evidence.observed, open_)
-    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & (word >= 0)
-    filled = probable | accepted
-    reached = _connected(filled | evidence.observed, evidence.observed, grid.wraps) | verdict.drawn(grid)
-    hypothesised = filled & reached & (evidence.labels == Label.OCCLUDED)
-    hypothesised, trims = _trimmed(grid, evidence, hypothesised, shadows, stretches)
-    hypothesised, trims = _without(verdict, grid, hypothesised & (word >= 0), evidence, trims)
+    confidence = estimate(grid, shadows, labelling, limits, evidence.observed, evidence.open)
+    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & ~verdict.rejected(grid)
+    filled = _reached(probable | accepted, evidence, grid) | (accepted & verdict.drawn(grid))
+    hypothesised, trims = _trimmed(
+        grid, evidence, filled & (evidence.labels == Label.OCCLUDED), shadows, stretches
+    )
+    hypothesised, trims = _without(verdict, grid, hypothesised & ~verdict.rejected(grid), evidence, trims)
     provenance = provenance_of(grid, limits, evidence.observed, hypothesised)
-    by_method = _connected(probable | evidence.observed, evidence.observed, grid.wraps)
-    said = accepted & ~(probable & by_method) | _to_said_end(grid, limits)
+    said = accepted & ~_reached(probable, evidence, grid) | _to_said_end(grid, limits)
     said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
     provenance[hypothesised & said] = Provenance.USER
     return Patch(
@@ -178,6 +171,20 @@ def extend(
         trims,
         verdict,
     )
+
+
+def _possible(grid: ChartGrid, limits: Limits, evidence: Evidence, verdict: Verdict) -> BoolArray:
+    """Cells that are neither measured nor passed by beams, nor in an opening that a person declared."""
+    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~evidence.open
+    hidden &= ~evidence.observed & ~verdict.open_cells(grid)
+    if isinstance(limits.chart, Cylinder):
+        hidden &= ~rings_passed(evidence)[:, None]
+    return hidden
+
+
+def _reached(cells: BoolArray, evidence: Evidence, grid: ChartGrid) -> BoolArray:
+    """Those of the cells that hang together with measured ones."""
+    return cells & _connected(cells | evidence.observed, evidence.observed, grid.wraps)
 
 
 def _without(

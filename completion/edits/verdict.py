@@ -58,6 +58,14 @@ class Verdict:
             word[_area(grid, wish.outline)] = 1 if wish.accepts else -1
         return word
 
+    def accepted(self, grid: ChartGrid, known: BoolArray) -> BoolArray:
+        """Cells that are to be filled: inside an outline that was drawn, without one those `known` to fit."""
+        return np.asarray((self.word(grid) > 0) & (known | self.drawn(grid)), dtype=np.bool_)
+
+    def rejected(self, grid: ChartGrid) -> BoolArray:
+        """Cells that are to stay as measured."""
+        return np.asarray(self.word(grid) < 0, dtype=np.bool_)
+
     def drawn(self, grid: ChartGrid) -> BoolArray:
         """Cells (rows, columns) inside an outline that was drawn around what is accepted."""
         inside = np.zeros(grid.shape, dtype=np.bool_)
