@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.extension import Patch, in_box
+from completion.extension import Patch
+from completion.layout import in_box
 from completion.provenance import Provenance
 
 

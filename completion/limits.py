@@ -7,14 +7,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.alignment import aligned_chart, facing_chart
 from completion.boundary.cues import ALL_CUES, Cue
-from completion.boundary.curves import Line
-from completion.boundary.edges import find_edges
-from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.rim import RimPoints
 from completion.boundary.sides import ended_sides
 from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
@@ -131,7 +129,7 @@ def limit(
     ]
     full_turn = False
     if isinstance(surface.fit.surface, Cylinder):
-        chart: Surface = _facing_chart(surface.fit.surface, thinned)
+        chart: Surface = facing_chart(surface.fit.surface, thinned)
         arc = observed_arc(surface.fit.surface, thinned)
         known = surface.fit.parameter_deviations()["radius"] < 0.05 * surface.fit.surface.radius
         full_turn = (
@@ -140,7 +138,7 @@ def limit(
     elif isinstance(surface.fit.surface, Plane):
         plane = surface.fit.surface
         planes = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
-        chart = _aligned_chart(plane, planes, thinned, rims[index])
+        chart = aligned_chart(plane, planes, thinned, rims[index])
     else:
         raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
     uv = chart.to_uv(thinned)
@@ -212,45 +210,6 @@ def _cuts(
         if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= 0.98:
             cuts.append((other, candidate.fit.surface))
     return cuts
-
-
-def _aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, rim: RimPoints) -> Plane:
-    """The plane with u along the straight boundary that was seen most of, else along its longest side.
-
-    Boundaries are its meeting lines with the planes `cuts` and its own edges.
-    """
-    size = np.linalg.norm(rim.step, axis=1)
-    seen = rim.only((size > 0) & np.isin(rim.kind, (Rim.CONTIGUOUS, Rim.OWN_EDGE)))
-    size = np.linalg.norm(seen.step, axis=1)
-    at_rim = plane.from_uv(seen.uv)
-    directions, supports = [], []
-    for cut in cuts:
-        along = np.cross(plane.normal_direction, cut.normal_direction)
-        if np.linalg.norm(along) > 0.5:
-            near = (np.abs(cut.distance(at_rim)) <= size) & (seen.kind == Rim.CONTIGUOUS)
-            directions.append(along)
-            supports.append(float(size[near].sum()))
-    for edge in find_edges(seen.only(seen.kind == Rim.OWN_EDGE)):
-        if isinstance(edge.curve, Line):
-            directions.append(plane.from_uv(edge.curve.direction) - plane.point)
-            supports.append(float(np.ptp(edge.runs, axis=1).sum()))
-    if max(supports, default=0.0) > 0:
-        return Plane(plane.point, plane.normal_direction, directions[int(np.argmax(supports))])
-    uv = plane.to_uv(points).astype(np.float32)
-    (_, _), (width, height), angle_deg = cv2.minAreaRect(uv)
-    angle = np.radians(angle_deg if width >= height else angle_deg + 90.0)
-    along = np.cos(angle) * plane.u_direction + np.sin(angle) * plane.v_direction
-    return Plane(plane.point, plane.normal_direction, along)
-
-
-def _facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
-    """The cylinder with its zero direction in the middle of the measured arc, the seam at its back."""
-    angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
-    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    widest = int(np.argmax(gaps))
-    middle = (angle[widest] + gaps[widest] / 2 + np.pi) * cylinder.radius
-    outward = cylinder.from_uv(np.array([[middle, 0.0]]))[0] - cylinder.point
-    return Cylinder(cylinder.point, cylinder.direction, cylinder.radius, outward, cylinder.concave)
 
 
 def _ends(
