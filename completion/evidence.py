@@ -18,6 +18,7 @@ from completion.tolerance import EvidenceOptions, ray_tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Cylinder, Surface
 
+_LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
 _STRAY_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
@@ -52,6 +53,9 @@ class Evidence:
     through : (rows, columns) bool
         Cells that some beam seems to have passed: the pixel at their centre measured farther. Too little for
         a veto, but nothing that a surface hides behind.
+    limb : (rows, columns) bool
+        Cells so oblique to some scan that its beams may have met what lies behind as well: what they say
+        of free space there is no word on whether the surface goes on.
     """
 
     labels: NDArray[np.int8]
@@ -61,11 +65,12 @@ class Evidence:
     scan: NDArray[np.int32]
     occluder: NDArray[np.int32]
     through: BoolArray
+    limb: BoolArray
 
     @property
     def open(self) -> BoolArray:
-        """Cells that beams passed, by a veto or seemingly."""
-        return np.asarray((self.labels == Label.FREE) | self.through, dtype=np.bool_)
+        """Cells that beams passed, by a veto or seemingly, the limb apart."""
+        return np.asarray(((self.labels == Label.FREE) | self.through) & ~self.limb, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +128,7 @@ def weigh(
     labels = np.full(n_cells, Label.OUT, np.int8)
     pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
     own = np.zeros(n_cells, dtype=np.bool_)
-    observed, through = np.zeros(n_cells, dtype=np.bool_), np.zeros(n_cells, dtype=np.bool_)
+    observed, through, limb = (np.zeros(n_cells, dtype=np.bool_) for _ in range(3))
     footprint, occluder = np.full(n_cells, np.inf), np.zeros(n_cells, np.int32)
     for index, observation in enumerate(observations):
         found = label_points(grid.surface, centres, spread, observation, options)
@@ -141,6 +146,7 @@ def weigh(
         observed |= belongs
         own[visible] |= owned_by == owner
         through |= found.through & sure & (found.cosine > limb_cosine(grid.surface, observation, centres))
+        limb |= found.cosine < limb_cosine(grid.surface, observation, centres, _LIMB_PIXELS)
         hides = said == Label.OCCLUDED
         occluder[hides] = owners[index].ravel()[seen_by[hides]]
         labels = np.maximum(labels, said)
@@ -156,6 +162,7 @@ def weigh(
         scan.reshape(shape),
         occluder.reshape(shape),
         (through & ~observed).reshape(shape),
+        (limb & ~observed).reshape(shape),
     )
 
 
@@ -199,12 +206,14 @@ def label_points(
     return PointLabels(said, pixels, cosine, sure, through)
 
 
-def limb_cosine(surface: Surface, observation: Observation, points: FloatArray) -> FloatArray:
-    """|cos| of incidence (n,) under which a ray half a pixel away may miss the surface; 0 on planes."""
+def limb_cosine(
+    surface: Surface, observation: Observation, points: FloatArray, pixels: float = 0.5
+) -> FloatArray:
+    """|cos| of incidence (n,) under which a ray so many pixels away may miss the surface; 0 on planes."""
     if not isinstance(surface, Cylinder):
         return np.zeros(len(points))
     pixel = _range_to(observation, points) * observation.scan.projection.pixel_angle
-    return np.asarray(np.sqrt(np.minimum(pixel / surface.radius, 1.0)), dtype=np.float64)
+    return np.asarray(np.sqrt(np.minimum(2 * pixels * pixel / surface.radius, 1.0)), dtype=np.float64)
 
 
 def _tangent(cosine: FloatArray) -> FloatArray:

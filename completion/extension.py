@@ -138,18 +138,19 @@ def extend(
     if mode == "conservative":
         hidden &= hull_of(grid, evidence.observed)
     stretches = continue_edges(edges, grid, hidden, cues)
-    shadows = divide(grid, hidden, evidence.observed, evidence.open, stretches)
+    seen = _across_limb(evidence, grid)
+    shadows = divide(grid, hidden, seen, evidence.open, stretches)
     labelling = label_pieces(shadows)
 
     confidence = estimate(grid, shadows, labelling, limits, evidence.observed, evidence.open)
     probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & ~verdict.rejected(grid)
-    filled = _reached(probable | accepted, evidence, grid) | (accepted & verdict.drawn(grid))
+    filled = _reached(probable | accepted, seen, grid) | (accepted & verdict.drawn(grid))
     hypothesised, trims = _trimmed(
         grid, evidence, filled & (evidence.labels == Label.OCCLUDED), shadows, stretches
     )
     hypothesised, trims = _without(verdict, grid, hypothesised & ~verdict.rejected(grid), evidence, trims)
     provenance = provenance_of(grid, limits, evidence.observed, hypothesised)
-    said = accepted & ~_reached(probable, evidence, grid) | _to_said_end(grid, limits)
+    said = accepted & ~_reached(probable, seen, grid) | _to_said_end(grid, limits)
     said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
     provenance[hypothesised & said] = Provenance.USER
     return Patch(
@@ -180,9 +181,17 @@ def _possible(grid: ChartGrid, limits: Limits, evidence: Evidence, verdict: Verd
     return hidden
 
 
-def _reached(cells: BoolArray, evidence: Evidence, grid: ChartGrid) -> BoolArray:
+def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:
+    """Measured cells, and those of a cylinder's limb beside them."""
+    if not isinstance(grid.surface, Cylinder):
+        return evidence.observed
+    limb = evidence.limb & ~rings_passed(evidence)[:, None]
+    return _connected(limb | evidence.observed, evidence.observed, grid.wraps)
+
+
+def _reached(cells: BoolArray, seen: BoolArray, grid: ChartGrid) -> BoolArray:
     """Those of the cells that hang together with measured ones."""
-    return cells & _connected(cells | evidence.observed, evidence.observed, grid.wraps)
+    return cells & _connected(cells | seen, seen, grid.wraps)
 
 
 def _without(
