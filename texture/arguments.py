@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texture.levels import Pixels
-from texture.matching import EngineName
 from texture.order import OrderName
+from texture.passes import EngineName
 
 LARGEST_WINDOW = 99  # keeps every distance below the compiled scan's mark for "not in the sample"
 

@@ -2,18 +2,22 @@
 """The passes over the front of a canvas, until nothing is unfilled."""
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from texture.canvas import Canvas
-from texture.matching import EngineName, Scan, find_candidates, prepare_scan
+from texture.engine import can_compile, prepare_engine
+from texture.matching import find_candidates
 from texture.order import OrderName, list_visits
 from texture.randomness import Purpose, pick, random_words
 from texture.sample import Sample
 from texture.seed import draw_place, plant_seed
 
+EngineName: TypeAlias = Literal["numba", "reference"]
 Progress: TypeAlias = Callable[[int, int], None]
 
 MAX_ERROR_THRESHOLD = 0.3  # Efros's own page: MaxErrThreshold, pixels in 0..1
@@ -33,6 +37,7 @@ def synthesise(
     engine: EngineName,
     order: OrderName,
     key: int,
+    n_threads: int = 1,
     progress: Progress | None = None,
 ) -> Tally:
     """Fill all that is unfilled on the canvas, pass by pass (Efros & Leung 1999; pseudocode of Efros's page).
@@ -44,40 +49,46 @@ def synthesise(
     n_to_fill = n_unfilled = int(np.count_nonzero(canvas.unfilled))
     if not n_to_fill:
         return Tally(n_relaxed=0, n_seeds=0)
-    scan = prepare_scan(sample, engine)
     threshold, n_relaxed, n_seeds, pass_number = MAX_ERROR_THRESHOLD, 0, 0, 0
-    while n_unfilled:
-        visits = list_visits(canvas, order, key, pass_number)
-        if visits.size:
-            fill_pixels(
-                canvas, sample, scan, visits, threshold, random_words(key, Purpose.PICK, pass_number, visits)
-            )
-        else:
-            plant_seed(canvas, sample, draw_place(canvas, key, pass_number), key, pass_number)
-            n_seeds += 1
-        n_before, n_unfilled = n_unfilled, int(np.count_nonzero(canvas.unfilled))
-        if n_unfilled == n_before:
-            threshold *= RELAXATION
-            n_relaxed += 1
-        pass_number += 1
-        if progress is not None:
-            progress(n_to_fill - n_unfilled, n_to_fill)
+    with ThreadPoolExecutor(n_threads) as pool:
+        is_compiled = engine == "numba" and can_compile()
+        visit = (
+            prepare_engine(canvas, sample, pool, n_threads)
+            if is_compiled
+            else partial(fill_pixels, canvas, sample)
+        )
+        while n_unfilled:
+            visits = list_visits(canvas, order, key, pass_number)
+            if visits.size:
+                visit(visits, threshold, random_words(key, Purpose.PICK, pass_number, visits))
+            else:
+                plant_seed(canvas, sample, draw_place(canvas, key, pass_number), key, pass_number)
+                n_seeds += 1
+            n_before, n_unfilled = n_unfilled, int(np.count_nonzero(canvas.unfilled))
+            if n_unfilled == n_before:
+                threshold *= RELAXATION
+                n_relaxed += 1
+            pass_number += 1
+            if progress is not None:
+                progress(n_to_fill - n_unfilled, n_to_fill)
     return Tally(n_relaxed, n_seeds)
 
 
 def fill_pixels(
     canvas: Canvas,
     sample: Sample,
-    scan: Scan,
     visits: NDArray[np.int64],
     threshold: float,
     words: NDArray[np.uint64],
 ) -> None:
-    """Fill the visited pixels in turn, each by a random candidate, if its error is below the threshold."""
+    """Fill the visited pixels in turn, each by a random candidate, if its error is below the threshold.
+
+    The readable reference: the oracle of the compiled engine, and what serves where nothing can be compiled.
+    """
     width = sample.usable.shape[1]
     for pixel, word in zip(visits.tolist(), words.tolist(), strict=True):
         row, column = divmod(pixel, canvas.unfilled.shape[1])
-        candidates = find_candidates(canvas.read_template(row, column), sample, scan)
+        candidates = find_candidates(canvas.read_template(row, column), sample)
         chosen = pick(word, candidates.positions.size)
         error = int(candidates.distances[chosen]) / candidates.largest_distance
         if error < threshold:

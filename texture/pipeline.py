@@ -27,10 +27,10 @@ from texture.arguments import (
     check_wrap,
 )
 from texture.canvas import Canvas
+from texture.engine import count_threads
 from texture.levels import quantise
-from texture.matching import EngineName
 from texture.order import OrderName
-from texture.passes import Progress, synthesise
+from texture.passes import EngineName, Progress, synthesise
 from texture.randomness import draw_key
 from texture.sample import Sample
 from texture.seed import plant_seed
@@ -49,6 +49,7 @@ def fill(
     known: ArrayLike | None = None,
     rng: np.random.Generator | int | None = None,
     engine: EngineName = "numba",
+    n_threads: int | None = None,
     progress: Progress | None = None,
 ) -> Synthesis:
     """Fill the masked pixels of an image with its own texture.
@@ -77,10 +78,12 @@ def fill(
         Non-zero where the image holds a value; default: everywhere outside `mask`. Pixels neither known nor
         masked stay untouched and count as unknown.
     rng : numpy.random.Generator, int or None
-        Same seed, same bytes, whichever engine.
+        Same seed, same bytes, whichever engine and number of threads.
     engine : {"numba", "reference"}
         The compiled scan or the readable reference; the results are identical. Without numba, or with its
         compiler disabled, the reference serves.
+    n_threads : int, optional
+        Threads of the compiled engine; the result is the same for any. None: one for each processor.
     progress : callable, optional
         Called after each pass with (pixels filled so far, pixels to fill); what it raises ends the synthesis.
 
@@ -122,7 +125,15 @@ def fill(
 
     sample = Sample(levels, usable, check_wrap(wrap), radius=side // 2)
     canvas = Canvas.around_hole(levels, context, hole, sample.wrap, side)
-    tally = synthesise(canvas, sample, check_engine(engine), check_order(order), draw_key(rng), progress)
+    tally = synthesise(
+        canvas,
+        sample,
+        check_engine(engine),
+        check_order(order),
+        draw_key(rng),
+        count_threads(n_threads),
+        progress,
+    )
     return collect(canvas, pixels, background=pixels, tally=tally)
 
 
@@ -136,6 +147,7 @@ def grow(
     sample_mask: ArrayLike | None = None,
     rng: np.random.Generator | int | None = None,
     engine: EngineName = "numba",
+    n_threads: int | None = None,
     progress: Progress | None = None,
 ) -> Synthesis:
     """Grow a texture of any size from a sample, starting at a random 3 x 3 seed in the centre.
@@ -146,7 +158,7 @@ def grow(
         uint8, or float in 0..1, as the image of `fill`.
     shape : (int, int)
         Rows and columns of the texture to grow.
-    window, order, rng, engine, progress
+    window, order, rng, engine, n_threads, progress
         As in `fill`.
     wrap : (bool, bool)
         Whether rows and columns of the *grown* texture close on themselves, so that it tiles. The sample is
@@ -183,6 +195,8 @@ def grow(
     source = Sample(levels, usable, wrap=(False, False), radius=side // 2)
     canvas = Canvas.empty(size, levels.shape[2], check_wrap(wrap), side)
     plant_seed(canvas, source, (size[0] // 2, size[1] // 2), key)
-    tally = synthesise(canvas, source, check_engine(engine), check_order(order), key, progress)
+    tally = synthesise(
+        canvas, source, check_engine(engine), check_order(order), key, count_threads(n_threads), progress
+    )
     background = np.zeros((*size, *pixels.shape[2:]), dtype=pixels.dtype)
     return collect(canvas, pixels, background, tally._replace(n_seeds=tally.n_seeds + 1))
