@@ -34,7 +34,7 @@ def square_hole(shape: tuple[int, ...], side: int = 9) -> NDArray[np.bool_]:
 
 
 def assert_same(first: Synthesis, second: Synthesis) -> None:
-    for name in ("image", "source_rows", "source_cols", "error"):
+    for name in ("image", "source_rows", "source_cols", "error", "confidence"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
     assert (first.n_relaxed, first.n_seeds) == (second.n_relaxed, second.n_seeds)
     assert first.window == second.window
@@ -50,7 +50,10 @@ def assert_copied(
 
 
 def test_the_face_is_these_names() -> None:
-    assert texture.__all__ == ["Synthesis", "fill", "grow"]
+    assert texture.__all__ == sorted(texture.__all__)
+    assert {"Synthesis", "examine", "fill", "fill_surface", "grow", "measure_distance"} <= set(
+        texture.__all__
+    )
     assert all(hasattr(texture, name) for name in texture.__all__)
 
 

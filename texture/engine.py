@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from texture.kernels import CanvasArrays
     from texture.scan_kernels import SampleArrays
 
+EngineName: TypeAlias = Literal["numba", "reference"]
 FillPixels: TypeAlias = Callable[[NDArray[np.int64], float, NDArray[np.uint64]], None]
 
 TURNS_PER_THREAD = 8  # a pass of fewer turns is not worth a thread
@@ -64,7 +65,8 @@ def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_t
         helping = [pool.submit(work) for _ in range(n_helpers)]
         work()
         for helper in helping:
-            helper.result()
+            if not helper.cancel():  # one that has not begun has nothing to do any more
+                helper.result()
         turns[rows, columns] = nobody
 
     return fill

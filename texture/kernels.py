@@ -42,8 +42,9 @@ def fill_visits(
 ) -> None:
     """Fill the visited pixels in turn, as `texture.passes.fill_pixels`; any number of threads may call it.
 
-    A thread takes the next turn and waits, while it reads its template, for the earlier turns within it: so
-    each template is what it would be if the turns came one by one. The earliest turn never waits.
+    A thread takes the next turn, or puts it off while earlier turns within its window are not over: so each
+    template is what it would be if the turns came one by one. The earliest turn that is not over is never
+    put off.
 
     Parameters
     ----------
@@ -58,23 +59,62 @@ def fill_visits(
     counter : array, shape (1,)
         Turns taken so far.
     """
-    terms = make_terms(canvas)
-    found = make_findings(sample)
+    terms, found = make_terms(canvas), make_findings(sample)
     guesses = np.empty(9, np.int64)
-    width = canvas.unfilled.shape[1]
-    while True:
-        turn = take_number(counter.ctypes.data)
-        if turn >= len(visits):
-            return
-        row, column = visits[turn] // width, visits[turn] % width
-        n_known = _read_template(canvas, row, column, turn, turns, done, terms)
-        n_guesses = _list_guesses(sample, canvas, row, column, guesses)
-        n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], found)
-        chosen = _pick(words[turn], n_found)
-        error = found.distances[chosen] / largest
-        if error < threshold:
-            _write(sample, canvas, row, column, found.centres[chosen], error)
-        take_number(done[turn:].ctypes.data)
+    waiting = np.empty(len(visits), np.int64)
+    n_waiting, has_more = 0, True
+    while has_more or n_waiting > 0:
+        if has_more:
+            turn = take_number(counter.ctypes.data)
+            has_more = turn < len(visits)
+            if has_more:
+                waiting[n_waiting] = turn
+                n_waiting += 1
+        n_left = 0
+        for place in range(n_waiting):
+            turn = waiting[place]
+            if _is_ready(canvas, visits[turn], turn, turns, done):
+                _visit(sample, canvas, visits[turn], words[turn], threshold, terms, found, guesses)
+                take_number(done[turn:].ctypes.data)
+            else:
+                waiting[n_left] = turn
+                n_left += 1
+        n_waiting = n_left
+
+
+@njit(**_COMPILED)
+def _visit(
+    sample: SampleArrays,
+    canvas: CanvasArrays,
+    pixel: int,
+    word: np.uint64,
+    threshold: float,
+    terms: Terms,
+    found: Findings,
+    guesses: NDArray[np.int64],
+) -> None:
+    """Fill a pixel by a random candidate, if its error is below the threshold."""
+    row, column = pixel // canvas.unfilled.shape[1], pixel % canvas.unfilled.shape[1]
+    n_known = _read_template(canvas, row, column, terms)
+    n_guesses = _list_guesses(sample, canvas, row, column, guesses)
+    n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], found)
+    chosen = _pick(word, n_found)
+    error = found.distances[chosen] / largest
+    if error < threshold:
+        _write(sample, canvas, row, column, found.centres[chosen], error)
+
+
+@njit(**_COMPILED)
+def _is_ready(
+    canvas: CanvasArrays, pixel: int, turn: int, turns: NDArray[np.int64], done: NDArray[np.int64]
+) -> bool:
+    """Say whether all earlier turns within a pixel's window are over."""
+    for row in canvas.row_reach[pixel // canvas.unfilled.shape[1]]:
+        for column in canvas.column_reach[pixel % canvas.unfilled.shape[1]]:
+            earlier = turns[row, column]
+            if earlier < turn and read_number(done[earlier:].ctypes.data) == 0:
+                return False
+    return True
 
 
 @njit(**_COMPILED)
@@ -104,26 +144,14 @@ def make_findings(sample: SampleArrays) -> Findings:
 
 
 @njit(**_COMPILED)
-def _read_template(
-    canvas: CanvasArrays,
-    row: int,
-    column: int,
-    turn: int,
-    turns: NDArray[np.int64],
-    done: NDArray[np.int64],
-    terms: Terms,
-) -> int:
-    """Write the known pixels of the window and their colours when earlier turns are over; return how many."""
+def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) -> int:
+    """Write the known pixels of the window and their colours; return how many."""
     window = canvas.row_reach.shape[1]
     n_known = 0
     for i in range(window):
         there_row = canvas.row_reach[row, i]
         for j in range(window):
             there_column = canvas.column_reach[column, j]
-            earlier = turns[there_row, there_column]
-            if earlier < turn:
-                while read_number(done[earlier:].ctypes.data) == 0:
-                    pass
             if canvas.known[there_row, there_column]:
                 terms.pixels[n_known] = i * window + j
                 for channel in range(terms.colours.shape[1]):

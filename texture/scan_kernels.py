@@ -175,7 +175,7 @@ def _scan(
             found.distances[n_near] = _measure_exactly(sample, terms, n_terms, centre, found.estimates[place])
             n_near += 1
     n_near = _keep_near(found, n_near)
-    return n_near
+    return int(n_near)
 
 
 @njit(**_COMPILED)
