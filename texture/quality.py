@@ -152,10 +152,8 @@ def list_patches(
     if at is not None:
         is_whole &= at[PATCH // 2 : -(PATCH // 2), PATCH // 2 : -(PATCH // 2)]
     views = np.lib.stride_tricks.sliding_window_view(pixels, (PATCH, PATCH), axis=(0, 1))
-    patches: NDArray[np.float64] = (
-        views[is_whole].transpose(0, 2, 3, 1).reshape(np.count_nonzero(is_whole), -1)
-    )
-    return patches
+    whole = views[is_whole].transpose(0, 2, 3, 1)
+    return np.asarray(whole.reshape(len(whole), PATCH**2 * pixels.shape[2]))
 
 
 def _read(
