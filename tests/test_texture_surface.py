@@ -10,6 +10,7 @@ from texture import fill, fill_surface, grow, measure_distance
 from texture.plain import is_plain
 from texture.self_check import WINDOWS, check_windows, list_holes
 from texture.shading import fit_shading
+from texture.window import choose_window
 
 
 def hole_in(shape: tuple[int, ...], side: int) -> NDArray[np.bool_]:
@@ -127,10 +128,12 @@ def test_lone_joints_on_a_plain_wall_are_structure() -> None:
 
 
 def test_the_self_check_says_what_it_tried_and_takes_the_best() -> None:
-    image = data.brick()[128:228, 128:228]
-    hole = hole_in(image.shape, 16)
+    image = data.brick()[128:278, 128:228]
+    hole = np.zeros(image.shape, dtype=np.bool_)
+    hole[10:26, 30:46] = True
     found = fill(image, hole, rng=0)
-    assert set(found.window_distances) == set(WINDOWS)
+    smallest = choose_window(image[..., None].astype(np.int64), ~hole)
+    assert list(found.window_distances) == [smallest, *(window for window in WINDOWS if window > smallest)]
     assert found.window == min(found.window_distances, key=found.window_distances.__getitem__)
     again = fill(image, hole, window=found.window, rng=0)
     np.testing.assert_array_equal(found.image, again.image)
@@ -138,14 +141,20 @@ def test_the_self_check_says_what_it_tried_and_takes_the_best() -> None:
 
 
 def test_small_samples_have_no_room_for_holes() -> None:
-    usable = np.ones((60, 60), dtype=np.bool_)
-    assert len(list_holes(usable)) >= 1
-    for row, column in list_holes(usable):
-        assert usable[row - 10 : row + 30, column - 10 : column + 30].shape == (40, 40)
-    usable[::20, ::20] = False
+    usable = np.ones((120, 100), dtype=np.bool_)
+    usable[:, :4] = False
+    holes = list_holes(usable)
+    assert len(holes) == 3
+    assert len(list_holes(usable[:64, :68])) == 1
+    for row, column in holes:
+        around = usable[row - 16 : row + 48, column - 16 : column + 48]
+        assert around.shape == (64, 64)
+        assert around.all()
+    usable[::30, ::30] = False
     assert list_holes(usable) == []
-    assert list_holes(usable[:20]) == []
-    check = check_windows(np.zeros((60, 60, 1), dtype=np.int64), usable, None)
+    assert list_holes(usable[:60]) == []
+    check = check_windows(np.zeros((*usable.shape, 1), dtype=np.int64), usable, None)
+    assert check.window == 7
     assert check.distances == {}
 
 
