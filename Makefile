@@ -19,6 +19,7 @@ install: .venv/dev
 bench: .venv/bench
 	$(BIN)/python benchmarks/rays.py
 	$(BIN)/python benchmarks/scans.py
+	$(BIN)/python benchmarks/textures.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
 format: .venv/dev

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-collect_ignore = ["rays.py", "scans.py"]  # programs of their own, without tests
+collect_ignore = ["rays.py", "scans.py", "textures.py"]  # programs of their own, without tests
 
 _TABLES = pytest.StashKey[list[Callable[[], Iterable[str]]]]()
 

@@ -289,6 +289,9 @@ def texture(
     order: Annotated[
         Literal["paper", "window"], typer.Option("--order", help="The paper's, or slower and more reliable.")
     ] = "paper",
+    surface: Annotated[
+        bool, typer.Option("--surface", help="With --mask: shading apart, plain areas as such.")
+    ] = False,
     out: Out = None,
     seed: Seed = 0,
     as_json: AsJson = False,
@@ -300,10 +303,12 @@ def texture(
     shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     if (mask is None) == (grow is None):
         raise typer.BadParameter("give either --mask MASK or --grow HxW")
+    if surface and mask is None:
+        raise typer.BadParameter("--surface fills a hole: give --mask MASK")
     shape = None if grow is None else parse_shape(grow, "--grow")
     from nbv.commands.texture import run_texture
 
-    run_texture(shared, image, mask=mask, shape=shape, window=window, order=order)
+    run_texture(shared, image, mask=mask, shape=shape, window=window, order=order, is_surface=surface)
 
 
 @app.command()

@@ -410,4 +410,80 @@ def test_texture_refuses_what_it_cannot_use(image, tmp_path):
     assert_fails_in_one_line(run("texture", deep, "--grow", "4x4", *out), "8 bits")
     everything = tmp_path / "all.png"
     Image.fromarray(np.full((30, 30), 255, np.uint8)).save(everything)
-    assert_fails_in_one_line(run("texture", image, "--mask", everything, *out), "sample")
+    assert_fails_in_one_line(run("texture", image, "--mask", everything, *out), "nothing to sample from")
+    larger = tmp_path / "larger.png"
+    Image.fromarray(np.full((31, 30), 255, np.uint8)).save(larger)
+    assert_fails_in_one_line(run("texture", image, "--mask", larger, *out), "(30, 30), got (31, 30)")
+    unreal = tmp_path / "unreal.tif"
+    Image.fromarray(np.full((9, 9), np.nan, np.float32)).save(unreal)
+    assert_fails_in_one_line(run("texture", unreal, "--grow", "4x4", *out), "8 bits")
+
+
+def test_texture_gives_the_obvious_result_where_there_is_one(image, tmp_path):
+    out = tmp_path / "a.png"
+    nothing = tmp_path / "nothing.png"
+    Image.fromarray(np.zeros((30, 30), np.uint8)).save(nothing)
+    summary = json.loads(succeed("texture", image, "--mask", nothing, "-o", out, "--json").stdout)
+    assert summary["filled"] == 0
+    assert (pixels_of(out) == pixels_of(image)).all()
+    dot = tmp_path / "dot.png"
+    Image.fromarray(np.full((1, 1), 9, np.uint8)).save(dot)
+    succeed("texture", dot, "--grow", "3x4", "-o", out, "--quiet")
+    assert (pixels_of(out) == np.full((3, 4), 9)).all()
+    # No window of 11 lies within what is known: the template narrows.
+    most = tmp_path / "most.png"
+    Image.fromarray(np.pad(np.full((28, 28), 255, np.uint8), 1)).save(most)
+    succeed("texture", image, "--mask", most, "--window", 11, "-o", out, "--quiet")
+    known = pixels_of(most) == 0
+    assert (pixels_of(out)[known] == pixels_of(image)[known]).all()
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".tif", ".png", ".webp"])
+def test_texture_turns_images_upright_as_their_exif_says(suffix, tmp_path):
+    rows, columns = np.indices((16, 24))
+    upright = np.where((rows < 8) & (columns < 8), 250, 20 + 4 * columns).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # the first row is the right-hand side
+    turned = Image.fromarray(np.rot90(upright))
+    turned.save(
+        tmp_path / f"turned{suffix}", exif=exif, **({"compression": "tiff_lzw"} if suffix == ".tif" else {})
+    )
+    mask = np.zeros((16, 24), np.uint8)
+    mask[12:14, 4:8] = 255
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    out = tmp_path / "out.png"
+    succeed(
+        "texture", tmp_path / f"turned{suffix}", "--mask", tmp_path / "mask.png", "--window", 5, "-o", out
+    )
+    found = pixels_of(out)
+    found = found if found.ndim == 2 else found[..., 0]
+    assert found.shape == upright.shape
+    assert np.abs(found.astype(int) - upright)[mask == 0].mean() < 4  # JPEG and WebP lose a little
+
+
+def test_texture_refuses_a_tiff_that_would_be_scrambled(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 8
+    Image.fromarray(np.zeros((9, 14), np.uint8)).save(tmp_path / "side.tif", exif=exif)
+    failed = run("texture", tmp_path / "side.tif", "--grow", "4x4", "-o", tmp_path / "a.png")
+    assert_fails_in_one_line(failed, "lying on its side")
+
+
+def test_texture_of_a_surface_separates_its_shading(tmp_path):
+    rows, columns = np.indices((40, 40))
+    light = np.exp(-0.03 * rows - 0.017 * columns)
+    wall = np.rint((120 + 80 * (columns // 4 % 2)) * light).astype(np.uint8)
+    Image.fromarray(wall).save(tmp_path / "wall.png")
+    mask = np.zeros(wall.shape, np.uint8)
+    mask[12:28, 12:28] = 1
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    off = {}
+    for name, more in {"as it is": (), "surface": ("--surface",)}.items():
+        out = tmp_path / f"{name}.png"
+        arguments = (tmp_path / "wall.png", "--mask", tmp_path / "mask.png", "--window", 9, *more, "-o", out)
+        summary = json.loads(succeed("texture", *arguments, "--json").stdout)
+        assert isinstance(summary["alarms"], list)
+        off[name] = np.abs(pixels_of(out).astype(int) - wall).max()
+    assert off["surface"] <= 3 < off["as it is"]
+    usage = run("texture", tmp_path / "wall.png", "--grow", "4x4", "--surface")
+    assert usage.exit_code == 2

@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: MIT
 """The candidate rule against a brute-force check in plain Python, and the compiled scan against both."""
 
+import sys
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from texture import fill
-from texture import scan as scan_module
+from texture import fill, kernels, passes, scan_kernels
 from texture.arguments import LARGEST_WINDOW
+from texture.canvas import Canvas
+from texture.engine import can_compile, lay_out, view
 from texture.gaussian import gaussian_weights
-from texture.matching import EngineName, find_candidates, measure_distances, prepare_scan, scan_exhaustively
+from texture.matching import find_candidates, measure_distances, scan_exhaustively
+from texture.randomness import Purpose, pick, random_words
 from texture.sample import Sample
-from texture.scan import NOT_IN_SAMPLE, TERMS_PER_STEP, can_compile
-from texture.template import Template
+from texture.template import Candidates, Template
 
-ENGINES: tuple[EngineName, ...] = ("numba", "reference")
 NO_SOURCES = np.full((3, 3), -1)
 
 
@@ -39,6 +39,28 @@ def draw_case(
     sources = rng.integers(-1, shape[0] * shape[1], (3, 3))
     template = Template(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known, sources)
     return template, Sample(levels, usable, wrap, window // 2)
+
+
+def find_compiled(template: Template, sample: Sample) -> Candidates:
+    """The compiled engine's candidates, with the continuations of the neighbours' sources as guesses."""
+    arrays = lay_out(sample)
+    known = np.flatnonzero(template.known)
+    canvas = Canvas.empty(sample.usable.shape, sample.levels.shape[2], sample.wrap, len(template.known))
+    terms, found = kernels.make_terms(view(canvas)), kernels.make_findings(arrays)
+    terms.pixels[: known.size] = known
+    terms.colours[: known.size] = template.levels.reshape(template.known.size, -1)[known]
+    rows, columns = np.divmod(template.neighbour_sources, arrays.width)
+    shifts = np.indices((3, 3)) - 1
+    guesses = (rows - shifts[0] + arrays.margin) * arrays.row + columns - shifts[1] + arrays.margin
+    n_found, largest = scan_kernels.find_candidates(
+        arrays, terms, known.size, guesses[template.neighbour_sources >= 0], found
+    )
+    rows, columns = np.divmod(found.centres[:n_found], arrays.row)
+    positions = (rows - arrays.margin) * arrays.width + columns - arrays.margin
+    return Candidates(positions, found.distances[:n_found], largest)
+
+
+FINDERS = (find_compiled, find_candidates)
 
 
 def find_by_hand(template: Template, sample: Sample) -> dict[int, int]:
@@ -70,12 +92,16 @@ def find_by_hand(template: Template, sample: Sample) -> dict[int, int]:
     n_channels=st.integers(1, 4),
     wrap=st.tuples(st.booleans(), st.booleans()),
 )
-def test_both_scans_follow_the_rule(seed: int, window: int, n_channels: int, wrap: tuple[bool, bool]) -> None:
+def test_both_engines_follow_the_rule(
+    seed: int, window: int, n_channels: int, wrap: tuple[bool, bool]
+) -> None:
     template, sample = draw_case(seed, window, n_channels, wrap)
     expected = find_by_hand(template, sample)
     scales = set()
-    for engine in ENGINES:
-        candidates = prepare_scan(sample, engine)(template)
+    if not expected:
+        return
+    for find in FINDERS:
+        candidates = find(template, sample)
         assert candidates.positions.tolist() == sorted(expected)
         assert (
             dict(zip(candidates.positions.tolist(), candidates.distances.tolist(), strict=True)) == expected
@@ -89,7 +115,7 @@ def test_both_scans_follow_the_rule(seed: int, window: int, n_channels: int, wra
 @given(seed=st.integers(0, 2**32 - 1), window=st.sampled_from([3, 5, 7]), wraps=st.booleans())
 def test_engines_fall_back_alike_on_scattered_samples(seed: int, window: int, wraps: bool) -> None:
     template, sample = draw_case(seed, window, 2, (wraps, wraps), share_usable=0.2)
-    first, second = (find_candidates(template, sample, prepare_scan(sample, engine)) for engine in ENGINES)
+    first, second = (find(template, sample) for find in FINDERS)
     np.testing.assert_array_equal(first.positions, second.positions)
     np.testing.assert_array_equal(first.distances, second.distances)
     assert first.largest_distance == second.largest_distance
@@ -105,8 +131,8 @@ def test_the_template_narrows_until_a_place_offers_all_of_it() -> None:
     known[2, 2] = False
     template = Template(np.zeros((5, 5, 1), dtype=np.int64), known, NO_SOURCES)
     assert not scan_exhaustively(template, sample).positions.size
-    for engine in ENGINES:
-        candidates = find_candidates(template, sample, prepare_scan(sample, engine))
+    for find in FINDERS:
+        candidates = find(template, sample)
         assert candidates.positions.tolist() == [4]
         assert candidates.largest_distance == (gaussian_weights(5)[1:4, 1:4].sum() - 16383) * 255**2
 
@@ -119,8 +145,8 @@ def test_a_missing_counterpart_finally_counts_as_the_largest_difference() -> Non
     known = np.zeros((3, 3), dtype=np.bool_)
     known[0, 1] = known[1, 0] = True
     template = Template(np.full((3, 3, 1), 100), known, NO_SOURCES)
-    for engine in ENGINES:
-        candidates = find_candidates(template, sample, prepare_scan(sample, engine))
+    for find in FINDERS:
+        candidates = find(template, sample)
         assert candidates.positions.tolist() == [6, 8]
         assert candidates.distances.tolist() == [candidates.largest_distance] * 2
 
@@ -154,31 +180,55 @@ def test_the_pick_is_uniform_among_all_candidates() -> None:
 
 
 def test_a_difference_outside_the_sample_exceeds_any_distance_inside_and_never_overflows() -> None:
+    n_terms = LARGEST_WINDOW**2 * 4
     largest = int(gaussian_weights(LARGEST_WINDOW).sum()) * 4 * 255**2
-    assert largest < (NOT_IN_SAMPLE - 255) ** 2
-    assert TERMS_PER_STEP * (2**14 - 1) * NOT_IN_SAMPLE**2 + largest < 2**63
+    assert 1.1 * largest < scan_kernels.NO_BOUND < (float(scan_kernels.MISSING) - 255) ** 2 * 0.99
+    assert n_terms * (2**14 - 1) * float(scan_kernels.MISSING) ** 2 < np.finfo(np.float32).max
     assert 11 * largest < 2**63
+
+
+def test_single_precision_errs_less_than_the_scan_allows() -> None:
+    # Sums of positive terms: each of n + 2 roundings adds at most 2**-24 of the sum.
+    rng = np.random.default_rng(0)
+    for n_terms in (80, 5000):
+        weights, differences = rng.integers(1, 2**14, n_terms), rng.integers(-255, 256, n_terms)
+        exact = int((weights * differences**2).sum())
+        single = np.float32(0)
+        for weight, difference in zip(
+            weights.astype(np.float32), differences.astype(np.float32), strict=True
+        ):
+            single += weight * difference * difference
+        assert abs(float(single) - exact) <= (n_terms + 2) * 2.0**-24 * exact
 
 
 def test_guesses_only_save_work() -> None:
     template, sample = draw_case(3, 5, 1, (False, True))
     for sources in (NO_SOURCES, np.zeros((3, 3), dtype=np.int64), template.neighbour_sources):
-        candidates = prepare_scan(sample, "numba")(template._replace(neighbour_sources=sources))
+        candidates = find_compiled(template._replace(neighbour_sources=sources), sample)
         assert candidates.positions.tolist() == sorted(find_by_hand(template, sample))
 
 
+def test_compiled_picks_are_the_references() -> None:
+    words = random_words(5, Purpose.PICK, 0, np.arange(200))
+    for n_choices in (1, 2, 7, 2**20 + 1, 2**31 - 1):
+        for word in [*words, np.uint64(0), np.uint64(2**64 - 1)]:
+            assert kernels._pick(word, n_choices) == pick(word, n_choices)
+
+
 def test_without_numba_the_reference_serves(monkeypatch: pytest.MonkeyPatch) -> None:
-    template, sample = draw_case(4, 5, 3, (False, False))
-    expected: NDArray[np.int64] = scan_exhaustively(template, sample).positions
+    image = np.random.default_rng(0).integers(0, 256, (9, 9), dtype=np.uint8)
+    hole = np.zeros(image.shape, dtype=np.bool_)
+    hole[4, 4:6] = True
+    expected = fill(image, hole, window=3, rng=0).image
     for missing in ("absent", "disabled"):
         with monkeypatch.context() as patch:
             if missing == "absent":
-                patch.setitem(__import__("sys").modules, "numba", None)
+                patch.setitem(sys.modules, "numba", None)
             else:
                 patch.setattr("numba.config.DISABLE_JIT", 1)
-            patch.setattr(scan_module, "_compile", lambda: pytest.fail("compiled"))
+            patch.setattr(passes, "prepare_engine", lambda *_: pytest.fail("compiled"))
             can_compile.cache_clear()
             assert not can_compile()
-            np.testing.assert_array_equal(prepare_scan(sample, "numba")(template).positions, expected)
+            np.testing.assert_array_equal(fill(image, hole, window=3, rng=0).image, expected)
         can_compile.cache_clear()
     assert can_compile()

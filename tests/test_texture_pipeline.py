@@ -34,7 +34,7 @@ def square_hole(shape: tuple[int, ...], side: int = 9) -> NDArray[np.bool_]:
 
 
 def assert_same(first: Synthesis, second: Synthesis) -> None:
-    for name in ("image", "source_rows", "source_cols", "error"):
+    for name in ("image", "source_rows", "source_cols", "error", "confidence"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
     assert (first.n_relaxed, first.n_seeds) == (second.n_relaxed, second.n_seeds)
     assert first.window == second.window
@@ -50,7 +50,10 @@ def assert_copied(
 
 
 def test_the_face_is_these_names() -> None:
-    assert texture.__all__ == ["Synthesis", "fill", "grow"]
+    assert texture.__all__ == sorted(texture.__all__)
+    assert {"Synthesis", "examine", "fill", "fill_surface", "grow", "measure_distance"} <= set(
+        texture.__all__
+    )
     assert all(hasattr(texture, name) for name in texture.__all__)
 
 
@@ -76,6 +79,49 @@ def test_engines_give_identical_holes(
     )
     assert_same(compiled, reference)
     assert_copied(compiled, image, ~mask, mask)
+
+
+@pytest.mark.parametrize(
+    ("name", "n_channels", "window", "order", "wrap", "n_threads"),
+    [
+        ("brick", 0, 11, "paper", (False, False), 2),
+        ("grass", 3, 11, "window", (False, True), 2),
+        ("gravel", 0, 15, "window", (True, False), 3),
+        ("brick", 3, 15, "paper", (True, True), 1),
+        ("grass", 0, 23, "paper", (False, True), 2),
+        ("gravel", 2, 23, "window", (False, False), 2),
+    ],
+)
+def test_engines_agree_at_large_windows_on_any_number_of_threads(
+    name: str, n_channels: int, window: int, order: OrderName, wrap: tuple[bool, bool], n_threads: int
+) -> None:
+    image = crop(name, 48, n_channels)
+    side = 10 if window < 23 else 5
+    mask = np.roll(square_hole(image.shape, side), (19 * wrap[0], 19 * wrap[1]), axis=(0, 1))
+    compiled = fill(image, mask, window=window, order=order, wrap=wrap, rng=7, n_threads=n_threads)
+    assert_same(compiled, fill(image, mask, window=window, order=order, wrap=wrap, rng=7, engine="reference"))
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("period", [(2, 2), (3, 5), (8, 8)])
+def test_engines_break_exact_ties_alike(period: tuple[int, int], n_threads: int) -> None:
+    tile = np.random.default_rng(1).integers(0, 256, period, dtype=np.uint8)
+    image = np.tile(tile, (40 // period[0], 40 // period[1]))
+    mask = square_hole(image.shape, 12)
+    compiled = fill(image, mask, window=11, rng=2, n_threads=n_threads)
+    assert_same(compiled, fill(image, mask, window=11, rng=2, engine="reference"))
+    assert np.unique(compiled.source_rows[mask]).size > 12  # among many equal ones
+
+
+def test_any_number_of_threads_gives_the_same_bytes() -> None:
+    image = crop("brick", 96)
+    mask = square_hole(image.shape, 40)
+    for order in ORDERS:
+        first, *others = (
+            fill(image, mask, window=9, order=order, rng=3, n_threads=n_threads) for n_threads in (1, 2, 5)
+        )
+        for other in others:
+            assert_same(first, other)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("brick", 0), ("grass", 1), ("gravel", 2)])

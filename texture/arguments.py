@@ -7,8 +7,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from texture.engine import EngineName
 from texture.levels import Pixels
-from texture.matching import EngineName
 from texture.order import OrderName
 
 LARGEST_WINDOW = 99  # keeps every distance below the compiled scan's mark for "not in the sample"
@@ -98,3 +98,10 @@ def check_engine(engine: EngineName) -> EngineName:
     if engine not in get_args(EngineName):
         raise ValueError(f"engine: expected one of {get_args(EngineName)}, got {engine!r}")
     return engine
+
+
+def check_time_budget(seconds: float | None) -> float | None:
+    """Return the time budget in seconds, more than 0, or None for no end."""
+    if seconds is not None and not seconds > 0:
+        raise ValueError(f"time_budget_s: expected more than 0 seconds, got {seconds!r}; None is no end")
+    return seconds

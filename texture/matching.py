@@ -4,30 +4,16 @@
 All distances are whole numbers, so "the same candidates" means equal, not close.
 """
 
-from collections.abc import Callable
-from typing import Literal, TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
 from texture.gaussian import gaussian_weights
 from texture.levels import HIGHEST_LEVEL
 from texture.sample import Sample
-from texture.scan import can_compile, prepare_compiled_scan
 from texture.template import Candidates, Template
 
-EngineName: TypeAlias = Literal["numba", "reference"]
-Scan: TypeAlias = Callable[[Template], Candidates]
 
-
-def prepare_scan(sample: Sample, engine: EngineName) -> Scan:
-    """Return the function that scans `sample` for a template; the reference where nothing can be compiled."""
-    if engine == "numba" and can_compile():
-        return prepare_compiled_scan(sample)
-    return lambda template: scan_exhaustively(template, sample)
-
-
-def find_candidates(template: Template, sample: Sample, scan: Scan) -> Candidates:
+def find_candidates(template: Template, sample: Sample) -> Candidates:
     """Find the candidates for a template (Efros & Leung 1999, section 2.1).
 
     A position competes when every known pixel of the template has a counterpart among the sample's pixels
@@ -42,8 +28,6 @@ def find_candidates(template: Template, sample: Sample, scan: Scan) -> Candidate
         With at least one known pixel among the eight around its centre.
     sample : Sample
         Of the same radius, not empty.
-    scan : Scan
-        From `prepare_scan`; every engine gives the same result.
 
     Returns
     -------
@@ -52,7 +36,7 @@ def find_candidates(template: Template, sample: Sample, scan: Scan) -> Candidate
     """
     for window in range(template.known.shape[0], 1, -2):
         narrowed = template.narrow(window)
-        candidates = scan(narrowed)
+        candidates = scan_exhaustively(narrowed, sample)
         if candidates.positions.size:
             return candidates
     distances, missing_weights = measure_distances(narrowed, sample)

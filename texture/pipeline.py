@@ -13,7 +13,7 @@ References
 """
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from texture.arguments import (
     check_engine,
@@ -23,19 +23,21 @@ from texture.arguments import (
     check_order,
     check_sample_mask,
     check_shape,
+    check_time_budget,
     check_window,
     check_wrap,
 )
 from texture.canvas import Canvas
+from texture.engine import EngineName, can_compile, count_threads
 from texture.levels import quantise
-from texture.matching import EngineName
 from texture.order import OrderName
-from texture.passes import Progress, synthesise
+from texture.passes import Progress, Way, synthesise
+from texture.plain import fill_plainly
 from texture.randomness import draw_key
 from texture.sample import Sample
 from texture.seed import plant_seed
+from texture.self_check import WindowCheck, check_windows
 from texture.synthesis import Synthesis, collect
-from texture.window import choose_window
 
 
 def fill(
@@ -49,7 +51,10 @@ def fill(
     known: ArrayLike | None = None,
     rng: np.random.Generator | int | None = None,
     engine: EngineName = "numba",
+    n_threads: int | None = None,
     progress: Progress | None = None,
+    time_budget_s: float | None = None,
+    plain: bool = False,
 ) -> Synthesis:
     """Fill the masked pixels of an image with its own texture.
 
@@ -61,8 +66,9 @@ def fill(
     mask : array, shape (h, w)
         Non-zero where the pixel is to be filled; wins over `known`.
     window : int, optional
-        Odd side of the comparison window, 3..99 pixels; None chooses 7..23 from the sample
-        (`texture.window.choose_window`) and the result says which.
+        Odd side of the comparison window, 3..99 pixels. None chooses 7..23 by filling holes cut out of the
+        sample (`texture.self_check`; where it has no room for them, or nothing can be compiled, by
+        `texture.window.choose_window`), and the result says which.
     order : {"paper", "window"}
         "paper": a pass visits the whole rim, most filled 8-neighbours first. "window": it visits the best
         eighth of the rim, most filled pixels in the whole window first: slower, and much more reliable on
@@ -77,12 +83,20 @@ def fill(
         Non-zero where the image holds a value; default: everywhere outside `mask`. Pixels neither known nor
         masked stay untouched and count as unknown.
     rng : numpy.random.Generator, int or None
-        Same seed, same bytes, whichever engine.
+        Same seed, same bytes, whichever engine and number of threads.
     engine : {"numba", "reference"}
         The compiled scan or the readable reference; the results are identical. Without numba, or with its
         compiler disabled, the reference serves.
+    n_threads : int, optional
+        Threads of the compiled engine; the result is the same for any. None: one for each processor.
     progress : callable, optional
         Called after each pass with (pixels filled so far, pixels to fill); what it raises ends the synthesis.
+    time_budget_s : float, optional
+        Seconds after which no further pass begins: then the result is what is filled so far, says so
+        (`Synthesis.is_complete`), and depends on the machine.
+    plain : bool
+        Whether the sample is one colour and noise (`texture.plain.is_plain`): random ones of its usual pixels
+        fill the hole, and nothing is matched.
 
     Returns
     -------
@@ -118,12 +132,16 @@ def fill(
     context = check_known(known, hole)
     usable = check_sample_mask(sample_mask, context, is_needed=bool(hole.any()))
     levels = quantise(pixels, context)
-    side = choose_window(levels, usable) if window is None else check_window(window)
+    check = _choose_window(window, levels, usable, check_order(order), n_threads)
+    key = draw_key(rng)
 
-    sample = Sample(levels, usable, check_wrap(wrap), radius=side // 2)
-    canvas = Canvas.around_hole(levels, context, hole, sample.wrap, side)
-    tally = synthesise(canvas, sample, check_engine(engine), check_order(order), draw_key(rng), progress)
-    return collect(canvas, pixels, background=pixels, tally=tally)
+    sample = Sample(levels, usable, check_wrap(wrap), radius=check.window // 2)
+    canvas = Canvas.around_hole(levels, context, hole, sample.wrap, check.window)
+    how = Way(check_engine(engine), order, key, count_threads(n_threads), check_time_budget(time_budget_s))
+    if plain:
+        fill_plainly(canvas, sample, key)
+    tally = synthesise(canvas, sample, how, progress)
+    return collect(canvas, sample, pixels, pixels, tally, check)
 
 
 def grow(
@@ -136,7 +154,9 @@ def grow(
     sample_mask: ArrayLike | None = None,
     rng: np.random.Generator | int | None = None,
     engine: EngineName = "numba",
+    n_threads: int | None = None,
     progress: Progress | None = None,
+    time_budget_s: float | None = None,
 ) -> Synthesis:
     """Grow a texture of any size from a sample, starting at a random 3 x 3 seed in the centre.
 
@@ -146,7 +166,7 @@ def grow(
         uint8, or float in 0..1, as the image of `fill`.
     shape : (int, int)
         Rows and columns of the texture to grow.
-    window, order, rng, engine, progress
+    window, order, rng, engine, n_threads, progress, time_budget_s
         As in `fill`.
     wrap : (bool, bool)
         Whether rows and columns of the *grown* texture close on themselves, so that it tiles. The sample is
@@ -177,12 +197,33 @@ def grow(
     pixels, size = check_image(sample, "sample"), check_shape(shape)
     usable = check_sample_mask(sample_mask, np.ones(pixels.shape[:2], dtype=np.bool_))
     levels = quantise(pixels, usable)
-    side = choose_window(levels, usable) if window is None else check_window(window)
+    check = _choose_window(window, levels, usable, check_order(order), n_threads)
     key = draw_key(rng)
 
-    source = Sample(levels, usable, wrap=(False, False), radius=side // 2)
-    canvas = Canvas.empty(size, levels.shape[2], check_wrap(wrap), side)
+    source = Sample(levels, usable, wrap=(False, False), radius=check.window // 2)
+    canvas = Canvas.empty(size, levels.shape[2], check_wrap(wrap), check.window)
     plant_seed(canvas, source, (size[0] // 2, size[1] // 2), key)
-    tally = synthesise(canvas, source, check_engine(engine), check_order(order), key, progress)
+    how = Way(check_engine(engine), order, key, count_threads(n_threads), check_time_budget(time_budget_s))
+    tally = synthesise(canvas, source, how, progress)
     background = np.zeros((*size, *pixels.shape[2:]), dtype=pixels.dtype)
-    return collect(canvas, pixels, background, tally._replace(n_seeds=tally.n_seeds + 1))
+    return collect(canvas, source, pixels, background, tally._replace(n_seeds=tally.n_seeds + 1), check)
+
+
+def _choose_window(
+    window: int | None,
+    levels: NDArray[np.int64],
+    usable: NDArray[np.bool_],
+    order: OrderName,
+    n_threads: int | None,
+) -> WindowCheck:
+    """Return the caller's window, or the one that a self-check chooses."""
+    if window is not None:
+        return WindowCheck(check_window(window), {})
+
+    def fill_piece(
+        image: NDArray[np.uint8], hole: NDArray[np.bool_], known: NDArray[np.bool_], side: int
+    ) -> NDArray[np.uint8]:
+        filled = fill(image, hole, known=known, window=side, order=order, rng=0, n_threads=n_threads)
+        return np.asarray(filled.image)
+
+    return check_windows(levels, usable, fill_piece if can_compile() else None)

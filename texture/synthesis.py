@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texture.canvas import Canvas
-from texture.levels import Pixels
+from texture.levels import HIGHEST_LEVEL, Pixels
 from texture.passes import Tally
+from texture.sample import Sample
+from texture.self_check import WindowCheck
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,42 +28,58 @@ class Synthesis:
         How much the chosen candidate's surroundings differ from the pixel's: Gaussian-weighted mean of
         squared differences, pixels in 0..1, mean over channels. 0 where nothing was filled; 1 at seeds, for
         which nothing vouches.
+    confidence : array, shape (h, w), float32
+        1 - error / (2 variance of the sample), not below 0: 1 where the surroundings agree as if copied, 0
+        where they agree no better than unrelated ones do, and at seeds. 1 at known pixels, 0 at unknown ones.
     n_relaxed : int
         How often the largest accepted error (0.3) was multiplied by 1.1, because a pass filled nothing.
     n_seeds : int
         How many seeds were planted: 1 in `grow`; in `fill` one for each hole that touches no known pixel.
     window : int
         Side of the comparison window, pixels.
+    window_distances : dict of int to float
+        What the self-check measured for each window when none was given (`texture.self_check`).
+    is_complete : bool
+        Whether all was filled; a time budget may end a synthesis before. What is unfilled then has no source.
     """
 
     image: Pixels
     source_rows: NDArray[np.int32]
     source_cols: NDArray[np.int32]
     error: NDArray[np.float32]
+    confidence: NDArray[np.float32]
     n_relaxed: int
     n_seeds: int
     window: int
+    window_distances: dict[int, float]
+    is_complete: bool
 
     def __post_init__(self) -> None:
-        for name in ("image", "source_rows", "source_cols", "error"):
+        for name in ("image", "source_rows", "source_cols", "error", "confidence"):
             array = np.array(getattr(self, name))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
 
-def collect(canvas: Canvas, pixels: Pixels, background: Pixels, tally: Tally) -> Synthesis:
+def collect(
+    canvas: Canvas, sample: Sample, pixels: Pixels, background: Pixels, tally: Tally, check: WindowCheck
+) -> Synthesis:
     """Copy each pixel of a finished canvas from its source, in the sample's own type.
 
     Parameters
     ----------
     canvas : Canvas
         Filled.
+    sample : Sample
+        What it was filled from.
     pixels : array, shape (h, w) or (h, w, c)
         The image that the canvas's sources index.
     background : array, in the canvas's shape and the pixels' dtype
         Shows where a pixel has no source.
     tally : Tally
         What the passes counted.
+    check : WindowCheck
+        How the window was chosen.
     """
     height, width = canvas.unfilled.shape
     sources = canvas.sources[:height, :width]
@@ -74,7 +92,18 @@ def collect(canvas: Canvas, pixels: Pixels, background: Pixels, tally: Tally) ->
         source_rows=np.where(has_source, rows, -1).astype(np.int32),
         source_cols=np.where(has_source, columns, -1).astype(np.int32),
         error=canvas.errors,
+        confidence=np.where(has_source, _rate(canvas.errors, sample), 0),
         n_relaxed=tally.n_relaxed,
         n_seeds=tally.n_seeds,
-        window=canvas.row_reach.shape[1],
+        window=check.window,
+        window_distances=check.distances,
+        is_complete=tally.is_complete,
     )
+
+
+def _rate(errors: NDArray[np.float32], sample: Sample) -> NDArray[np.float32]:
+    """Return the confidence that errors leave: two unrelated pixels differ by twice the variance."""
+    chosen = sample.levels[sample.usable] / HIGHEST_LEVEL
+    unrelated = 2 * float(chosen.var(axis=0).mean()) if chosen.size else 0.0
+    left = 1 - errors / unrelated if unrelated > 0 else np.where(errors > 0, 0.0, 1.0)
+    return np.clip(left, 0, 1).astype(np.float32)

@@ -11,13 +11,15 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import ExifTags, Image, ImageOps
 
 from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, check_size, reading
+from texture.examination import examine
 from texture.pipeline import fill, grow
+from texture.surface import fill_surface
 from texture.synthesis import Synthesis
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
@@ -31,8 +33,9 @@ def run_texture(
     shape: tuple[int, int] | None,
     window: int | None,
     order: Literal["paper", "window"],
+    is_surface: bool = False,
 ) -> None:
-    """Fill the masked pixels of `image`, or grow a texture of `shape` from it."""
+    """Fill the masked pixels of `image`, of a surface with shading apart, or grow a texture of `shape`."""
     with running("texture", shared, default="texture.png", is_folder=False) as run:
         _format_of(run.out)
         pixels = read_image(image)
@@ -41,16 +44,26 @@ def run_texture(
         def tell(done: int, total: int) -> None:
             run.progress("texture", done, total)
 
+        how: dict[str, Any] = {
+            "window": window,
+            "order": order,
+            "rng": shared.seed,
+            "n_threads": shared.threads,
+            "progress": tell,
+        }
         try:
-            if hole is not None:
-                made = fill(pixels, hole, window=window, order=order, rng=shared.seed, progress=tell)
+            if hole is None:
+                made = grow(pixels, shape or (1, 1), **how)
+                result = made.image
+            elif is_surface:
+                lit = fill_surface(pixels, hole, **how)
+                made, result = lit.synthesis, lit.image
             else:
-                made = grow(
-                    pixels, shape or (1, 1), window=window, order=order, rng=shared.seed, progress=tell
-                )
+                made = fill(pixels, hole, **how)
+                result = made.image
         except ValueError as error:  # the texture package's checks of its arguments
             raise InputError(f"{image}: {error}") from error
-        write_image(run.out, made.image)
+        write_image(run.out, result)
         run.outputs.append(run.out)
         run.outputs.append(_write_provenance(run.out, made))
         options = {
@@ -58,6 +71,7 @@ def run_texture(
             "grow": shape,
             "window": window,
             "order": order,
+            "surface": is_surface,
         }
         summary: dict[str, Any] = {
             "rows": made.image.shape[0],
@@ -66,13 +80,17 @@ def run_texture(
             "window": made.window,
             "seeds": made.n_seeds,
             "relaxed": made.n_relaxed,
+            "window_distances": {str(side): value for side, value in made.window_distances.items()},
+            "alarms": [] if hole is None else list(examine(made, hole).alarms),
         }
         line = f"{summary['filled']} pixels, window {made.window}"
+        if summary["alarms"]:
+            line += f"; look at it: {', '.join(summary['alarms'])}"
         run.finish([image] if mask is None else [image, mask], options, summary, [line])
 
 
 def read_image(path: str) -> NDArray[np.uint8]:
-    """Return an image as (h, w) or (h, w, c) uint8: grey, grey with alpha, RGB or RGBA.
+    """Return an image as (h, w) or (h, w, c) uint8: grey or RGB, with alpha or not, turned upright by EXIF.
 
     Raises
     ------
@@ -106,7 +124,15 @@ def _opened(path: str) -> Iterator[Image.Image]:
     file = check_file(Path(path))
     with reading(file, "an image"), Image.open(file) as opened:
         check_size(opened.height, opened.width)
-        yield opened
+        # Pillow turns TIFF while it loads, and scrambles it when it is neither square nor compressed.
+        if (
+            opened.format == "TIFF"
+            and opened.getexif().get(ExifTags.Base.Orientation, 1) > 4
+            and opened.tile[0][0] == "raw"
+        ):
+            raise InputError("is an uncompressed TIFF lying on its side; save it upright, or compressed")
+        opened.load()
+        yield ImageOps.exif_transpose(opened)
 
 
 def write_image(path: Path, pixels: NDArray[Any]) -> None:
@@ -140,6 +166,7 @@ def _write_provenance(image: Path, made: Synthesis) -> Path:
         source_rows=made.source_rows,
         source_cols=made.source_cols,
         error=made.error,
+        confidence=made.confidence,
         window=made.window,
         n_seeds=made.n_seeds,
         n_relaxed=made.n_relaxed,

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""Examination of a fill where nobody knows the truth: compared with real pieces of the same shape."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from texture.arguments import check_known, check_mask
+from texture.quality import measure_distance, measure_seam, measure_verbatim_share
+from texture.synthesis import Synthesis
+
+N_PIECES = 6
+CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
+MOSTLY = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Examination:
+    """How a fill compares with the texture around it.
+
+    Attributes
+    ----------
+    distance : float
+        Sliced Wasserstein distance between the fill and real pieces, in 8-bit levels; NaN when the known part
+        holds no piece of the hole's shape, or the hole no patch.
+    piece_distance, piece_spread : float
+        The same among real pieces: mean and standard deviation.
+    seam : float
+        How much the border shows (`texture.quality.measure_seam`), in 8-bit levels; NaN where it has none.
+    verbatim_share : float
+        Share of patches copied in one piece from one place.
+    confidence : float
+        Mean over the fill of `Synthesis.confidence`.
+    alarms : tuple of str
+        "garbage": the fill is further from real pieces than these from each other by more than 4 standard
+        deviations, or its mean confidence is below a half. "verbatim": more than half of its patches are
+        copies of one piece; right for what is periodic, suspicious elsewhere. "incomplete": pixels were left
+        unfilled.
+    """
+
+    distance: float
+    piece_distance: float
+    piece_spread: float
+    seam: float
+    verbatim_share: float
+    confidence: float
+    alarms: tuple[str, ...]
+
+
+def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = None) -> Examination:
+    """Examine a fill by `texture.fill`.
+
+    Parameters
+    ----------
+    synthesis : Synthesis
+        The fill.
+    hole : array, shape (h, w)
+        Non-zero where it was filled.
+    known : array, shape (h, w), optional
+        Non-zero where the image held a value; default: everywhere outside the hole.
+    """
+    within = check_mask(hole, synthesis.error.shape, "hole")
+    around = check_known(known, within)
+    pieces = list_pieces(within, around)
+    image = np.where(np.isfinite(synthesis.image), synthesis.image, 0).astype(synthesis.image.dtype)
+    among = [
+        _distance(image, first, image, second) for k, first in enumerate(pieces) for second in pieces[k + 1 :]
+    ]
+    to_fill = [_distance(image, within, image, piece) for piece in pieces]
+    filled = within & (synthesis.source_rows >= 0)
+    confidence = float(synthesis.confidence[filled].mean()) if filled.any() else 1.0
+    distance = float(np.mean(to_fill)) if to_fill else float("nan")
+    mean, spread = (float(np.mean(among)), float(np.std(among))) if among else (float("nan"),) * 2
+    verbatim = measure_verbatim_share(synthesis.source_rows, synthesis.source_cols, within)
+    found = {
+        "garbage": distance > mean + CLEARLY * max(spread, 0.1 * mean) or confidence < MOSTLY,
+        "verbatim": verbatim > MOSTLY,
+        "incomplete": not synthesis.is_complete,
+    }
+    return Examination(
+        distance=distance,
+        piece_distance=mean,
+        piece_spread=spread,
+        seam=_seam(image, within),
+        verbatim_share=verbatim,
+        confidence=confidence,
+        alarms=tuple(name for name, rings in found.items() if rings),
+    )
+
+
+def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """List up to six masks of the hole's shape, moved to where all is known, far from each other."""
+    rows, columns = np.nonzero(hole)
+    if not rows.size:
+        return []
+    shape = hole[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    step = max(1, min(shape.shape) // 2)
+    pieces: list[NDArray[np.bool_]] = []
+    for top in range(0, hole.shape[0] - shape.shape[0] + 1, step):
+        for left in range(0, hole.shape[1] - shape.shape[1] + 1, step):
+            if known[top : top + shape.shape[0], left : left + shape.shape[1]][shape].all():
+                piece = np.zeros_like(hole)
+                piece[top : top + shape.shape[0], left : left + shape.shape[1]] = shape
+                pieces.append(piece)
+    chosen = np.unique(np.linspace(0, len(pieces) - 1, min(N_PIECES, len(pieces))).astype(int))
+    return [pieces[k] for k in chosen]
+
+
+def _distance(
+    first: NDArray[np.generic],
+    first_mask: NDArray[np.bool_],
+    second: NDArray[np.generic],
+    second_mask: NDArray[np.bool_],
+) -> float:
+    try:
+        return measure_distance(first, second, first_mask, second_mask)
+    except ValueError:  # too thin for a patch
+        return float("nan")
+
+
+def _seam(image: NDArray[np.generic], hole: NDArray[np.bool_]) -> float:
+    try:
+        return measure_seam(image, hole)
+    except ValueError:  # no patch across the border
+        return float("nan")

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: MIT
+"""Shading: the slow change of brightness over a surface, apart from what the surface itself is like.
+
+A texture that is lit from one side matches nothing on the other; what is matched should be reflectance.
+The logarithm of brightness is fitted by a quadratic of the place (log-quadratic shading); along an axis that
+closes on itself by one wave, so that it closes too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
+_ROUNDS = 10  # of reweighting
+_MOST_PIXELS = 20_000  # that are fitted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shading:
+    """How bright a surface is lit at each pixel, relative to its mean: pixel = reflectance * gain.
+
+    Attributes
+    ----------
+    gain : array, shape (h, w), float64
+        Its geometric mean over the known pixels is 1; elsewhere within what is seen among these.
+    """
+
+    gain: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        gain = np.array(self.gain)
+        gain.flags.writeable = False
+        object.__setattr__(self, "gain", gain)
+
+
+def fit_shading(
+    brightness: NDArray[np.float64], known: NDArray[np.bool_], wrap: tuple[bool, bool] = (False, False)
+) -> Shading:
+    """Fit log-quadratic shading to the known pixels, robustly (Huber's weights).
+
+    Parameters
+    ----------
+    brightness : array, shape (h, w), float
+        0..1 where known.
+    known : array, shape (h, w), bool
+        Pixels to fit.
+    wrap : (bool, bool)
+        Whether rows and columns close on themselves.
+
+    Returns
+    -------
+    Shading
+        1 everywhere when fewer pixels are known than the fit has parameters.
+
+    Examples
+    --------
+    >>> light = np.exp(np.linspace(-0.5, 0.5, 50) * np.ones((40, 1)))
+    >>> fitted = fit_shading(0.4 * light, np.ones(light.shape, bool)).gain
+    >>> bool(np.abs(fitted / light - 1).max() < 1e-6)
+    True
+    """
+    height, width = known.shape
+    down, across = _list_waves(height, wrap[0]), _list_waves(width, wrap[1])
+    columns = [np.ones(known.shape)]
+    columns += [np.broadcast_to(wave[:, None], known.shape) for wave in down]
+    columns += [np.broadcast_to(wave, known.shape) for wave in across]
+    columns.append(down[0][:, None] * across[0])
+    design = np.stack(columns, axis=2)
+    places = np.flatnonzero(known)
+    places = places[:: -(-places.size // _MOST_PIXELS)] if places.size else places
+    if places.size < design.shape[2]:
+        return Shading(np.ones(known.shape))
+    logarithms = np.log(np.maximum(brightness.ravel()[places], _DARKEST))
+    logs = design @ _fit_robustly(design.reshape(known.size, -1)[places], logarithms)
+    seen = logs[known]
+    return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()))
+
+
+def _list_waves(size: int, wraps: bool) -> list[NDArray[np.float64]]:
+    """Return the two functions of an axis: x and x**2 for x in -1..1, or a sine and a cosine."""
+    if wraps:
+        angle = 2 * np.pi * np.arange(size) / size
+        return [np.sin(angle), np.cos(angle)]
+    place = np.linspace(-1, 1, size) if size > 1 else np.zeros(1)
+    return [place, place**2]
+
+
+def _fit_robustly(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the parameters of a linear fit in which pixels far off count less."""
+    weights = np.ones(values.size)
+    for _ in range(_ROUNDS):
+        roots = np.sqrt(weights)
+        parameters = np.linalg.lstsq(design * roots[:, None], values * roots, rcond=None)[0]
+        residuals = np.abs(values - design @ parameters)
+        scale = 1.345 * 1.4826 * np.median(residuals)
+        weights = np.minimum(1.0, scale / np.maximum(residuals, 1e-12)) if scale > 0 else weights
+    return np.asarray(parameters, dtype=np.float64)
