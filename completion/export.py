@@ -19,10 +19,10 @@ from trimesh.visual.texture import TextureVisuals
 
 from completion.extension import Patch
 from completion.meshing import ChartMesh, mesh_cells
-from completion.model import CompletedModel, LabelledPoints, to_8_bits
+from completion.model import CompletedModel, LabelledPoints
 from completion.provenance import Provenance
 from completion.record import completion_record, provenance_word
-from completion.texturing import ChartTexture
+from completion.texturing.atlas import Atlas, make_atlas
 from completion.verification import Verification
 from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
@@ -63,15 +63,21 @@ def completed_glb(completion: CompletedModel) -> bytes:
     """The completed model as binary glTF, y up by its root node; one node for each surface and state.
 
     Nodes are called `observed ...` and `hypothesised ...`: a hypothesis can never pass for a measurement.
+    Their textures lie on the pages of one atlas.
     """
     scene = trimesh.Scene(base_frame="world")
+    atlas = _atlas(completion)
+    pages = [Image.fromarray(page) for page in atlas.pages]
     for index, patch in enumerate(completion.patches):
-        texture = completion.textures[index] if index < len(completion.textures) else None
         for state, cells in (("observed", patch.observed), ("hypothesised", patch.hypothesised)):
             mesh = _state_mesh(patch, cells, state == "hypothesised")
             if len(mesh.faces):
                 name = f"{state} {index + 1} {patch.grid.surface.kind}"
-                _add(scene, name, _trimesh(mesh, patch, texture, state, completion.world_from_reference))
+                uv = atlas.coordinates(index, _chart_coordinates(mesh, patch))
+                page = pages[atlas.page[index]] if atlas.page[index] >= 0 else None
+                vertices = completion.world_from_reference.apply(mesh.vertices)
+                visual = TextureVisuals(uv=uv, material=_material(state, page))
+                _add(scene, name, trimesh.Trimesh(vertices, mesh.faces, visual=visual, process=False))
     rest = remainder_mesh(completion)
     if len(rest.faces):
         model = trimesh.Trimesh(
@@ -132,24 +138,21 @@ def display_mesh(
         Paint inferred area in one colour instead of its texture.
     """
     corners, colours, labels, face_image, corner_uv = [], [], [], [], []
-    images: list[NDArray[np.uint8]] = []
+    atlas = _atlas(completion)
     for index, patch in enumerate(completion.patches):
-        texture = completion.textures[index] if index < len(completion.textures) else None
         for state, cells in enumerate((patch.observed, patch.hypothesised)):
             if state == 1 and not hypothesised:
                 continue
             mesh = _state_mesh(patch, cells, state == 1)
-            plain = texture is None or (mark and state == 1)
+            page = -1 if mark and state == 1 else int(atlas.page[index])
             corners.append(mesh.vertices[mesh.faces])
             tint = np.array(
-                (_OBSERVED_GREY, _HYPOTHESISED_BLUE)[state] if plain else (1.0, 1.0, 1.0), np.float32
+                (_OBSERVED_GREY, _HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0), np.float32
             )
             colours.append(np.broadcast_to(tint, (len(mesh.faces), 3, 3)))
             labels.append(np.full(len(mesh.faces), state, np.int32))
-            face_image.append(np.full(len(mesh.faces), -1 if plain else len(images), np.int32))
-            corner_uv.append(_texture_coordinates(mesh, patch)[mesh.faces])
-            if not plain and texture is not None:
-                images.append(to_8_bits(texture.image[::-1]))
+            face_image.append(np.full(len(mesh.faces), page, np.int32))
+            corner_uv.append(atlas.coordinates(index, _chart_coordinates(mesh, patch))[mesh.faces])
     rest = remainder_mesh(completion)
     corners.append(rest.vertices[rest.faces])
     colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
@@ -159,7 +162,7 @@ def display_mesh(
     vertices = completion.world_from_reference.apply(np.concatenate(corners).reshape(-1, 3))
     appearance = Appearance(
         np.concatenate(colours).astype(np.float32),
-        tuple(images),
+        atlas.pages,
         np.concatenate(face_image),
         np.concatenate(corner_uv).astype(np.float32),
     )
@@ -167,26 +170,27 @@ def display_mesh(
     return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
 
 
-def _trimesh(
-    mesh: ChartMesh, patch: Patch, texture: ChartTexture | None, state: str, world: Pose
-) -> trimesh.Trimesh:
+def _atlas(completion: CompletedModel) -> Atlas:
+    """The atlas of a completion; without pages when texture was not asked for."""
+    return make_atlas(completion.textures or (None,) * len(completion.patches))
+
+
+def _material(state: str, page: Image.Image | None) -> PBRMaterial:
+    """Measured or inferred surface with its page of the atlas, or with the state's colour."""
     colour = _OBSERVED_GREY if state == "observed" else _HYPOTHESISED_BLUE
-    material = PBRMaterial(
-        name=f"{state} {patch.grid.surface.kind}",
-        baseColorTexture=None if texture is None else Image.fromarray(to_8_bits(texture.image[::-1])),
-        baseColorFactor=None if texture is not None else [*(int(c * 255) for c in colour), 255],
+    return PBRMaterial(
+        name=state,
+        baseColorTexture=page,
+        baseColorFactor=None if page is not None else [*(int(c * 255) for c in colour), 255],
         metallicFactor=0.0,
         roughnessFactor=1.0,
         doubleSided=True,
     )
-    visual = TextureVisuals(uv=_texture_coordinates(mesh, patch), material=material)
-    return trimesh.Trimesh(world.apply(mesh.vertices), mesh.faces, visual=visual, process=False)
 
 
-def _texture_coordinates(mesh: ChartMesh, patch: Patch) -> NDArray[np.float64]:
-    """Texture coordinates (n, 2) of the vertices, v upwards, in an image whose last row is the lowest v."""
-    rows, columns = patch.grid.shape
-    return np.column_stack([mesh.cells[:, 1] / columns, mesh.cells[:, 0] / rows])
+def _chart_coordinates(mesh: ChartMesh, patch: Patch) -> NDArray[np.float64]:
+    """Chart coordinates (n, 2) of the vertices, going on where the chart closes."""
+    return patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])
 
 
 def _add(scene: trimesh.Scene, name: str, mesh: trimesh.Trimesh) -> None:

@@ -19,7 +19,7 @@ from completion.limits import Mode
 from completion.meshing import ChartMesh, mesh_cells, mesh_range_image
 from completion.observation import Observation
 from completion.provenance import Provenance
-from completion.texturing import ChartTexture
+from completion.texturing.pipeline import ChartTexture
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 
@@ -162,9 +162,7 @@ def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture 
 def _vertex_colour(mesh: ChartMesh, grid: ChartGrid, texture: ChartTexture | None) -> NDArray[np.uint8]:
     if texture is None:
         return np.full((len(mesh.vertices), 3), 160, np.uint8)
-    row = np.clip(np.rint(mesh.cells[:, 0] - 0.5), 0, grid.shape[0] - 1).astype(np.int64)
-    column = np.clip(np.rint(mesh.cells[:, 1] - 0.5), 0, grid.shape[1] - 1).astype(np.int64)
-    return to_8_bits(texture.image[row, column])
+    return texture.colour_at(grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
 
 
 def to_8_bits(colour: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:

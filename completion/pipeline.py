@@ -26,7 +26,7 @@ from completion.observation import Observation, observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.surroundings import survey
-from completion.texturing import ChartTexture, TexturingOptions, texture_patch
+from completion.texturing.pipeline import ChartTexture, TexturingOptions, texture_patch
 from completion.tolerance import EvidenceOptions
 from completion.verification import Verification
 from scenes.checks import InputError, check_options

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from completion.edits.file import edit_record
 from completion.effect import effect_of
 from completion.extension import Patch
@@ -67,6 +69,7 @@ def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
         "observed_m2": patch.observed_m2,
         "hypothesised_m2": patch.hypothesised_m2,
         "encloses": patch.limits.encloses,
+        "texture": _texture_record(completion, number),
         "user": _user_record(patch),
         "openings": [
             {
@@ -86,6 +89,25 @@ def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
             }
             for segment in trace_boundary(patch)
         ],
+    }
+
+
+def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] | None:
+    """How a surface's hidden part got its colour; None without texture."""
+    texture = completion.textures[number - 1] if completion.textures else None
+    if texture is None:
+        return None
+    return {
+        "texel_m": float(np.sqrt(texture.grid.cell_area)),
+        "measured_texels": int(np.count_nonzero(texture.measured)),
+        "synthesised_texels": texture.n_synthesised,
+        "synthesised_m": texture.synthesised_m,
+        "samples": texture.n_samples,
+        "window": texture.window,
+        "is_plain": texture.is_plain,
+        "confidence": texture.confidence,
+        "verbatim_share": texture.verbatim_share,
+        "is_doubtful": texture.is_doubtful,
     }
 
 

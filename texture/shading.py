@@ -7,6 +7,7 @@ closes on itself by one wave, so that it closes too.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,11 @@ class Shading:
 
     Attributes
     ----------
-    gain : array, shape (h, w), float64
+    gain : array, shape (h, w), float32
         Its geometric mean over the known pixels is 1; elsewhere within what is seen among these.
     """
 
-    gain: NDArray[np.float64]
+    gain: NDArray[np.float32]
 
     def __post_init__(self) -> None:
         gain = np.array(self.gain)
@@ -35,7 +36,7 @@ class Shading:
 
 
 def fit_shading(
-    brightness: NDArray[np.float64], known: NDArray[np.bool_], wrap: tuple[bool, bool] = (False, False)
+    brightness: NDArray[np.floating[Any]], known: NDArray[np.bool_], wrap: tuple[bool, bool] = (False, False)
 ) -> Shading:
     """Fit log-quadratic shading to the known pixels, robustly (Huber's weights).
 
@@ -62,19 +63,22 @@ def fit_shading(
     """
     height, width = known.shape
     down, across = _list_waves(height, wrap[0]), _list_waves(width, wrap[1])
-    columns = [np.ones(known.shape)]
-    columns += [np.broadcast_to(wave[:, None], known.shape) for wave in down]
-    columns += [np.broadcast_to(wave, known.shape) for wave in across]
-    columns.append(down[0][:, None] * across[0])
-    design = np.stack(columns, axis=2)
     places = np.flatnonzero(known)
     places = places[:: -(-places.size // _MOST_PIXELS)] if places.size else places
-    if places.size < design.shape[2]:
-        return Shading(np.ones(known.shape))
+    row, column = np.divmod(places, width)
+    design = np.stack(
+        [np.ones(places.size), *(wave[row] for wave in down), *(wave[column] for wave in across)]
+        + [down[0][row] * across[0][column]],
+        axis=1,
+    )
+    if places.size < design.shape[1]:
+        return Shading(np.ones(known.shape, np.float32))
     logarithms = np.log(np.maximum(brightness.ravel()[places], _DARKEST))
-    logs = design @ _fit_robustly(design.reshape(known.size, -1)[places], logarithms)
+    mean, one, two, three, four, both = _fit_robustly(design, logarithms)
+    logs = (mean + one * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
+    logs += both * down[0][:, None] * across[0]
     seen = logs[known]
-    return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()))
+    return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()).astype(np.float32))
 
 
 def _list_waves(size: int, wraps: bool) -> list[NDArray[np.float64]]:

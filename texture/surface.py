@@ -6,15 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.arguments import check_image, check_known, check_mask, check_sample_mask, check_wrap
+from texture.arguments import (
+    check_image,
+    check_known,
+    check_mask,
+    check_sample_mask,
+    check_time_budget,
+    check_wrap,
+)
 from texture.engine import EngineName
 from texture.levels import HIGHEST_LEVEL, Pixels, quantise
 from texture.order import OrderName
 from texture.passes import Progress
 from texture.pipeline import fill
 from texture.plain import is_plain
+from texture.randomness import draw_key
 from texture.shading import Shading, fit_shading
 from texture.synthesis import Synthesis
+from texture.tiling import MOST_PIXELS, SAMPLE_SIDE, Piece, densest_block, fill_tiles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +35,8 @@ class SurfaceFill:
     image : array, shape (h, w) or (h, w, c)
         Of the input's dtype; known pixels unchanged, filled ones reflectance times gain.
     synthesis : Synthesis
-        The fill of the reflectance (float, 0..1): where each pixel came from, and how well it agrees.
+        The fill of the reflectance (float32, shape (h, w, c), 0..1): where each pixel came from, and how well
+        it agrees.
     shading : Shading
         What was separated.
     is_plain : bool
@@ -62,7 +72,8 @@ def fill_surface(
     """Fill the masked pixels of a surface's image: what is matched and copied is its reflectance.
 
     Parameters as in `texture.fill`. Channels are grey, grey with alpha, RGB, or RGB with alpha; alpha has no
-    shading.
+    shading. An image of more than 512 x 512 pixels is filled tile by tile (`texture.tiling`), within memory
+    of some 60 bytes a pixel.
 
     Raises
     ------
@@ -84,39 +95,57 @@ def fill_surface(
     hole = check_mask(mask, pixels.shape[:2])
     context = check_known(known, hole)
     usable = check_sample_mask(sample_mask, context, is_needed=bool(hole.any()))
-    quantise(pixels, context)  # refuses what is not finite or out of range
-    scale = HIGHEST_LEVEL if pixels.dtype == np.uint8 else 1
-    values = pixels.reshape(*hole.shape, -1).astype(np.float64) / scale
-    values = np.clip(np.where(context[..., None], values, 0), 0, 1)
+    closes, budget = check_wrap(wrap), check_time_budget(time_budget_s)
+    values = _read(pixels, context)
     n_colours = values.shape[2] if values.shape[2] in (1, 3) else values.shape[2] - 1
-    shading = fit_shading(values[..., :n_colours].mean(axis=2), usable, check_wrap(wrap))
-    gain = np.ones(values.shape)
-    gain[..., :n_colours] = shading.gain[..., None]
-    reflectance = values / gain
-    brightest = max(1.0, float(reflectance.max()))
-    plain = bool(usable.any()) and is_plain(quantise(reflectance / brightest, context), usable)
-    made = fill(
-        (reflectance / brightest).astype(np.float32).reshape(pixels.shape),
-        hole,
-        window=window,
-        order=order,
-        wrap=wrap,
-        sample_mask=usable,
-        known=context,
-        rng=rng,
-        engine=engine,
-        n_threads=n_threads,
-        progress=progress,
-        time_budget_s=time_budget_s,
-        plain=plain,
-    )
-    lit = np.clip(made.image.reshape(gain.shape).astype(np.float64) * gain * brightest, 0, 1)
+    shading = fit_shading(values[..., :n_colours].mean(axis=2), usable, closes)
+    values[..., :n_colours] /= shading.gain[..., None]
+    brightest = max(1.0, float(values.max()))
+    values /= brightest
+    block = np.ix_(*densest_block(usable, SAMPLE_SIDE))
+    plain = bool(usable.any()) and is_plain(quantise(values[block], context[block]), usable[block])
+    key = draw_key(np.random.default_rng(rng))
+
+    def fill_piece(piece: Piece, side: int | None, seconds: float | None, tell: Progress | None) -> Synthesis:
+        return fill(
+            piece.image,
+            piece.hole,
+            window=side,
+            order=order,
+            wrap=closes if piece.number < 0 else (False, False),
+            sample_mask=piece.usable,
+            known=piece.known,
+            rng=np.random.default_rng([key, piece.number + 1]),
+            engine=engine,
+            n_threads=n_threads,
+            progress=tell,
+            time_budget_s=seconds,
+            plain=plain,
+        )
+
+    if hole.size <= MOST_PIXELS:
+        whole = Piece(values, hole, context, usable, -1)
+        made = fill_piece(whole, window, budget, progress)
+    else:
+        made = fill_tiles(values, hole, context, usable, closes, window, fill_piece, progress, budget)
+    lit = made.image * np.float32(brightest)
+    lit[..., :n_colours] *= shading.gain[..., None]
     return SurfaceFill(_put_back(pixels, lit, hole & (made.source_rows >= 0)), made, shading, plain)
 
 
-def _put_back(pixels: Pixels, lit: NDArray[np.float64], filled: NDArray[np.bool_]) -> Pixels:
+def _read(pixels: Pixels, known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the image as floats 0..1 of shape (h, w, c), 0 where nothing is known."""
+    if pixels.dtype != np.uint8:
+        quantise(pixels, known)  # refuses what is not finite or out of range
+    scale = HIGHEST_LEVEL if pixels.dtype == np.uint8 else 1
+    values = pixels.reshape(*known.shape, -1).astype(np.float32) / np.float32(scale)
+    return np.asarray(np.clip(np.where(known[..., None], values, 0), 0, 1), np.float32)
+
+
+def _put_back(pixels: Pixels, lit: NDArray[np.float32], filled: NDArray[np.bool_]) -> Pixels:
     """Return the image with its filled pixels replaced, in its own type."""
-    values = np.rint(lit * HIGHEST_LEVEL) if pixels.dtype == np.uint8 else lit
+    values = np.clip(lit[filled], 0, 1)
+    values = np.rint(values * HIGHEST_LEVEL) if pixels.dtype == np.uint8 else values
     result = pixels.copy()
-    result[filled] = values.reshape(pixels.shape)[filled].astype(pixels.dtype)
+    result[filled] = values.reshape(-1, *pixels.shape[2:]).astype(pixels.dtype)
     return result
