@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from completion.chart import ChartGrid
 from completion.extension import Patch
 from completion.observation import Observation
+from completion.texturing.light import cast_shadows
 from completion.texturing.measured import MeasuredColour, measure_colour
 from completion.texturing.raster import TexelRaster, lay_texels
-from completion.texturing.samples import choose_samples, find_foreign
+from completion.texturing.samples import RIM, choose_samples, distance_to
 from scenes.checks import BoolArray, FloatArray, check_options
 from texture import fill_surface, measure_verbatim_share
 
@@ -116,7 +117,8 @@ def texture_patch(
     """Colour a patch: measured texels from the pixels that see them best, inferred ones by Efros-Leung.
 
     Texels are as fine as the pixels; what is sampled are this surface's own measured texels, those that show
-    it finely, in the light, and of the material that the hidden area borders on (`choose_samples`).
+    it finely, in the light, and of the material that the hidden area borders on (`choose_samples`). Hidden
+    texels lie in a shadow where the nearest measured ones do.
 
     Parameters
     ----------
@@ -142,7 +144,8 @@ def texture_patch(
     if not wanted.any() or not measured.known.any():
         image = spread_colour(measured.image, measured.known, raster.grid.wraps)
         return ChartTexture(image, raster.grid, measured.known, np.zeros_like(measured.known))
-    task = _task(raster, measured, wanted, options)
+    light = cast_shadows(measured.image, measured.pure, raster.grid.wraps)
+    task = _task(raster, measured, wanted, light, options)
     filled = fill_surface(
         task.image,
         task.hole,
@@ -155,7 +158,7 @@ def texture_patch(
     )
     made = filled.synthesis
     image = measured.image.copy()
-    image[wanted] = _resized(filled.image, wanted.shape)[wanted]
+    image[wanted] = np.rint(_resized(filled.image, wanted.shape)[wanted] * light[wanted])
     return ChartTexture(
         spread_colour(image, measured.known | wanted, raster.grid.wraps),
         raster.grid,
@@ -171,7 +174,7 @@ def texture_patch(
 
 
 class _Task(NamedTuple):
-    """What is filled: the raster, or a coarser one where it has too much to fill."""
+    """What is filled: the raster without its shadows, or a coarser one where there is too much to fill."""
 
     image: NDArray[np.uint8]
     hole: BoolArray
@@ -181,25 +184,30 @@ class _Task(NamedTuple):
 
 
 def _task(
-    raster: TexelRaster, measured: MeasuredColour, wanted: BoolArray, options: TexturingOptions
+    raster: TexelRaster,
+    measured: MeasuredColour,
+    wanted: BoolArray,
+    light: FloatArray,
+    options: TexturingOptions,
 ) -> _Task:
     wraps = raster.grid.wraps
-    samples = choose_samples(measured, wanted, wraps, options.max_sample)
-    known = measured.known & ~find_foreign(measured, wanted, wraps)
-    hole = wanted | (measured.known & ~known)  # a foreign texel keeps its colour, but nothing continues it
+    lit = replace(measured, image=np.rint(np.clip(measured.image / light, 0, 255)).astype(np.uint8))
+    distance = distance_to(wanted, wraps)
+    samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, options.max_sample)
+    hole = wanted | (measured.known & ~known & (distance <= RIM))  # these keep their colour all the same
     coarseness = max(1.0, float(np.sqrt(np.count_nonzero(hole) / options.max_synthesised)))
     if coarseness == 1.0:
-        return _Task(measured.image, hole, known, samples, coarseness)
-    shape = tuple(max(1, round(size / coarseness)) for size in wanted.shape)
-    weight = _resized(known.astype(np.float32), shape)
-    colour = _resized(np.where(known[..., None], measured.image, 0).astype(np.float32), shape)
+        return _Task(lit.image, hole, known, samples, coarseness)
+    rows, columns = (max(1, round(size / coarseness)) for size in wanted.shape)
+    weight = _resized(known.astype(np.float32), (rows, columns))
+    colour = _resized(np.where(known[..., None], lit.image, 0).astype(np.float32), (rows, columns))
     image = np.rint(colour / np.maximum(weight, 1e-6)[..., None]).clip(0, 255).astype(np.uint8)
-    unknown = (_resized(hole.astype(np.float32), shape) > 0) & (weight < 0.5)
-    sampled = (_resized(samples.astype(np.float32), shape) > 0.5) & (weight >= 0.5)
+    unknown = (_resized(hole.astype(np.float32), (rows, columns)) > 0) & (weight < 0.5)
+    sampled = (_resized(samples.astype(np.float32), (rows, columns)) > 0.5) & (weight >= 0.5)
     return _Task(image, unknown, weight >= 0.5, sampled, coarseness)
 
 
-def _resized(image: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _resized(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     """The image with so many rows and columns: means of what a coarser texel covers, else interpolated."""
     if image.shape[:2] == shape:
         return image

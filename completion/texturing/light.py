@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: MIT
+"""Light: shadows that were cast on a surface, which are nothing of its own look."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.texturing.material import FEWEST, NEIGHBOURHOOD, material_colour, to_lab
+from scenes.checks import BoolArray, FloatArray
+
+_SHADOW = 0.6  # of the usual luminance
+_SAME_HUE = 8.0  # CIELAB units of chroma between a material in light and in shadow
+
+
+def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> FloatArray:
+    """Relative brightness (rows, columns, 3) of texels: 1 in the light, less in a shadow.
+
+    In a shadow is what is much darker than most of the surface and of its hue, in a neighbourhood's median.
+    The shadow's depth is the ratio of the medians in it and around. Texels that are not measured are lit as
+    the nearest that is.
+
+    Parameters
+    ----------
+    image : (rows, columns, 3) uint8
+        Measured colour.
+    own : (rows, columns) bool
+        Texels whose colour is the surface's own.
+    wraps : bool
+        Whether columns close.
+    """
+    gain = np.ones((*own.shape, 3))
+    if np.count_nonzero(own) < FEWEST:
+        return gain
+    material = material_colour(image, own, wraps)
+    usual = np.median(material[own], axis=0)
+    hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
+    dark = own & (_luminance(material) < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    if not dark.any():
+        return gain
+    dark = _to_corners(dark, own, _luminance(to_lab(image)))
+    number, n_shadows = ndimage.label(dark)
+    in_light = np.median(image[own & ~dark], axis=0)
+    for shadow in range(1, n_shadows + 1):
+        inside = number == shadow
+        if np.count_nonzero(inside) < FEWEST:
+            continue
+        gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
+    nearest = ndimage.distance_transform_edt(~own, return_distances=False, return_indices=True)
+    return np.asarray(gain[tuple(nearest)], dtype=np.float64)
+
+
+def _to_corners(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
+    """Grow shadows over what is dark itself into their corners, where most of a neighbourhood is lit."""
+    between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[own & ~dark]))
+    darker = own & (luminance < between)
+    grown = ndimage.binary_dilation(dark, np.ones((3, 3)), iterations=NEIGHBOURHOOD // 2, mask=darker | dark)
+    return np.asarray(grown, dtype=np.bool_)
+
+
+def _luminance(lab: FloatArray) -> FloatArray:
+    """Luminance, 0..1, of CIELAB colours."""
+    return np.asarray(((lab[..., 0] + 16) / 116) ** 3, dtype=np.float64)
