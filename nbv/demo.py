@@ -28,7 +28,7 @@ from scenes.raycast import RayCaster
 SCENE, SENSOR = "two_occluders", "generic60"
 MAX_INCIDENCE_DEG, TARGET, MOST_VIEWS = 60.0, 0.99, 40
 N_SCANS = 4  # that are completed
-TEXTURING = TexturingOptions(max_sample=12_000)  # less to search than by default: the demo is to be quick
+TEXTURING = TexturingOptions(max_samples=12_000)  # less to search than by default: the demo is to be quick
 
 
 def run_demo(shared: Shared) -> None:
@@ -69,7 +69,7 @@ def run_demo(shared: Shared) -> None:
             "target": TARGET,
             "most_views": MOST_VIEWS,
             "scans_completed": [k + 1 for k in chosen],
-            "max_sample": TEXTURING.max_sample,
+            "max_samples": TEXTURING.max_samples,
         }
         page = demo_page(scene, plan, chosen, completion, comparison, asked, shared.seed, threads)
         page.write(run.path("report.html"))

@@ -229,7 +229,7 @@ def test_options_change_the_result():
         CompletionOptions(texture=False, evidence=EvidenceOptions(n_sigma=1.0)),
     ):
         assert complete(scan, options).hypothesised_m2 != base.hypothesised_m2
-    coarse = CompletionOptions(texturing=TexturingOptions(max_texels=500, window=5, max_sample=500))
+    coarse = CompletionOptions(texturing=TexturingOptions(max_texels=500, window=5, max_samples=500))
     sizes = [texture.grid.shape for texture in complete(scan, coarse).textures]
     assert 250 < max(rows * columns for rows, columns in sizes) <= 500
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -19,7 +20,7 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
 
     In a shadow is what is much darker than most of the surface and of its hue, in a neighbourhood's median.
     The shadow's depth is the ratio of the medians in it and around. Texels that are not measured are lit as
-    the nearest that is.
+    those around them are, the more evenly the farther off these are.
 
     Parameters
     ----------
@@ -47,8 +48,7 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
         if np.count_nonzero(inside) < FEWEST:
             continue
         gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
-    nearest = ndimage.distance_transform_edt(~own, return_distances=False, return_indices=True)
-    return np.asarray(gain[tuple(nearest)], dtype=np.float64)
+    return np.where(own[..., None], gain, np.exp(_carried(np.log(gain), own)))
 
 
 def _to_corners(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
@@ -57,6 +57,23 @@ def _to_corners(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolA
     darker = own & (luminance < between)
     grown = ndimage.binary_dilation(dark, np.ones((3, 3)), iterations=NEIGHBOURHOOD // 2, mask=darker | dark)
     return np.asarray(grown, dtype=np.bool_)
+
+
+def _carried(values: FloatArray, own: BoolArray) -> FloatArray:
+    """Carry values (rows, columns, 3) into what is not own: by a pyramid, each level from the next coarser.
+
+    References
+    ----------
+    .. [1] Gortler et al. 1996, "The lumigraph", section 3.4 (pull and push).
+    """
+    if own.all() or min(own.shape) < 2:
+        return np.where(own[..., None], values, 0.0)
+    rows, columns = (-(-size // 2) for size in own.shape)
+    weight = cv2.resize(own.astype(np.float64), (columns, rows), interpolation=cv2.INTER_AREA)
+    total = cv2.resize(np.where(own[..., None], values, 0.0), (columns, rows), interpolation=cv2.INTER_AREA)
+    coarse = _carried(total / np.maximum(weight, 1e-9)[..., None], weight > 0)
+    finer = cv2.resize(coarse, own.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.where(own[..., None], values, finer)
 
 
 def _luminance(lab: FloatArray) -> FloatArray:

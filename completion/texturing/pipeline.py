@@ -36,21 +36,32 @@ class TexturingOptions:
         Texels of one surface; a larger one gets coarser ones than its pixels are.
     max_synthesised : int
         Hypothesised texels that are synthesised for one surface; a larger area gets coarser ones there.
-    max_sample : int
+    max_samples : int
         Measured texels that may be sampled; the nearest to the hypothesised area are kept.
+    max_comparisons : int
+        Hypothesised texels times samples, for one surface: where much is to be synthesised, it is from fewer
+        samples, yet from `min_samples` or more.
+    min_samples : int
+        See there.
     window : int, optional
         Side of the Efros-Leung window in texels, odd; None chooses it for each surface.
     """
 
     max_texels: int = 4_000_000
     max_synthesised: int = 200_000
-    max_sample: int = 30_000
+    max_samples: int = 30_000
+    max_comparisons: int = 1_000_000_000
+    min_samples: int = 8_000
     window: int | None = None
 
     def __post_init__(self) -> None:
-        check_options(
-            self, max_texels=(1, np.inf), max_synthesised=(1, np.inf), max_sample=(1, np.inf), window=(3, 99)
-        )
+        counts = ("max_texels", "max_synthesised", "max_samples", "max_comparisons", "min_samples")
+        check_options(self, window=(3, 99), **dict.fromkeys(counts, (1, np.inf)))
+
+    def n_samples(self, n_hidden: int) -> int:
+        """How many texels are sampled where so many are to be synthesised."""
+        affordable = max(self.min_samples, self.max_comparisons // max(n_hidden, 1))
+        return min(self.max_samples, affordable)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +204,8 @@ def _task(
     wraps = raster.grid.wraps
     lit = replace(measured, image=np.rint(np.clip(measured.image / light, 0, 255)).astype(np.uint8))
     distance = distance_to(wanted, wraps)
-    samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, options.max_sample)
+    n_samples = options.n_samples(int(np.count_nonzero(wanted)))
+    samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, n_samples)
     hole = wanted | (measured.known & ~known & (distance <= RIM))  # these keep their colour all the same
     coarseness = max(1.0, float(np.sqrt(np.count_nonzero(hole) / options.max_synthesised)))
     if coarseness == 1.0:
