@@ -8,17 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.texturing.material import FEWEST, NEIGHBOURHOOD, material_colour, to_lab
+from completion.texturing.material import FEWEST, NEIGHBOURHOOD, median_colour, to_lab
 from scenes.checks import BoolArray, FloatArray
 
 _SHADOW = 0.6  # of the usual luminance
+_EDGE = 0.75  # luminance just within a shadow over that just outside it, at most: shading has no edge
+_EDGE_TEXELS = 3
 _SAME_HUE = 8.0  # CIELAB units of chroma between a material in light and in shadow
 
 
 def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> FloatArray:
     """Relative brightness (rows, columns, 3) of texels: 1 in the light, less in a shadow.
 
-    In a shadow is what is much darker than most of the surface and of its hue, in a neighbourhood's median.
+    In a shadow is what is much darker than most of the surface, of its hue, and at once so, by the median of
+    a neighbourhood.
     The shadow's depth is the ratio of the medians in it and around. Texels that are not measured are lit as
     those around them are, the more evenly the farther off these are.
 
@@ -34,10 +37,13 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
     gain = np.ones((*own.shape, 3))
     if np.count_nonzero(own) < FEWEST:
         return gain
-    material = material_colour(image, own, wraps)
-    usual = np.median(material[own], axis=0)
+    material = to_lab(median_colour(image, own, wraps))
+    luminance, usual = _luminance(material), np.median(material[own], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
-    dark = own & (_luminance(material) < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    dark = own & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    number, n_shadows = ndimage.label(dark)
+    for shadow in range(1, n_shadows + 1):
+        dark &= (number != shadow) | _has_edge(number == shadow, own, luminance)
     if not dark.any():
         return gain
     dark = _to_corners(dark, own, _luminance(to_lab(image)))
@@ -45,10 +51,20 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
     in_light = np.median(image[own & ~dark], axis=0)
     for shadow in range(1, n_shadows + 1):
         inside = number == shadow
-        if np.count_nonzero(inside) < FEWEST:
-            continue
         gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
     return np.where(own[..., None], gain, np.exp(_carried(np.log(gain), own)))
+
+
+def _has_edge(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> bool:
+    """Whether brightness jumps at the border of a dark part that is large enough for a shadow."""
+    if np.count_nonzero(dark) < FEWEST:
+        return False
+    square = np.ones((3, 3))
+    inside = dark & ~ndimage.binary_erosion(dark | ~own, square, iterations=_EDGE_TEXELS)
+    outside = own & ~dark & ndimage.binary_dilation(dark, square, iterations=_EDGE_TEXELS)
+    if not inside.any() or not outside.any():
+        return False
+    return bool(np.median(luminance[inside]) < _EDGE * np.median(luminance[outside]))
 
 
 def _to_corners(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:

@@ -15,11 +15,14 @@ NEIGHBOURHOOD = 31  # texels: side of the square whose median colour is a materi
 FEWEST = 400  # texels: fewer are no texture
 _BIN = 4.0  # CIELAB units: colours closer than about this pass for one
 _RARE = 0.002  # share of the texels below which a colour is no material's
+_SPECK = 5  # texels: side of the smallest spot that is another material's
 _MOST = 2 / 3  # of what borders the hidden area: the materials that make it are its
+_SHAPE = (int(100 / _BIN) + 4, int(256 / _BIN) + 4, int(256 / _BIN) + 4)  # bins of colours, one around them
+_COMMON = 0.25  # share of a material's neighbourhoods in which a colour of its own is found
 
 
-def material_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> FloatArray:
-    """Median colour (rows, columns, 3) around each texel, without shading, CIELAB.
+def median_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDArray[np.uint8]:
+    """Median colour (rows, columns, 3) around each texel.
 
     Medians change at once where one material ends and another begins. Texels that are not the surface's own
     count as the nearest one that is.
@@ -33,15 +36,12 @@ def material_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Fl
     wraps : bool
         Whether columns close.
     """
-    values = image.astype(np.float32) / np.float32(255)
-    values /= fit_shading(values.mean(axis=2), own, (False, wraps)).gain[..., None]
     nearest = ndimage.distance_transform_edt(~own, return_distances=False, return_indices=True)
-    levels = np.rint(np.clip(values[tuple(nearest)], 0, 1) * 255).astype(np.uint8)
-    around = NEIGHBOURHOOD // 2
+    levels, around = image[tuple(nearest)], NEIGHBOURHOOD // 2
     if wraps:
         levels = np.concatenate([levels[:, -around:], levels, levels[:, :around]], axis=1)
     median = cv2.medianBlur(np.ascontiguousarray(levels), NEIGHBOURHOOD)
-    return to_lab(median[:, around:-around] if wraps else median)
+    return np.asarray(median[:, around:-around] if wraps else median, dtype=np.uint8)
 
 
 def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray, wraps: bool) -> BoolArray:
@@ -50,14 +50,15 @@ def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray
     Parameters
     ----------
     image, own, wraps
-        As in `material_colour`.
+        As in `median_colour`.
     distance : (rows, columns) float
         To the nearest hidden texel, texels.
     """
     beside = own & (distance <= NEIGHBOURHOOD)
     if np.count_nonzero(own) < FEWEST or not beside.any():
         return np.ones_like(own)
-    bins = _bins(material_colour(image, own, wraps))
+    even = _without_shading(image, own, wraps)
+    bins = _bins(to_lab(median_colour(even, own, wraps)))
     count = _histogram(bins, own)
     number, n_materials = ndimage.label(count >= max(1.0, _RARE * count.sum()), np.ones((3, 3, 3)))
     share = np.bincount(number[tuple(bins[beside].T)], minlength=n_materials + 1)
@@ -66,10 +67,35 @@ def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray
     n_kept = 1 + int(np.searchsorted(np.cumsum(share[ranked]), _MOST * share.sum()))
     kept = np.zeros(n_materials + 1, dtype=np.bool_)
     kept[ranked[:n_kept]] = True
-    found = kept[number[tuple(np.moveaxis(bins, -1, 0))]]
-    # Where materials meet in a corner the median is the other one's: go by the colours found further in.
-    inner = ndimage.binary_erosion(found | ~own, np.ones((3, 3)), iterations=NEIGHBOURHOOD // 2) & own
-    return np.asarray(found & is_among(image, inner) if inner.any() else found, dtype=np.bool_)
+    its_colours = _dilated(kept[number]) & (kept[number] | (number == 0))
+    found = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
+    strange = found & ~_is_common(_bins(to_lab(even)), found & own)
+    return found & ~np.asarray(ndimage.binary_opening(strange, np.ones((_SPECK, _SPECK))), dtype=np.bool_)
+
+
+def _without_shading(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDArray[np.uint8]:
+    values = image / np.float32(255)
+    values /= fit_shading(values.mean(axis=2), own, (False, wraps)).gain[..., None]
+    return np.asarray(np.rint(np.clip(values, 0, 1) * 255), dtype=np.uint8)
+
+
+def _is_common(bins: NDArray[np.int32], among: BoolArray) -> BoolArray:
+    """Texels whose colour is found in many neighbourhoods of a material.
+
+    Mortar is found wherever there are bricks; glass, in a strip or a corner too narrow for a median, is not.
+    """
+    row, column = np.nonzero(among)
+    block = row // NEIGHBOURHOOD * among.shape[1] + column // NEIGHBOURHOOD
+    n_bins = int(np.prod(_SHAPE))
+    flat = np.ravel_multi_index(tuple(bins[among].T), _SHAPE)
+    pairs = np.unique(block * n_bins + flat)
+    n_blocks = len(np.unique(block))
+    steps = np.ravel_multi_index((1, 1, 1), _SHAPE) - np.ravel_multi_index(
+        tuple(np.indices((3, 3, 3)).reshape(3, -1)), _SHAPE
+    )
+    near = np.unique((pairs[:, None] + steps).ravel())
+    share = np.bincount(near % n_bins, minlength=n_bins) / n_blocks
+    return np.asarray(share.reshape(_SHAPE)[tuple(np.moveaxis(bins, -1, 0))] >= _COMMON, dtype=np.bool_)
 
 
 def is_among(image: NDArray[np.uint8], among: BoolArray) -> BoolArray:
@@ -87,14 +113,13 @@ def to_lab(image: NDArray[np.uint8]) -> FloatArray:
 
 def _bins(lab: FloatArray) -> NDArray[np.int32]:
     """Bin (rows, columns, 3) of each colour."""
-    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / _BIN), dtype=np.int32)
+    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / _BIN) + 1, dtype=np.int32)
 
 
 def _histogram(bins: NDArray[np.int32], texels: BoolArray) -> NDArray[np.int64]:
     """How many of the texels have each colour."""
-    shape = (int(100 / _BIN) + 2, int(256 / _BIN) + 2, int(256 / _BIN) + 2)
-    flat = np.ravel_multi_index(tuple(bins[texels].T), shape)
-    return np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape)
+    flat = np.ravel_multi_index(tuple(bins[texels].T), _SHAPE)
+    return np.bincount(flat, minlength=int(np.prod(_SHAPE))).reshape(_SHAPE)
 
 
 def _dilated(bins: BoolArray) -> BoolArray:
