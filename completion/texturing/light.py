@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.texturing.material import FEWEST, NEIGHBOURHOOD, median_colour, to_lab
+from completion.texturing.material import FEWEST, median_colour, to_lab
 from scenes.checks import BoolArray, FloatArray
 
 _SHADOW = 0.6  # of the usual luminance
@@ -41,18 +41,28 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
     luminance, usual = _luminance(material), np.median(material[own], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
     dark = own & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    luminance = _luminance(to_lab(image))
+    dark = _to_edges(dark, own, luminance)
+    if np.count_nonzero(dark) > np.count_nonzero(own) / 2:
+        return gain  # the surface itself is dark, in parts
     number, n_shadows = ndimage.label(dark)
-    for shadow in range(1, n_shadows + 1):
-        dark &= (number != shadow) | _has_edge(number == shadow, own, luminance)
-    if not dark.any():
-        return gain
-    dark = _to_corners(dark, own, _luminance(to_lab(image)))
-    number, n_shadows = ndimage.label(dark)
-    in_light = np.median(image[own & ~dark], axis=0)
+    in_light = np.median(image[own & (number == 0)], axis=0)
     for shadow in range(1, n_shadows + 1):
         inside = number == shadow
-        gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
+        if _has_edge(inside, own, luminance):
+            gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
     return np.where(own[..., None], gain, np.exp(_carried(np.log(gain), own)))
+
+
+def _to_edges(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
+    """Grow shadows over what is dark itself, into corners and strips where most of a neighbourhood is lit."""
+    if not dark.any():
+        return dark
+    between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[own & ~dark]))
+    square, mask = np.ones((3, 3)), dark | own & (luminance < between)
+    grown = ndimage.binary_propagation(dark, square, mask)
+    closed = ndimage.binary_closing(grown, square, iterations=_EDGE_TEXELS) & own
+    return np.asarray(grown | closed, dtype=np.bool_)
 
 
 def _has_edge(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> bool:
@@ -65,14 +75,6 @@ def _has_edge(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> bool:
     if not inside.any() or not outside.any():
         return False
     return bool(np.median(luminance[inside]) < _EDGE * np.median(luminance[outside]))
-
-
-def _to_corners(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
-    """Grow shadows over what is dark itself into their corners, where most of a neighbourhood is lit."""
-    between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[own & ~dark]))
-    darker = own & (luminance < between)
-    grown = ndimage.binary_dilation(dark, np.ones((3, 3)), iterations=NEIGHBOURHOOD // 2, mask=darker | dark)
-    return np.asarray(grown, dtype=np.bool_)
 
 
 def _carried(values: FloatArray, own: BoolArray) -> FloatArray:
