@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Laws of the quality measures and of the examination: closed forms, known good fills, known bad ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -125,6 +127,17 @@ def test_copies_of_one_piece_are_told() -> None:
     found = examine(fill(image, hole, window=7, rng=0), hole)
     assert found.verbatim_share == 1
     assert "verbatim" in found.alarms
+
+
+def test_joints_that_do_not_meet_raise_an_alarm() -> None:
+    rows, columns = np.indices((120, 120))
+    joints = np.where((rows % 12 < 2) | (columns % 12 < 2), 60, 180) + noise(0, rows.shape, 10, 3)
+    hole = hole_in(rows.shape, 36)
+    good = fill(joints.astype(np.uint8), hole, window=15, order="window", rng=0)
+    assert examine(good, hole).phase_error <= 0.1
+    assert examine(good, hole).alarms == ()
+    shifted = np.where(hole, np.roll(good.image, (5, 4), axis=(0, 1)), good.image)
+    assert examine(replace(good, image=shifted), hole).alarms == ("out of step",)
 
 
 def test_what_cannot_be_compared_is_nan() -> None:

@@ -56,7 +56,7 @@ def measure_distance(
     >>> measure_distance(ramp, ramp), measure_distance(ramp, ramp / 2) > 10
     (0.0, True)
     """
-    pieces = [_read(first, first_mask, "first"), _read(second, second_mask, "second")]
+    pieces = [read_levels(first, first_mask, "first"), read_levels(second, second_mask, "second")]
     if pieces[0][0].shape[2] != pieces[1][0].shape[2]:
         raise ValueError(
             f"second: expected {pieces[0][0].shape[2]} channels as first, got {pieces[1][0].shape[2]}"
@@ -102,7 +102,7 @@ def measure_seam(image: ArrayLike, hole: ArrayLike, reference: ArrayLike | None 
     ValueError
         When no patch lies across the border, or none in the known part.
     """
-    pixels, mask = _read(image, None, "image")
+    pixels, mask = read_levels(image, None, "image")
     within = check_mask(hole, mask.shape, "hole")
     known = list_patches(pixels, ~within)
     crossing = list_patches(pixels, mask, at=_find_border(within))
@@ -156,9 +156,10 @@ def list_patches(
     return np.asarray(whole.reshape(len(whole), PATCH**2 * pixels.shape[2]))
 
 
-def _read(
+def read_levels(
     image: ArrayLike, mask: ArrayLike | None, name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return an image as 8-bit levels (h, w, c), not rounded, and where it counts (h, w)."""
     pixels: Pixels = check_image(image, name)
     scale = 1.0 if pixels.dtype == np.uint8 else HIGHEST_LEVEL
     values = pixels.reshape(*pixels.shape[:2], -1).astype(np.float64) * scale
