@@ -93,6 +93,22 @@ def test_a_border_shows_when_the_fill_does_not_continue() -> None:
     assert measure_seam(good, hole, image) < measure_seam(flat, hole, image)
 
 
+@pytest.mark.parametrize("shape", [(47, 30), (90, 21, 3)])
+def test_the_seam_is_the_mean_distance_to_the_nearest_patch(shape: tuple[int, ...]) -> None:
+    image = noise(5, shape)
+    hole = np.zeros(shape[:2], dtype=np.bool_)
+    hole[15:25, 8:14] = True
+    pixels = image.reshape(*shape[:2], -1).astype(np.float64)
+    border = np.zeros_like(hole)
+    border[[15, 24], 8:14] = True
+    border[15:25, [8, 13]] = True
+    crossing = list_patches(pixels, np.ones_like(hole), at=border)
+    known = list_patches(pixels, ~hole)
+    nearest = [np.sqrt(((known - patch) ** 2).mean(axis=1).min()) for patch in crossing]
+    assert len(crossing) == 28
+    assert measure_seam(image, hole) == pytest.approx(np.mean(nearest), rel=1e-12)
+
+
 def test_the_verbatim_share_counts_patches_of_one_shift() -> None:
     rows, columns = np.indices((30, 30))
     hole = hole_in(rows.shape, 12)
