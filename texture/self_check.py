@@ -16,7 +16,7 @@ HOLE, RIM, SURROUNDINGS = 24, 8, 96  # pixels: sides of a hole, of what is usabl
 SHARES = (0.0, 1.0, 0.5, 0.25, 0.75, 0.5)  # where holes lie among the places that are left
 CLEARLY = 0.9  # of the smaller window's penalty: what a larger one may have at most
 OUT_OF_STEP = 5.0  # a hole that is a fifth of a period out of step counts twice its distance
-PER_PERIOD = 1.44  # side of a window that keeps a lattice in step
+PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.gaussian`)
 LOOKED_AT = 320  # pixels: side of the part of a sample in which features are looked for
 
 FillPiece = Callable[[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_], int], NDArray[np.uint8]]
@@ -91,14 +91,15 @@ def check_windows(
 def choose_first(levels: NDArray[np.int64], usable: NDArray[np.bool_], lattice: Lattice) -> int:
     """Return the window for the largest regular feature that a window can hold.
 
-    That of the autocorrelation (`texture.window.choose_window`), or 1.44 times the longest extent of the
-    lattice's periods, if that is larger and not more than 31: it kept brick, tile and carpet in step to less
-    than a tenth of the period (docs/texture.md).
+    That of the autocorrelation (`texture.window.choose_window`); or, if that is larger, the one in which a
+    whole period of the lattice weighs, 1.6 times its longest extent, but not more than 31. Periods beyond 31
+    pixels do not count: no window holds them.
     """
     feature = choose_window(levels, usable)
-    wide = PER_PERIOD * float(np.abs(lattice.periods).max(initial=0))
-    odd = 2 * int(wide / 2) + 1
-    return max(feature, odd) if odd <= WINDOWS[-1] else feature
+    period = float(np.abs(lattice.periods).max(initial=0))
+    if period > WINDOWS[-1]:
+        return feature
+    return max(feature, min(2 * int(PER_PERIOD * period / 2) + 1, WINDOWS[-1]))
 
 
 def find_fullest_part(usable: NDArray[np.bool_]) -> tuple[slice, slice]:
