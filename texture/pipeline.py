@@ -133,7 +133,8 @@ def fill(
     context = check_known(known, hole)
     usable = check_sample_mask(sample_mask, context, is_needed=bool(hole.any()))
     levels = quantise(pixels, context)
-    given = SMALLEST_CHOICE if plain and window is None else window
+    is_matched = bool(hole.any()) and not plain
+    given = SMALLEST_CHOICE if window is None and not is_matched else window
     check = _choose_window(given, levels, usable, check_order(order), n_threads)
     key = draw_key(rng)
 

@@ -32,7 +32,8 @@ class WindowCheck(NamedTuple):
     distances : dict of int to float
         For each window that was tried, the mean penalty over the holes that it was tried on: the sliced
         Wasserstein distance to what was cut out, in 8-bit levels, times 1 + 5 phase errors where the texture
-        has a lattice. Empty when no hole can be cut out: then the largest feature chose.
+        has a lattice. Empty when no hole can be cut out, or no window is larger than the first: then the
+        largest feature chose.
     """
 
     window: int
@@ -69,12 +70,13 @@ def check_windows(
     near = find_fullest_part(usable)
     lattice = find_lattice(levels[near].astype(np.uint8), usable[near])
     chosen = choose_first(levels[near], usable[near], lattice)
-    pieces = cut_pieces(levels, usable) if fill_piece is not None else []
+    larger = [window for window in WINDOWS if window > chosen]
+    pieces = cut_pieces(levels, usable) if fill_piece is not None and larger else []
     if fill_piece is None or not pieces:
         return WindowCheck(chosen, {})
     lowest = [np.inf] * len(pieces)
     distances: dict[int, float] = {}
-    for window in (chosen, *(larger for larger in WINDOWS if larger > chosen)):
+    for window in (chosen, *larger):
         penalties: list[float] = []
         for piece, to_beat in zip(pieces, lowest, strict=True):
             filled = fill_piece(piece.image, piece.hole, piece.known, window)
