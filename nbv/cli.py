@@ -287,7 +287,8 @@ def texture(
         int | None, typer.Option("--window", metavar="N", help="Odd, pixels.", show_default="from the sample")
     ] = None,
     order: Annotated[
-        Literal["paper", "window"], typer.Option("--order", help="The paper's, or slower and more reliable.")
+        Literal["paper", "window"],
+        typer.Option("--order", help="The paper's, or the one that keeps structure better."),
     ] = "paper",
     surface: Annotated[
         bool, typer.Option("--surface", help="With --mask: shading apart, plain areas as such.")

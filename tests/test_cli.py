@@ -424,6 +424,8 @@ def test_texture_gives_the_obvious_result_where_there_is_one(image, tmp_path):
     nothing = tmp_path / "nothing.png"
     Image.fromarray(np.zeros((30, 30), np.uint8)).save(nothing)
     summary = json.loads(succeed("texture", image, "--mask", nothing, "-o", out, "--json").stdout)
+    assert summary["quality"]["confidence"] == 1
+    assert summary["quality"]["seam"] is None
     assert summary["filled"] == 0
     assert (pixels_of(out) == pixels_of(image)).all()
     dot = tmp_path / "dot.png"

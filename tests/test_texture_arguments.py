@@ -37,6 +37,7 @@ def replaced(value: float) -> np.ndarray[Any, Any]:
         ({"image": replaced(-0.2)}, r"float values in 0\.\.1, got -0\.2\.\.0\.5"),
         ({"mask": np.zeros((8, 6))}, r"mask: expected the image's shape \(6, 8\), got \(8, 6\)"),
         ({"mask": np.ones((6, 8))}, "image: none of the 48 pixels is known, .*; leave some"),
+        ({"mask": np.full((6, 8), np.nan)}, "mask: 48 of 48 values are NaN, neither zero nor not"),
         ({"known": np.zeros((6, 8))}, "image: none of the 48 pixels is known"),
         ({"known": np.ones((6, 7))}, r"known: expected the image's shape \(6, 8\), got \(6, 7\)"),
         ({"sample_mask": np.ones((6, 7))}, "sample_mask: expected the image's shape"),

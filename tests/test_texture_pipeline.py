@@ -404,6 +404,6 @@ def test_progress_rises_to_the_end_and_can_cancel() -> None:
 
 def test_the_chosen_window_is_said() -> None:
     image = np.tile(np.repeat(np.array([0, 255], dtype=np.uint8), 6), (30, 4))
-    assert fill(image, square_hole(image.shape, 3), rng=0).window == 13
+    assert fill(image, square_hole(image.shape, 3), rng=0).window == 19
     assert fill(image, square_hole(image.shape, 3), window=5, rng=0).window == 5
-    assert grow(image, (4, 4), rng=0).window == 13
+    assert grow(image, (4, 4), rng=0).window == 19

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Laws of the quality measures and of the examination: closed forms, known good fills, known bad ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -91,6 +93,22 @@ def test_a_border_shows_when_the_fill_does_not_continue() -> None:
     assert measure_seam(good, hole, image) < measure_seam(flat, hole, image)
 
 
+@pytest.mark.parametrize("shape", [(47, 30), (90, 21, 3)])
+def test_the_seam_is_the_mean_distance_to_the_nearest_patch(shape: tuple[int, ...]) -> None:
+    image = noise(5, shape)
+    hole = np.zeros(shape[:2], dtype=np.bool_)
+    hole[15:25, 8:14] = True
+    pixels = image.reshape(*shape[:2], -1).astype(np.float64)
+    border = np.zeros_like(hole)
+    border[[15, 24], 8:14] = True
+    border[15:25, [8, 13]] = True
+    crossing = list_patches(pixels, np.ones_like(hole), at=border)
+    known = list_patches(pixels, ~hole)
+    nearest = [np.sqrt(((known - patch) ** 2).mean(axis=1).min()) for patch in crossing]
+    assert len(crossing) == 28
+    assert measure_seam(image, hole) == pytest.approx(np.mean(nearest), rel=1e-12)
+
+
 def test_the_verbatim_share_counts_patches_of_one_shift() -> None:
     rows, columns = np.indices((30, 30))
     hole = hole_in(rows.shape, 12)
@@ -125,6 +143,17 @@ def test_copies_of_one_piece_are_told() -> None:
     found = examine(fill(image, hole, window=7, rng=0), hole)
     assert found.verbatim_share == 1
     assert "verbatim" in found.alarms
+
+
+def test_joints_that_do_not_meet_raise_an_alarm() -> None:
+    rows, columns = np.indices((120, 120))
+    joints = np.where((rows % 12 < 2) | (columns % 12 < 2), 60, 180) + noise(0, rows.shape, 10, 3)
+    hole = hole_in(rows.shape, 36)
+    good = fill(joints.astype(np.uint8), hole, window=15, order="window", rng=0)
+    assert examine(good, hole).phase_error <= 0.1
+    assert examine(good, hole).alarms == ()
+    shifted = np.where(hole, np.roll(good.image, (5, 4), axis=(0, 1)), good.image)
+    assert examine(replace(good, image=shifted), hole).alarms == ("out of step",)
 
 
 def test_what_cannot_be_compared_is_nan() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Shading, plain reflectance, self-checked windows, confidence and time budgets."""
+"""Shading, plain reflectance, confidence and time budgets."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,7 @@ from skimage import data
 
 from texture import fill, fill_surface, grow, measure_distance
 from texture.plain import is_plain
-from texture.self_check import WINDOWS, check_windows, list_holes
 from texture.shading import fit_shading
-from texture.window import choose_window
 
 
 def hole_in(shape: tuple[int, ...], side: int) -> NDArray[np.bool_]:
@@ -125,37 +123,6 @@ def test_lone_joints_on_a_plain_wall_are_structure() -> None:
     wall = np.random.default_rng(0).normal(150, 3, (90, 90, 1)).astype(np.int64)
     wall[::30] = 90
     assert not is_plain(wall, np.ones((90, 90), dtype=np.bool_))
-
-
-def test_the_self_check_says_what_it_tried_and_takes_the_best() -> None:
-    image = data.brick()[128:278, 128:228]
-    hole = np.zeros(image.shape, dtype=np.bool_)
-    hole[10:26, 30:46] = True
-    found = fill(image, hole, rng=0)
-    smallest = choose_window(image[..., None].astype(np.int64), ~hole)
-    assert list(found.window_distances) == [smallest, *(window for window in WINDOWS if window > smallest)]
-    assert found.window == min(found.window_distances, key=found.window_distances.__getitem__)
-    again = fill(image, hole, window=found.window, rng=0)
-    np.testing.assert_array_equal(found.image, again.image)
-    assert again.window_distances == {}
-
-
-def test_small_samples_have_no_room_for_holes() -> None:
-    usable = np.ones((120, 100), dtype=np.bool_)
-    usable[:, :4] = False
-    holes = list_holes(usable)
-    assert len(holes) == 3
-    assert len(list_holes(usable[:64, :68])) == 1
-    for row, column in holes:
-        around = usable[row - 16 : row + 48, column - 16 : column + 48]
-        assert around.shape == (64, 64)
-        assert around.all()
-    usable[::30, ::30] = False
-    assert list_holes(usable) == []
-    assert list_holes(usable[:60]) == []
-    check = check_windows(np.zeros((*usable.shape, 1), dtype=np.int64), usable, None)
-    assert check.window == 7
-    assert check.distances == {}
 
 
 def test_confidence_is_one_for_copies_and_falls_with_the_error() -> None:

@@ -2,6 +2,7 @@
 """Efros-Leung texture synthesis: arrays in, arrays out; knows no geometry, no files, no screen."""
 
 from texture.examination import Examination, examine
+from texture.lattice import Lattice, find_lattice, measure_phase_error
 from texture.pipeline import fill, grow
 from texture.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.surface import SurfaceFill, fill_surface
@@ -9,13 +10,16 @@ from texture.synthesis import Synthesis
 
 __all__ = [
     "Examination",
+    "Lattice",
     "SurfaceFill",
     "Synthesis",
     "examine",
     "fill",
     "fill_surface",
+    "find_lattice",
     "grow",
     "measure_distance",
+    "measure_phase_error",
     "measure_seam",
     "measure_verbatim_share",
 ]

@@ -29,6 +29,9 @@ def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> N
     checked = np.asarray(mask)
     if checked.shape != shape:
         raise ValueError(f"{name}: expected the image's shape {shape}, got {checked.shape}")
+    if checked.dtype.kind == "f" and np.isnan(checked).any():
+        n_unclear = np.count_nonzero(np.isnan(checked))
+        raise ValueError(f"{name}: {n_unclear} of {checked.size} values are NaN, neither zero nor not")
     return np.asarray(checked != 0, dtype=np.bool_)
 
 

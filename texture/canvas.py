@@ -96,16 +96,33 @@ class Canvas:
         self.unfilled[row, column] = False
         self.errors[row, column] = error
 
-    def count_known(
-        self, rows: NDArray[np.int64], columns: NDArray[np.int64], radius: int
-    ) -> NDArray[np.int64]:
-        """Count the known pixels within `radius` (rows and columns) of each of n pixels; shape (n,)."""
-        near = slice(self.radius - radius, self.radius + radius + 1)
-        reached_rows, reached_columns = self.row_reach[rows, near], self.column_reach[columns, near]
-        counts: NDArray[np.int64] = self.known[reached_rows[:, :, None], reached_columns[:, None, :]].sum(
-            axis=(1, 2)
-        )
-        return counts
+    def find_unfilled_box(self) -> tuple[slice, slice]:
+        """Return the rows and columns between which all unfilled pixels lie; empty when there are none."""
+        rows = np.flatnonzero(self.unfilled.any(axis=1))
+        if not rows.size:
+            return slice(0, 0), slice(0, 0)
+        columns = np.flatnonzero(self.unfilled[rows[0] : rows[-1] + 1].any(axis=0))
+        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+    def count_known(self, box: tuple[slice, slice], radius: int) -> NDArray[np.int64]:
+        """Count the known pixels within `radius` (rows and columns) of each pixel of a box, in its shape.
+
+        A table of sums over rectangles (Crow 1984, "Summed-area tables for texture mapping", section 2).
+        """
+        rows = self._list_lines(self.row_reach[box[0]], radius)
+        columns = self._list_lines(self.column_reach[box[1]], radius)
+        known = self.known[rows[:, None], columns]
+        sums = np.zeros((known.shape[0] + 1, known.shape[1] + 1), dtype=np.int64)
+        np.cumsum(np.cumsum(known, axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
+        far = 2 * radius + 1
+        return np.asarray(sums[far:, far:] - sums[:-far, far:] - sums[far:, :-far] + sums[:-far, :-far])
+
+    def _list_lines(self, reach: NDArray[np.int64], radius: int) -> NDArray[np.int64]:
+        """Return the rows, or columns, of a box and those within `radius` of it."""
+        if not len(reach):
+            return np.zeros(2 * radius, dtype=np.int64)
+        near = reach[:, self.radius - radius : self.radius + radius + 1]
+        return np.concatenate([near[0, :radius], near[:, radius], near[-1, radius + 1 :]])
 
 
 def _list_reach(size: int, window: int, wraps: bool) -> NDArray[np.int64]:

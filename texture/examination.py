@@ -7,12 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texture.arguments import check_known, check_mask
+from texture.lattice import measure_phase_error
 from texture.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.synthesis import Synthesis
 
 N_PIECES = 6
 CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
 MOSTLY = 0.5
+OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at a quarter
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,13 +32,16 @@ class Examination:
         How much the border shows (`texture.quality.measure_seam`), in 8-bit levels; NaN where it has none.
     verbatim_share : float
         Share of patches copied in one piece from one place.
+    phase_error : float
+        How far the fill is out of step with a repeating texture (`texture.lattice.measure_phase_error`), as a
+        fraction of the period; NaN where there is no lattice.
     confidence : float
         Mean over the fill of `Synthesis.confidence`.
     alarms : tuple of str
         "garbage": the fill is further from real pieces than these from each other by more than 4 standard
         deviations, or its mean confidence is below a half. "verbatim": more than half of its patches are
         copies of one piece; right for what is periodic, suspicious elsewhere. "incomplete": pixels were left
-        unfilled.
+        unfilled. "out of step": the phase error exceeds a fifth of the period; a larger window may mend it.
     """
 
     distance: float
@@ -44,6 +49,7 @@ class Examination:
     piece_spread: float
     seam: float
     verbatim_share: float
+    phase_error: float
     confidence: float
     alarms: tuple[str, ...]
 
@@ -73,10 +79,12 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     distance = float(np.mean(to_fill)) if to_fill else float("nan")
     mean, spread = (float(np.mean(among)), float(np.std(among))) if among else (float("nan"),) * 2
     verbatim = measure_verbatim_share(synthesis.source_rows, synthesis.source_cols, within)
+    phase_error = measure_phase_error(image, within, around)
     found = {
         "garbage": distance > mean + CLEARLY * max(spread, 0.1 * mean) or confidence < MOSTLY,
         "verbatim": verbatim > MOSTLY,
         "incomplete": not synthesis.is_complete,
+        "out of step": phase_error > OUT_OF_STEP,
     }
     return Examination(
         distance=distance,
@@ -84,6 +92,7 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
         piece_spread=spread,
         seam=_seam(image, within),
         verbatim_share=verbatim,
+        phase_error=phase_error,
         confidence=confidence,
         alarms=tuple(name for name, rings in found.items() if rings),
     )

@@ -35,15 +35,12 @@ def list_visits(canvas: Canvas, order: OrderName, key: int, pass_number: int) ->
     array, shape (n,), int64
         row * width + column; empty when no unfilled pixel has a filled neighbour.
     """
-    rows, columns = np.nonzero(canvas.unfilled)
-    n_neighbours = canvas.count_known(rows, columns, radius=1)
-    is_front = n_neighbours > 0
-    rows, columns, n_filled = rows[is_front], columns[is_front], n_neighbours[is_front]
-    n_visits = rows.size
-    if order == "window":
-        n_filled = canvas.count_known(rows, columns, canvas.radius)
-        n_visits = -(-n_visits // SHARE_PER_PASS)
-    pixels = rows * canvas.unfilled.shape[1] + columns
+    box = canvas.find_unfilled_box()
+    n_neighbours = canvas.count_known(box, radius=1)
+    front = np.nonzero(canvas.unfilled[box] & (n_neighbours > 0))
+    n_filled = (canvas.count_known(box, canvas.radius) if order == "window" else n_neighbours)[front]
+    n_visits = -(-front[0].size // (SHARE_PER_PASS if order == "window" else 1))
+    pixels = (front[0] + box[0].start) * canvas.unfilled.shape[1] + front[1] + box[1].start
     ties = random_words(key, Purpose.ORDER, pass_number, pixels)
     visits: NDArray[np.int64] = pixels[np.lexsort((ties, -n_filled))][:n_visits]
     return visits

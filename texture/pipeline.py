@@ -38,6 +38,7 @@ from texture.sample import Sample
 from texture.seed import plant_seed
 from texture.self_check import WindowCheck, check_windows
 from texture.synthesis import Synthesis, collect
+from texture.window import SMALLEST_CHOICE
 
 
 def fill(
@@ -66,13 +67,13 @@ def fill(
     mask : array, shape (h, w)
         Non-zero where the pixel is to be filled; wins over `known`.
     window : int, optional
-        Odd side of the comparison window, 3..99 pixels. None chooses 7..23 by filling holes cut out of the
-        sample (`texture.self_check`; where it has no room for them, or nothing can be compiled, by
-        `texture.window.choose_window`), and the result says which.
+        Odd side of the comparison window, 3..99 pixels. None chooses 7..31 by the largest feature of the
+        sample and, where it has room for them and numba compiles, by filling holes cut out of it
+        (`texture.self_check`); the result says which.
     order : {"paper", "window"}
         "paper": a pass visits the whole rim, most filled 8-neighbours first. "window": it visits the best
-        eighth of the rim, most filled pixels in the whole window first: slower, and much more reliable on
-        structured texture.
+        eighth of the rim, most filled pixels in the whole window first: much more reliable on structured
+        texture.
     wrap : (bool, bool)
         Whether rows and columns close on themselves, in the templates and in the sample: the angle of a
         cylinder.
@@ -96,7 +97,7 @@ def fill(
         (`Synthesis.is_complete`), and depends on the machine.
     plain : bool
         Whether the sample is one colour and noise (`texture.plain.is_plain`): random ones of its usual pixels
-        fill the hole, and nothing is matched.
+        fill the hole, and nothing is matched: no window is chosen.
 
     Returns
     -------
@@ -132,7 +133,9 @@ def fill(
     context = check_known(known, hole)
     usable = check_sample_mask(sample_mask, context, is_needed=bool(hole.any()))
     levels = quantise(pixels, context)
-    check = _choose_window(window, levels, usable, check_order(order), n_threads)
+    is_matched = bool(hole.any()) and not plain
+    given = SMALLEST_CHOICE if window is None and not is_matched else window
+    check = _choose_window(given, levels, usable, check_order(order), n_threads)
     key = draw_key(rng)
 
     sample = Sample(levels, usable, check_wrap(wrap), radius=check.window // 2)

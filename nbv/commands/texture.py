@@ -6,6 +6,8 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +19,7 @@ from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, check_size, reading
-from texture.examination import examine
+from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
 from texture.surface import fill_surface
 from texture.synthesis import Synthesis
@@ -73,6 +75,7 @@ def run_texture(
             "order": order,
             "surface": is_surface,
         }
+        found = None if hole is None else examine(made, hole)
         summary: dict[str, Any] = {
             "rows": made.image.shape[0],
             "columns": made.image.shape[1],
@@ -81,12 +84,19 @@ def run_texture(
             "seeds": made.n_seeds,
             "relaxed": made.n_relaxed,
             "window_distances": {str(side): value for side, value in made.window_distances.items()},
-            "alarms": [] if hole is None else list(examine(made, hole).alarms),
+            "alarms": [] if found is None else list(found.alarms),
+            "quality": None if found is None else _list_quality(found),
         }
         line = f"{summary['filled']} pixels, window {made.window}"
         if summary["alarms"]:
             line += f"; look at it: {', '.join(summary['alarms'])}"
         run.finish([image] if mask is None else [image, mask], options, summary, [line])
+
+
+def _list_quality(found: Examination) -> dict[str, float | None]:
+    """Return the numbers of an examination; None where one cannot be measured."""
+    numbers = {name: value for name, value in asdict(found).items() if isinstance(value, float)}
+    return {name: None if isnan(value) else round(value, 4) for name, value in numbers.items()}
 
 
 def read_image(path: str) -> NDArray[np.uint8]:
