@@ -44,6 +44,19 @@ def test_the_light_is_never_beyond_what_was_seen() -> None:
     assert found.max() == pytest.approx(found[known].max())
 
 
+def test_light_does_not_change_beyond_the_hull_of_what_was_seen() -> None:
+    known = np.zeros((60, 60), dtype=np.bool_)
+    known[20:50, 10:40] = True
+    known[30:40, 20:30] = False  # a hole within: there the fit goes on
+    rows, columns = (index / 60 for index in np.indices(known.shape))
+    light = np.exp(rows - 3 * (columns - 0.4) ** 2)
+    found = fit_shading(light / light.max(), known).gain
+    scale = np.exp(np.log(light)[known].mean())
+    np.testing.assert_allclose(found[20:50, 10:40] * scale, light[20:50, 10:40], rtol=1e-4)
+    np.testing.assert_allclose(found[25, 40:], found[25, 39], rtol=1e-6)
+    np.testing.assert_allclose(found[:20, 25], found[20, 25], rtol=1e-6)
+
+
 def test_light_around_a_cylinder_closes() -> None:
     angle = 2 * np.pi * np.arange(72) / 72
     light = np.exp(0.5 * np.cos(angle - 1)) * np.ones((20, 1))

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from skimage.morphology import convex_hull_image
 
 _DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
 _ROUNDS = 10  # of reweighting
@@ -24,7 +26,8 @@ class Shading:
     Attributes
     ----------
     gain : array, shape (h, w), float32
-        Its geometric mean over the known pixels is 1; elsewhere within what is seen among these.
+        Its geometric mean over the known pixels is 1. Beyond their convex hull it is that of the nearest
+        place on it, and nowhere beyond what is seen among them: what fits well need not go on so.
     """
 
     gain: NDArray[np.float32]
@@ -77,8 +80,31 @@ def fit_shading(
     mean, one, two, three, four, both = _fit_robustly(design, logarithms)
     logs = (mean + one * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
     logs += both * down[0][:, None] * across[0]
-    seen = logs[known]
+    logs, seen = _within_hull(logs, known, wrap), logs[known]
     return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()).astype(np.float32))
+
+
+def _within_hull(
+    logs: NDArray[np.float64], known: NDArray[np.bool_], wrap: tuple[bool, bool]
+) -> NDArray[np.float64]:
+    """Return the fit within the known pixels' hull, and outside that of the nearest place on it.
+
+    The hull of what closes on itself is taken along the other axis alone.
+    """
+    if wrap[0] or wrap[1]:
+        hull = np.ones(known.shape, dtype=np.bool_)
+        rows, columns = np.asarray(known.any(axis=1)), np.asarray(known.any(axis=0))
+        hull &= wrap[0] | _span(rows)[:, None]
+        hull &= wrap[1] | _span(columns)
+    else:
+        hull = np.asarray(convex_hull_image(known), dtype=np.bool_) | known
+    nearest = distance_transform_edt(~hull, return_distances=False, return_indices=True)
+    return np.asarray(logs[tuple(nearest)], dtype=np.float64)
+
+
+def _span(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return what lies between the first and the last marked place."""
+    return np.asarray(np.logical_or.accumulate(marked) & np.logical_or.accumulate(marked[::-1])[::-1])
 
 
 def _list_waves(size: int, wraps: bool) -> list[NDArray[np.float64]]:

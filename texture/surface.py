@@ -98,7 +98,7 @@ def fill_surface(
     closes, budget = check_wrap(wrap), check_time_budget(time_budget_s)
     values = _read(pixels, context)
     n_colours = values.shape[2] if values.shape[2] in (1, 3) else values.shape[2] - 1
-    shading = fit_shading(values[..., :n_colours].mean(axis=2), usable, closes)
+    shading = fit_shading(values[..., :n_colours].mean(axis=2), context, closes)
     values[..., :n_colours] /= shading.gain[..., None]
     brightest = max(1.0, float(values.max()))
     values /= brightest

@@ -3,6 +3,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 SMALLEST_CHOICE, LARGEST_CHOICE = 7, 23
 UNRELATED, REPEATED = 0.2, 0.5  # autocorrelation where a feature ends, and where it returns
@@ -13,8 +14,9 @@ def choose_window(levels: NDArray[np.int64], usable: NDArray[np.bool_]) -> int:
 
     Along each axis the feature is as long as the sample's period, if its autocorrelation has a peak above 0.5
     within 23 pixels; otherwise twice the lag at which the autocorrelation falls below 0.2, plus one. An axis
-    whose autocorrelation stays above that says nothing; if both do, the window is 23. Otherwise it is the
-    longer feature, made odd and kept within 7..23. (Efros & Leung 1999: the window should be on the scale of
+    whose autocorrelation stays above that says nothing; if both do, the sample changes slowly, and they are
+    looked for in what is left of it without its means over 47 x 47 pixels. The window is the longer feature,
+    made odd and kept within 7..23. (Efros & Leung 1999: the window should be on the scale of
     the largest regular feature.) scikit-image's brick, grass and gravel get about 11, 13 and 15.
 
     Parameters
@@ -37,11 +39,22 @@ def choose_window(levels: NDArray[np.int64], usable: NDArray[np.bool_]) -> int:
     """
     grey = levels.sum(axis=2)  # whole numbers: a constant sample varies by exactly nothing
     centred = np.where(usable, grey - grey[usable].mean(), 0.0) if usable.any() else np.zeros(grey.shape)
-    features = [
-        _measure_feature(_autocorrelate(centred.T, usable.T)),
-        _measure_feature(_autocorrelate(centred, usable)),
-    ]
-    return int(np.clip((max(features) or LARGEST_CHOICE) // 2 * 2 + 1, SMALLEST_CHOICE, LARGEST_CHOICE))
+    feature = _find_feature(centred, usable)
+    if not feature:
+        weight = np.maximum(_smooth(usable.astype(np.float64)), 1e-9)
+        feature = _find_feature(np.where(usable, centred - _smooth(centred) / weight, 0.0), usable)
+    return int(np.clip((feature or LARGEST_CHOICE) // 2 * 2 + 1, SMALLEST_CHOICE, LARGEST_CHOICE))
+
+
+def _find_feature(centred: NDArray[np.float64], usable: NDArray[np.bool_]) -> int:
+    """Return the length of the longer axis's feature; 0 if neither ends."""
+    down, across = _autocorrelate(centred.T, usable.T), _autocorrelate(centred, usable)
+    return max(_measure_feature(down), _measure_feature(across))
+
+
+def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    side = 2 * LARGEST_CHOICE + 1
+    return np.asarray(ndimage.uniform_filter(values, side, mode="constant"), dtype=np.float64)
 
 
 def _autocorrelate(centred: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -23,6 +23,7 @@ from texture import fill_surface, measure_verbatim_share
 
 GREY = 158  # of a texel of which nothing is known
 MARGIN = 2  # texels around what is coloured that repeat its colour
+_USUAL_WINDOW = 23  # that a budget counts with when the window is chosen later
 _DOUBTFUL = 0.5  # mean confidence below which a fill is called garbage
 
 
@@ -34,34 +35,33 @@ class TexturingOptions:
     ----------
     max_texels : int
         Texels of one surface; a larger one gets coarser ones than its pixels are.
-    max_synthesised : int
-        Hypothesised texels that are synthesised for one surface; a larger area gets coarser ones there.
     max_samples : int
-        Measured texels that may be sampled; the nearest to the hypothesised area are kept.
-    max_comparisons : int
-        Hypothesised texels times samples, for one surface: where much is to be synthesised, it is from fewer
-        samples, yet from `min_samples` or more.
+        Measured texels that may be sampled, those near the hypothesised area.
     min_samples : int
-        See there.
+        Fewest that a budget may leave.
+    max_comparisons : int
+        Hypothesised texels times samples times the window's texels, for one surface: where that is more,
+        there are fewer samples; where these would be too few, what is synthesised is coarser than what is
+        measured.
     window : int, optional
         Side of the Efros-Leung window in texels, odd; None chooses it for each surface.
     """
 
     max_texels: int = 4_000_000
-    max_synthesised: int = 200_000
     max_samples: int = 30_000
-    max_comparisons: int = 1_000_000_000
-    min_samples: int = 8_000
+    min_samples: int = 6_000
+    max_comparisons: int = 200_000_000_000
     window: int | None = None
 
     def __post_init__(self) -> None:
-        counts = ("max_texels", "max_synthesised", "max_samples", "max_comparisons", "min_samples")
+        counts = ("max_texels", "max_samples", "min_samples", "max_comparisons")
         check_options(self, window=(3, 99), **dict.fromkeys(counts, (1, np.inf)))
 
-    def n_samples(self, n_hidden: int) -> int:
-        """How many texels are sampled where so many are to be synthesised."""
-        affordable = max(self.min_samples, self.max_comparisons // max(n_hidden, 1))
-        return min(self.max_samples, affordable)
+    def share_out(self, n_hidden: int) -> tuple[int, float]:
+        """Return how many texels are sampled, and how much coarser texels are, where so many are hidden."""
+        affordable = self.max_comparisons / (max(n_hidden, 1) * (self.window or _USUAL_WINDOW) ** 2)
+        n_samples = min(self.max_samples, max(self.min_samples, int(affordable)))
+        return n_samples, float(np.sqrt(max(1.0, n_samples / affordable)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,10 +204,9 @@ def _task(
     wraps = raster.grid.wraps
     lit = replace(measured, image=np.rint(np.clip(measured.image / light, 0, 255)).astype(np.uint8))
     distance = distance_to(wanted, wraps)
-    n_samples = options.n_samples(int(np.count_nonzero(wanted)))
+    n_samples, coarseness = options.share_out(int(np.count_nonzero(wanted)))
     samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, n_samples)
     hole = wanted | (measured.known & ~known & (distance <= RIM))  # these keep their colour all the same
-    coarseness = max(1.0, float(np.sqrt(np.count_nonzero(hole) / options.max_synthesised)))
     if coarseness == 1.0:
         return _Task(lit.image, hole, known, samples, coarseness)
     rows, columns = (max(1, round(size / coarseness)) for size in wanted.shape)

@@ -14,6 +14,8 @@ from completion.texturing.material import FEWEST, is_among, same_material
 from completion.texturing.measured import MeasuredColour
 from scenes.checks import BoolArray, FloatArray
 
+_BLOCK = 48  # texels: side of the blocks that samples are taken in
+_FULL = 0.75  # share of a block that makes it a good one
 RIM = 4  # texels from the hidden area within which colour may be the occluder's
 
 
@@ -56,7 +58,7 @@ def choose_samples(
     wraps : bool
         Whether columns close.
     max_samples : int
-        At most about so many, the nearest to the hidden ones.
+        At most about so many, in the blocks nearest to the hidden ones.
 
     Returns
     -------
@@ -66,9 +68,7 @@ def choose_samples(
     own = _kept(_kept(measured.fine, genuine), lit)
     alike = same_material(measured.image, own, distance, wraps)
     chosen = _kept(own, alike)
-    if np.count_nonzero(chosen) > max_samples:
-        chosen = chosen & (distance <= np.partition(distance[chosen], max_samples)[max_samples])
-    return chosen, measured.known & genuine & alike | chosen
+    return _near_blocks(chosen, distance, max_samples), measured.known & genuine & alike | chosen
 
 
 def distance_to(wanted: BoolArray, wraps: bool) -> FloatArray:
@@ -79,6 +79,25 @@ def distance_to(wanted: BoolArray, wraps: bool) -> FloatArray:
     around = np.concatenate([wanted] * 3, axis=1) if wraps else wanted
     distance = cv2.distanceTransform((~around).astype(np.uint8), cv2.DIST_L2, 3)
     return np.asarray(distance[:, width : 2 * width] if wraps else distance, dtype=np.float64)
+
+
+def _near_blocks(texels: BoolArray, distance: FloatArray, most: int) -> BoolArray:
+    """About so many of the texels: whole blocks of them, near ones first; a window sees little in a strip."""
+    if np.count_nonzero(texels) <= most:
+        return texels
+    rows, columns = (-(-size // _BLOCK) for size in texels.shape)
+    row, column = np.nonzero(texels)
+    block = row // _BLOCK * columns + column // _BLOCK
+    count = np.bincount(block, minlength=rows * columns)
+    nearest = np.full(rows * columns, np.inf)
+    np.minimum.at(nearest, block, distance[texels])
+    order = np.lexsort((nearest, count < _FULL * _BLOCK**2))
+    n_blocks = 1 + int(np.searchsorted(np.cumsum(count[order]), most))
+    kept = np.zeros(rows * columns, dtype=np.bool_)
+    kept[order[:n_blocks]] = True
+    chosen = np.zeros_like(texels)
+    chosen[row, column] = kept[block]
+    return chosen
 
 
 def _kept(texels: BoolArray, likely: BoolArray) -> BoolArray:
