@@ -14,7 +14,7 @@ from texture.synthesis import Synthesis
 N_PIECES = 6
 CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
 MOSTLY = 0.5
-OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at a quarter
+OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at 1/4 or 1/3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
