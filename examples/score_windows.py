@@ -5,13 +5,14 @@ The textures of `plot_textures.py`, square tiles, and two photographs in colour 
 two holes of a fifth of its side, two seeds, window order. The cost of a window is the distance to what was
 cut out, relative to other pieces, times 1 + 5 phase errors (mean over holes and seeds). A row of the table
 says the best of 7, 11, 15, 23, 31, the chosen one, the cost of that over the best's (between windows by
-interpolation), and the processor's seconds that the choice took.
+interpolation), that of each of the five, and the processor's seconds that the choice took.
 
     python examples/score_windows.py
 """
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,8 @@ def main() -> None:
     """Print the table."""
     fill(np.eye(20), np.eye(20) > 0, window=3, rng=0)  # compiled once
     ratios = []
-    print("| texture | best | chosen | cost | seconds |\n|---|---|---|---|---|")
+    print(f"| texture | best | chosen | cost | of {' | '.join(map(str, WINDOWS))} | seconds |")
+    print(f"|---|---|---|---|{len(WINDOWS) * '---|'}---|")
     cases = [*list_photographs(256), build_wall(256), build_tiles(), *read_tiles(), *read_photographs()]
     for case in cases:
         costs = measure_costs(case)
@@ -80,10 +82,16 @@ def main() -> None:
         hole = list_holes(case)[0]
         chosen = fill(case.image, hole, order="window", rng=0, n_threads=1, time_budget_s=1e-9).window
         seconds = time.process_time() - start
-        ratios.append(float(np.interp(chosen, WINDOWS, costs)) / min(costs))
+        relative = np.array(costs) / min(costs)
+        ratios.append([float(np.interp(chosen, WINDOWS, relative)), *relative])
         best = WINDOWS[int(np.argmin(costs))]
-        print(f"| {case.name} | {best} | {chosen} | {ratios[-1]:.2f} | {seconds:.1f} |", flush=True)
-    print(f"| mean of {len(ratios)} | | | {np.mean(ratios):.2f} | |")
+        print(f"| {case.name} | {best} | {chosen} | {tell(ratios[-1])} | {seconds:.1f} |", flush=True)
+    print(f"| mean of {len(ratios)} | | | {tell(np.mean(ratios, axis=0))} | |")
+
+
+def tell(numbers: Sequence[float] | NDArray[np.float64]) -> str:
+    """Return numbers as cells of a table."""
+    return " | ".join(f"{number:.2f}" for number in numbers)
 
 
 if __name__ == "__main__":

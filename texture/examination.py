@@ -14,7 +14,7 @@ from texture.synthesis import Synthesis
 N_PIECES = 6
 CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
 MOSTLY = 0.5
-OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at a quarter
+OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at 1/4 or 1/3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,12 +68,12 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     """
     within = check_mask(hole, synthesis.error.shape, "hole")
     around = check_known(known, within)
-    pieces = list_pieces(within, around)
     image = np.where(np.isfinite(synthesis.image), synthesis.image, 0).astype(synthesis.image.dtype)
-    among = [
-        _distance(image, first, image, second) for k, first in enumerate(pieces) for second in pieces[k + 1 :]
-    ]
-    to_fill = [_distance(image, within, image, piece) for piece in pieces]
+    boxes = list_pieces(within, around)
+    shape = within[boxes[0]] if boxes else within
+    own, *pieces = [image[box] for box in boxes] or [image]
+    among = [_distance(first, second, shape) for k, first in enumerate(pieces) for second in pieces[k + 1 :]]
+    to_fill = [_distance(own, piece, shape) for piece in pieces]
     filled = within & (synthesis.source_rows >= 0)
     confidence = float(synthesis.confidence[filled].mean()) if filled.any() else 1.0
     distance = float(np.mean(to_fill)) if to_fill else float("nan")
@@ -98,32 +98,30 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     )
 
 
-def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """List up to six masks of the hole's shape, moved to where all is known, far from each other."""
+def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
+    """List up to six boxes, far from each other, in which all is known where the hole's own box has a hole.
+
+    The first is the hole's own box; nothing is listed without a hole.
+    """
     rows, columns = np.nonzero(hole)
     if not rows.size:
         return []
-    shape = hole[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    own = np.s_[int(rows.min()) : int(rows.max()) + 1, int(columns.min()) : int(columns.max()) + 1]
+    shape = hole[own]
     step = max(1, min(shape.shape) // 2)
-    pieces: list[NDArray[np.bool_]] = []
-    for top in range(0, hole.shape[0] - shape.shape[0] + 1, step):
-        for left in range(0, hole.shape[1] - shape.shape[1] + 1, step):
-            if known[top : top + shape.shape[0], left : left + shape.shape[1]][shape].all():
-                piece = np.zeros_like(hole)
-                piece[top : top + shape.shape[0], left : left + shape.shape[1]] = shape
-                pieces.append(piece)
+    boxes = [
+        np.s_[top : top + shape.shape[0], left : left + shape.shape[1]]
+        for top in range(0, hole.shape[0] - shape.shape[0] + 1, step)
+        for left in range(0, hole.shape[1] - shape.shape[1] + 1, step)
+    ]
+    pieces = [box for box in boxes if known[box][shape].all()]
     chosen = np.unique(np.linspace(0, len(pieces) - 1, min(N_PIECES, len(pieces))).astype(int))
-    return [pieces[k] for k in chosen]
+    return [own, *(pieces[k] for k in chosen)]
 
 
-def _distance(
-    first: NDArray[np.generic],
-    first_mask: NDArray[np.bool_],
-    second: NDArray[np.generic],
-    second_mask: NDArray[np.bool_],
-) -> float:
+def _distance(first: NDArray[np.generic], second: NDArray[np.generic], shape: NDArray[np.bool_]) -> float:
     try:
-        return measure_distance(first, second, first_mask, second_mask)
+        return measure_distance(first, second, shape, shape)
     except ValueError:  # too thin for a patch
         return float("nan")
 

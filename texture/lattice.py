@@ -121,8 +121,9 @@ def measure_phase_error(
     Returns
     -------
     float
-        0..1/2, the mean over the tiles, to one pixel: 0 in step, 1/4 at random. A tile without any contrast
-        counts as 1/2. NaN where the known part has no lattice, or lies nowhere whole periods away.
+        0..1/2, the mean over the tiles, to one pixel: 0 in step, at random 1/4 (one period) or 1/3 (two). A
+        tile without any contrast counts as 1/2. NaN where the known part has no lattice, or lies nowhere
+        whole periods away.
 
     Raises
     ------
