@@ -25,7 +25,7 @@ class Shading:
 
     Attributes
     ----------
-    gain : array, shape (h, w), float32
+    gain : array, shape (h, w) or (h, w, c), float32
         Its geometric mean over the known pixels is 1. Beyond their convex hull it is that of the nearest
         place on it, and nowhere beyond what is seen among them: what fits well need not go on so.
     """

@@ -38,7 +38,7 @@ class SurfaceFill:
         The fill of the reflectance (float32, shape (h, w, c), 0..1): where each pixel came from, and how well
         it agrees.
     shading : Shading
-        What was separated.
+        What was separated, for each channel but alpha: light differs in colour, too.
     is_plain : bool
         Whether the surface has one colour, and was filled by its mean and noise.
     """
@@ -98,8 +98,9 @@ def fill_surface(
     closes, budget = check_wrap(wrap), check_time_budget(time_budget_s)
     values = _read(pixels, context)
     n_colours = values.shape[2] if values.shape[2] in (1, 3) else values.shape[2] - 1
-    shading = fit_shading(values[..., :n_colours].mean(axis=2), context, closes)
-    values[..., :n_colours] /= shading.gain[..., None]
+    each = [fit_shading(values[..., channel], context, closes).gain for channel in range(n_colours)]
+    shading = Shading(np.stack(each, axis=2))
+    values[..., :n_colours] /= shading.gain
     brightest = max(1.0, float(values.max()))
     values /= brightest
     block = np.ix_(*densest_block(usable, SAMPLE_SIDE))
@@ -129,7 +130,7 @@ def fill_surface(
     else:
         made = fill_tiles(values, hole, context, usable, closes, window, fill_piece, progress, budget)
     lit = made.image * np.float32(brightest)
-    lit[..., :n_colours] *= shading.gain[..., None]
+    lit[..., :n_colours] *= shading.gain
     return SurfaceFill(_put_back(pixels, lit, hole & (made.source_rows >= 0)), made, shading, plain)
 
 
