@@ -20,7 +20,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, Sensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
-from nbv.viewpoints import Candidates
+from nbv.viewpoints import Candidates, room_lattice
 from nbv.visibility import Progress, orient, visible_from_positions
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
@@ -103,8 +103,11 @@ def plan_views(
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
     sensor = _with_aperture(sensor or load_sensor("generic60"), candidates)
+    proposals = candidates
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
+        if (mode or scene.mode) == "room":
+            proposals = Candidates(room_lattice(scene.mesh.bounds()), candidates.directions)
     caster = scene.ray_caster(n_threads)
     task = Task(
         scene=scene,
@@ -112,6 +115,7 @@ def plan_views(
         requirement=Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m),
         target=target,
         candidates=candidates,
+        proposals=proposals or candidates,
         samples=samples or patch_samples(scene, caster, candidates) or sample_surface(scene.mesh),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
@@ -125,13 +129,18 @@ def plan_views(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Task:
-    """A prepared planning task: what to see, from where, and when it is enough."""
+    """A prepared planning task: what to see, from where, and when it is enough.
+
+    Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
+    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out.
+    """
 
     scene: Scene
     sensor: Sensor
     requirement: Requirement
     target: float
     candidates: Candidates
+    proposals: Candidates
     samples: SurfaceSamples
     caster: RayCaster
     from_outside: bool
@@ -158,7 +167,7 @@ class Task:
             scan,
             self.scene.mesh.bounds(),
             start,
-            self.candidates,
+            self.proposals,
             self.sensor,
             self.requirement,
             replace(options, max_views=min(views or options.max_views, options.max_views)),
