@@ -14,6 +14,7 @@ from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import sensor_from_profile
 from nbv.view import View
+from nbv.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.pose import Pose
 
@@ -44,6 +45,8 @@ class Plan:
         How many views any plan with these candidates and samples needs, where known.
     stopped_because : str
         Why there are no more views.
+    candidates : Candidates or None
+        The poses that could be chosen; None for a plan read from a file.
     """
 
     method: str
@@ -56,6 +59,7 @@ class Plan:
     coverage: Coverage | CoverageSummary
     lower_bound: LowerBound | None
     stopped_because: str
+    candidates: Candidates | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""

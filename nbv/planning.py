@@ -252,6 +252,7 @@ class _Study:
             coverage=self.tally.coverage(task.scene, self.reachability),
             lower_bound=bound,
             stopped_because=reason,
+            candidates=task.candidates,
         )
 
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nbv.gain import GainOptions, best_view, cell_directions, cell_of, find_targets
+from nbv.accumulator import cell_directions, cell_of
+from nbv.gain import GainOptions, best_view, find_targets
 from nbv.grid import VoxelGrid
 from nbv.image_normals import image_normals
 from nbv.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
