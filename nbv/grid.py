@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.pose import Pose
 
 _WISHED_VOXELS = 8e4
 _WISHED_VOXELS_OF_LARGE = 4e5
@@ -86,6 +87,33 @@ class VoxelGrid:
         cell = np.stack(np.unravel_index(numbers, self.shape), axis=-1)
         centres: FloatArray = self.origin + (cell + 0.5) * self.voxel_m
         return centres
+
+    def centres_in(self, sensor_from_world: Pose) -> FloatArray:
+        """Centres (n_voxels, 3) of all voxels in another frame, metres.
+
+        They are sums of one vector for each plane of voxels, which is faster than to move every centre.
+        """
+        planes = [
+            (self.origin[axis] + (np.arange(n) + 0.5) * self.voxel_m)[:, None]
+            * sensor_from_world.rotation[:, axis]
+            for axis, n in enumerate(self.shape)
+        ]
+        floor = planes[0][:, None] + (planes[1] + sensor_from_world.translation)
+        moved: FloatArray = (floor[:, :, None] + planes[2]).reshape(-1, 3)
+        return moved
+
+    def around_cells(self, cells: NDArray[np.int64], radius_m: float) -> NDArray[np.int64]:
+        """Numbers (n, k) of the voxels whose centres lie nearer than `radius_m` to those of `cells` (n,).
+
+        Voxels beyond the grid are -1.
+        """
+        n = int(np.ceil(radius_m / self.voxel_m))
+        steps = np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        steps = steps[np.linalg.norm(steps, axis=1) * self.voxel_m < radius_m]
+        at = np.stack(np.unravel_index(cells, self.shape), axis=-1)[:, None] + steps
+        inside = ((at >= 0) & (at < np.array(self.shape))).all(axis=-1)
+        i, j, k = np.moveaxis(at, -1, 0)
+        return np.where(inside, (i * self.shape[1] + j) * self.shape[2] + k, -1)
 
 
 def _default_side(extent: FloatArray) -> float:

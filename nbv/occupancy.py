@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import gaussian_filter
 
 from nbv.grid import VoxelGrid
 from nbv.scanning.sensor import Sensor
@@ -25,6 +25,7 @@ UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)
 LABELS = ("unseen", "seen", "empty", "occluded", "occplane")
 _HALF_DIAGONAL = np.sqrt(3) / 2  # of a voxel, in sides
 _SURE = 3.0  # standard deviations of the range by which a voxel must lie off it to be before or behind it
+_AT_A_TIME = 32  # positions, to bound memory
 _FEWEST_VOTES = -2  # so that two scans that end in a voxel outweigh all that went through it before
 
 
@@ -130,8 +131,10 @@ class VoxelMap:
 
     def cleared(self, position: FloatArray, radius_m: float) -> VoxelMap:
         """Return the map with unknown voxels around `position` (3,) empty: the sensor stands there."""
-        near = np.linalg.norm(self.grid.centres() - position, axis=1) <= radius_m
-        labels = np.where(near & (self.labels != SEEN), EMPTY, self.labels).astype(np.int8)
+        here = self.grid.index_of(position[None])
+        near = self.grid.around_cells(here[here >= 0], radius_m)
+        labels = self.labels.copy()
+        labels[near[(near >= 0) & (labels[near] != SEEN)]] = EMPTY
         return replace(self, labels=labels)._with_occplane()
 
     def is_free(self, positions: FloatArray, clearance_m: float) -> BoolArray:
@@ -139,9 +142,12 @@ class VoxelMap:
         cell = self.grid.index_of(positions)
         if self.outside_is_empty:
             return np.asarray((cell < 0) | (self.labels[cell] == EMPTY))
-        blocked = np.pad(self.labels.reshape(self.grid.shape) != EMPTY, 1, constant_values=True)
-        distance = distance_transform_edt(~blocked)[1:-1, 1:-1, 1:-1].ravel() * self.grid.voxel_m
-        return np.asarray((cell >= 0) & (distance[cell] >= clearance_m))
+        free = cell >= 0
+        inside = np.flatnonzero(free)
+        for few in np.split(inside, range(_AT_A_TIME, len(inside), _AT_A_TIME)):
+            near = self.grid.around_cells(cell[few], clearance_m)
+            free[few] = ((near >= 0) & (self.labels[near] == EMPTY)).all(axis=1)
+        return np.asarray(free)
 
     def boundary(self) -> BoundaryFaces:
         """Return the faces between empty voxels and all others."""
@@ -170,15 +176,16 @@ class VoxelMap:
 
     def _sides_of(self, scan: RangeImage, sensor: Sensor) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the voxels behind what the scan has met, and those before it."""
-        pose = scan.world_from_sensor
-        centres = self.grid.centres()
-        local = (centres - pose.translation) @ pose.rotation
+        local = self.grid.centres_in(scan.world_from_sensor.inverse())
+        looked = np.flatnonzero(sensor.sees(local))
+        local = local[looked]
         pixels = scan.projection.pixels(local)
-        looked = np.flatnonzero(sensor.sees(local) & np.isfinite(pixels).all(axis=1))
-        row, column = np.rint(pixels[looked]).astype(np.int64).T
+        inside = np.isfinite(pixels).all(axis=1)
+        looked, local = looked[inside], local[inside]
+        row, column = np.rint(pixels[inside]).astype(np.int64).T
         rows, columns = scan.shape
         measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-        distance = np.linalg.norm(local[looked], axis=1)
+        distance = np.linalg.norm(local, axis=1)
         margin = _HALF_DIAGONAL * self.grid.voxel_m + _SURE * (scan.sigma_m or 0.0)
         reach = np.where(np.isfinite(measured), measured, sensor.max_range_m)
         behind = np.isfinite(measured) & (distance > measured + margin)

@@ -13,7 +13,7 @@ from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare, d
 from nbv.samples import sample_surface
 from scenes.builtin import builtin_scene
 
-SENSOR = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 75.0\nwidth = 64\nheight = 64\n'
+SENSOR = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 75.0\nwidth = 96\nheight = 96\n'
 
 
 def run_small(out, threads, monkeypatch, tmp_path):

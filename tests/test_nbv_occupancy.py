@@ -256,6 +256,23 @@ def test_grid_leaves_room_around_its_bounds():
     assert 60_000 < VoxelGrid.around(VOLUME).n_voxels < 110_000
 
 
+def test_centres_in_another_frame_are_the_centres_moved():
+    grid = VoxelGrid(np.array([0.3, -2.0, 1.0]), (4, 5, 6), 0.7)
+    pose = Pose.looking_at((1.0, 2.0, 3.0), (-2.0, 0.5, 0.1)).inverse()
+    assert np.allclose(grid.centres_in(pose), pose.apply(grid.centres()), atol=1e-12)
+
+
+def test_cells_around_a_cell_are_those_within_the_radius():
+    grid = VoxelGrid(np.zeros(3), (9, 8, 7), 0.5)
+    cells = grid.index_of(np.array([[2.2, 2.2, 1.6], [0.1, 3.9, 0.1]]))
+    near = grid.around_cells(cells, 1.3)
+    assert (near[0] >= 0).all()
+    assert (near[1] < 0).any()
+    for row, cell in zip(near, cells, strict=True):
+        distance = np.linalg.norm(grid.centres() - grid.centres(cell[None]), axis=1)
+        assert sorted(row[row >= 0].tolist()) == np.flatnonzero(distance < 1.3).tolist()
+
+
 def test_unusable_options_are_refused():
     with pytest.raises(InputError, match="needs a positive side"):
         VoxelGrid(np.zeros(3), (1, 1, 1), 0.0)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""The online planner in the room with two occluders: views, time of a decision, and what each term is worth.
+
+    python examples/score_online.py [N_SEEDS] [N_VIEWS]
+
+Three tables, medians or means over seeds (each its own starting pose) in the scene's own room mode with a
+60 deg camera and a requirement of 60 deg: views to 90, 95, 98 and 99 % of the reachable area for several
+voxels and noises, with the seconds of a decision; and the ablation of the gain: share of the area within 60
+deg and mean quality (cosine of the best view, 0 where unseen) at equal numbers of views, as differences to
+both terms on, seed by seed, with 95 % bootstrap intervals. Give the bench's candidates by UNSEEN_BENCH.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.gain import GainOptions
+from nbv.measurement import CoverageTally
+from nbv.plan import Plan
+from nbv.planner import PlannerOptions
+from nbv.planning import plan_views
+from nbv.samples import SurfaceSamples
+from nbv.viewpoints import Candidates, load_candidates
+from scenes.builtin import builtin_scene
+
+ROOT = Path(__file__).resolve().parents[1]
+BENCH = Path(os.environ.get("UNSEEN_BENCH", ROOT.parent / "shared/bench")) / "room_candidates.npz"
+SHARES = (0.90, 0.95, 0.98, 0.99)
+WEIGHTS = {"w_q = 0": (1.0, 0.0), "w_q = 0.5": (1.0, 0.5), "w_q = 2": (1.0, 2.0), "w_v = 0": (0.0, 1.0)}
+
+
+def plan(seed: int, *, target: float = 0.99, candidates: Candidates | None = None, **options: object) -> Plan:
+    """Plan online from the start that the seed draws."""
+    noise = str(options.pop("noise", "none"))
+    planner = replace(PlannerOptions(max_views=60), **options)
+    scene = builtin_scene("two_occluders")
+    return plan_views(
+        scene, target=target, candidates=candidates, noise=noise, options=planner, rng=seed, n_threads=2
+    )
+
+
+def views_to(found: Plan) -> list[float]:
+    """Views after which each share of the reachable area was met."""
+    met = np.array([view.met_fraction for view in found.views]) / found.coverage.reachable
+    return [
+        float(np.argmax(met >= share - 1e-9)) + 1 if met[-1] >= share - 1e-9 else np.inf for share in SHARES
+    ]
+
+
+def show_views(name: str, n_seeds: int, **options: object) -> None:
+    """Print medians and the worst of the views, and the time of one view."""
+    rows, seconds = [], []
+    for seed in range(n_seeds):
+        begun = time.perf_counter()
+        found = plan(seed, **options)
+        rows.append(views_to(found))
+        seconds.append((time.perf_counter() - begun) / len(found.views))
+    middle, worst = np.median(rows, axis=0), np.max(rows, axis=0)
+    cells = " | ".join(f"{m:g} ({w:g})" for m, w in zip(middle, worst, strict=True))
+    print(f"| {name} | {cells} | {np.median(seconds):.2f} |", flush=True)
+
+
+def curves(seed: int, n_views: int, gain: GainOptions) -> NDArray[np.float64]:
+    """Share of the area within 60 deg and mean quality after each view, (2, n_views)."""
+    found = plan(seed, target=1.0, max_views=n_views, epsilon_m2=0.0, gain=gain)
+    samples: SurfaceSamples = found.coverage.samples
+    tally = CoverageTally.start(builtin_scene("two_occluders").ray_caster(), samples, found.requirement)
+    rows = []
+    for view in found.views:
+        tally.add(view)
+        rows.append((tally.met_m2(), float(samples.areas @ tally.best_cosine)))
+    rows += rows[-1:] * (n_views - len(rows))  # a planner that stopped sees no more
+    return np.array(rows).T / samples.total_m2
+
+
+def interval(differences: NDArray[np.float64], rng: np.random.Generator) -> str:
+    """Mean of differences with the 95 % bootstrap interval of it, in per cent."""
+    drawn = rng.choice(differences, (4000, len(differences))).mean(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return f"{100 * differences.mean():+.1f} ({100 * low:+.1f} to {100 * high:+.1f})"
+
+
+def show_ablation(n_seeds: int, n_views: int) -> None:
+    """Print what the planner gains or loses with other weights, at a third, two thirds and all views."""
+    at = [round(n_views * k / 3) for k in (1, 2, 3)]
+    found: Callable[[GainOptions], NDArray[np.float64]] = lambda gain: np.array(  # noqa: E731
+        [curves(seed, n_views, gain) for seed in range(n_seeds)]
+    )
+    both, rng = found(GainOptions()), np.random.default_rng(0)
+    heads = [f"{what}, {k} views" for what in ("within 60 deg", "quality") for k in at]
+    print(f"\n| weights | {' | '.join(heads)} |\n" + "|---" * 7 + "|")
+    means = [f"{100 * both[:, what, k - 1].mean():.1f}" for what in (0, 1) for k in at]
+    print(f"| both 1 | {' | '.join(means)} |", flush=True)
+    for name, (occplane, quality) in WEIGHTS.items():
+        other = found(GainOptions(occplane_weight=occplane, quality_weight=quality)) - both
+        cells = [interval(other[:, what, k - 1], rng) for what in (0, 1) for k in at]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+
+
+def main(n_seeds: int = 10, n_views: int = 24) -> None:
+    """Print the tables."""
+    print("| room | 90 % | 95 % | 98 % | 99 % | s a view |\n" + "|---" * 6 + "|")
+    if BENCH.exists():
+        bench = replace(load_candidates(BENCH), half_angle_deg=30.0)
+        for voxel in (0.1, 0.05):
+            show_views(f"bench candidates, cone, {voxel:g} m", n_seeds, candidates=bench, voxel_m=voxel)
+    for noise in ("none", "gaussian-2mm", "gaussian-10mm", "nguyen2012"):
+        show_views(f"room mode, 0.1 m, noise {noise}", n_seeds, voxel_m=0.1, noise=noise)
+    show_ablation(n_seeds, n_views)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:3]))
