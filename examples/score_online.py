@@ -13,7 +13,6 @@ both terms on, seed by seed, with 95 % bootstrap intervals. Give the bench's can
 import os
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -79,6 +78,11 @@ def curves(seed: int, n_views: int, gain: GainOptions) -> NDArray[np.float64]:
     return np.array(rows).T / samples.total_m2
 
 
+def curves_of_seeds(n_seeds: int, n_views: int, gain: GainOptions) -> NDArray[np.float64]:
+    """Return the curves of each seed, (n_seeds, 2, n_views)."""
+    return np.array([curves(seed, n_views, gain) for seed in range(n_seeds)])
+
+
 def interval(differences: NDArray[np.float64], rng: np.random.Generator) -> str:
     """Mean of differences with the 95 % bootstrap interval of it, in per cent."""
     drawn = rng.choice(differences, (4000, len(differences))).mean(axis=1)
@@ -89,16 +93,14 @@ def interval(differences: NDArray[np.float64], rng: np.random.Generator) -> str:
 def show_ablation(n_seeds: int, n_views: int) -> None:
     """Print what the planner gains or loses with other weights, at a third, two thirds and all views."""
     at = [round(n_views * k / 3) for k in (1, 2, 3)]
-    found: Callable[[GainOptions], NDArray[np.float64]] = lambda gain: np.array(  # noqa: E731
-        [curves(seed, n_views, gain) for seed in range(n_seeds)]
-    )
-    both, rng = found(GainOptions()), np.random.default_rng(0)
+    both, rng = curves_of_seeds(n_seeds, n_views, GainOptions()), np.random.default_rng(0)
     heads = [f"{what}, {k} views" for what in ("within 60 deg", "quality") for k in at]
     print(f"\n| weights | {' | '.join(heads)} |\n" + "|---" * 7 + "|")
     means = [f"{100 * both[:, what, k - 1].mean():.1f}" for what in (0, 1) for k in at]
     print(f"| both 1 | {' | '.join(means)} |", flush=True)
     for name, (occplane, quality) in WEIGHTS.items():
-        other = found(GainOptions(occplane_weight=occplane, quality_weight=quality)) - both
+        gain = GainOptions(occplane_weight=occplane, quality_weight=quality)
+        other = curves_of_seeds(n_seeds, n_views, gain) - both
         cells = [interval(other[:, what, k - 1], rng) for what in (0, 1) for k in at]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
