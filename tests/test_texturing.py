@@ -21,6 +21,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.building import Finish, SceneBuilder
 from scenes.finishes import brick
+from scenes.loading import load_scene
 from scenes.pose import Pose
 from texture.quality import PATCH, list_patches
 
@@ -188,6 +189,19 @@ def test_the_model_holds_each_page_once():
     scene = trimesh.load_scene(trimesh.util.wrap_as_stream(glb), file_type="glb")
     names = {name.split()[0] for name in scene.geometry}
     assert names >= {"observed", "hypothesised"}
+
+
+def test_the_saved_model_looks_like_the_scan_from_where_it_was_taken(tmp_path):
+    completion = wall(-0.25)
+    completion.save(tmp_path)
+    (seen,) = (observation.scan for observation in completion.observations)
+    model = load_scene(tmp_path / "completed.glb", up="y")
+    again = scan_scene(model, completion.world_from_reference, SENSOR, rng=0)
+    both = seen.valid & again.valid
+    assert both.sum() > 0.95 * seen.valid.sum()
+    difference = np.abs(again.colour - seen.colour).max(axis=2)[both]
+    assert np.median(difference) < 0.02
+    assert np.quantile(difference, 0.9) < 0.15  # mortar, half a texel away
 
 
 def flat(shape: tuple[int, int], colour: tuple[int, int, int], seed: int = 0) -> NDArray[np.uint8]:
