@@ -22,7 +22,7 @@ from scipy import ndimage
 from completion import Completion, complete
 from completion.evaluation.colour import ColourScore, score_colour
 from completion.observation import observe
-from completion.texturing.pipeline import ChartTexture
+from completion.texturing.chart_texture import ChartTexture
 from nbv import PinholeSensor, scan_scene
 from nbv.evaluation.study import office_cases
 from nbv.scanning.effects import named_effects

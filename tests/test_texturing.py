@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.export import completed_glb
 from completion.texturing.atlas import make_atlas
+from completion.texturing.chart_texture import spread_colour
 from completion.texturing.light import cast_shadows
 from completion.texturing.material import same_material
 from completion.texturing.measured import MeasuredColour
-from completion.texturing.pipeline import spread_colour
 from completion.texturing.samples import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
@@ -268,3 +268,21 @@ def test_colour_spreads_by_two_texels_and_around_a_cylinder():
     assert (plain[4, -2:] != 200).all()
     assert (closed[4, [-2, -1, 0, 1, 2]] == 200).all()
     assert (closed[4, 3:-2] != 200).all()
+
+
+def test_too_little_of_a_surface_is_still_textured():
+    completion = wall(-0.25)
+    for budget in (1, 10**7):
+        few = replace(OPTIONS, texturing=TexturingOptions(window=5, max_comparisons=budget, min_samples=1))
+        texture = complete([seen.scan for seen in completion.observations], few, rng=0).textures[0]
+        assert texture.synthesised_m > 1.5 * np.sqrt(texture.grid.cell_area)
+        assert is_glass(synthesised(completion)).mean() < 0.1
+    nothing = np.zeros((20, 20), dtype=np.bool_)
+    known = nothing.copy()
+    known[3, 4] = True
+    image = np.full((20, 20, 3), 90, np.uint8)
+    samples, context = choose_samples(
+        MeasuredColour(image, known, nothing, nothing), ~nothing, distance_to(~known, wraps=False), False, 100
+    )
+    assert (samples == known).all()
+    assert (context == known).all()
