@@ -52,4 +52,4 @@ def cover_instance(task: Task) -> CoverInstance:
         progress=task.progress,
     )
     matrix = orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
-    return CoverInstance(matrix, samples.areas, task.target)
+    return CoverInstance(matrix, samples.areas, task.target, task.requirement.k)

@@ -15,7 +15,7 @@ from nbv.planner import PlannerOptions
 from nbv.reachability import scene_candidates
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.scanning.sensor import PinholeSensor, Sensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.task import Task
 from nbv.viewpoints import Candidates
@@ -35,6 +35,7 @@ def plan_views(
     method: Method = "nbv",
     max_incidence_deg: float = 60.0,
     max_range_m: float | None = None,
+    requirement: Requirement | None = None,
     target: float = 0.99,
     views: int | None = None,
     mode: str | None = None,
@@ -64,6 +65,9 @@ def plan_views(
         Which planner.
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, range in metres.
+    requirement : Requirement, optional
+        What counts as measured, in full; it replaces these two. The explorer of "nbv" looks for its
+        incidence and range; coverage is measured by all of it.
     target : float
         Fraction of the reachable area to measure as required.
     views : int, optional
@@ -76,7 +80,8 @@ def plan_views(
     samples : SurfaceSamples, optional
         Where coverage is measured.
     noise : str
-        Noise model of the simulated scans.
+        Noise model of the simulated scans, and what a largest standard deviation reckons with; of a sensor
+        with errors of its own "none" leaves the latter.
     options : PlannerOptions, optional
         For "nbv".
     budgets : CoverOptions, optional
@@ -104,11 +109,15 @@ def plan_views(
     sensor = _with_aperture(sensor or load_sensor("generic60"), candidates)
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
+    requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
+    if requirement.max_sd_m is not None and noise != "none":
+        sensor = with_effects(sensor, chosen_effects(sensor, noise))
+    requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
     task = Task(
         scene=scene,
         sensor=sensor,
-        requirement=Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m),
+        requirement=requirement,
         target=target,
         candidates=candidates,
         samples=samples or patch_samples(scene, caster, candidates) or sample_surface(scene.mesh),

@@ -33,6 +33,36 @@ Incidence = Annotated[
 MaxRange = Annotated[
     float | None, typer.Option("--max-range", metavar="M", help="Largest range.", show_default="the sensor's")
 ]
+MinDensity = Annotated[
+    float | None,
+    typer.Option("--min-density", metavar="N", help="Fewest points on a square metre.", show_default=False),
+]
+MaxSd = Annotated[
+    float | None,
+    typer.Option(
+        "--max-sd", metavar="M", help="Largest predicted sd of a surface point.", show_default=False
+    ),
+]
+RegistrationSd = Annotated[
+    float, typer.Option("--registration-sd", metavar="M", help="For --max-sd: of a station's position.")
+]
+AveragingRadius = Annotated[
+    float, typer.Option("--averaging-radius", metavar="M", help="For --max-sd: points in this disc averaged.")
+]
+KViews = Annotated[int, typer.Option("--k", min=1, help="Views that must each measure a point well enough.")]
+PolishSteps = Annotated[
+    int, typer.Option("--polish-steps", min=0, help="cover: swaps tried to need fewer views.")
+]
+TimeBudget = Annotated[
+    float | None,
+    typer.Option(
+        "--time-budget",
+        min=0.0,
+        metavar="S",
+        help="cover: end the search then; not repeatable.",
+        show_default="none",
+    ),
+]
 UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
 UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
 ModeOption = Annotated[

@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
+from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent
+from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
@@ -31,6 +34,13 @@ class PlanRequest:
     sensor: str = "generic60"
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
+    min_density_per_m2: float | None = None
+    max_sd_m: float | None = None
+    registration_sd_m: float = 0.0
+    averaging_radius_m: float = 0.0
+    k: int = 1
+    polish_steps: int = CoverOptions().polish_steps
+    time_budget_s: float | None = None
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -39,21 +49,21 @@ class PlanRequest:
     up: Axis = "z"
     units: Units = "m"
 
+    def requirement(self) -> Requirement:
+        """Return what counts as measured."""
+        return Requirement(**{field.name: getattr(self, field.name) for field in fields(Requirement)})
+
+    def budgets(self) -> CoverOptions:
+        """Return the offline planner's budgets."""
+        return CoverOptions(polish_steps=self.polish_steps, time_budget_s=self.time_budget_s)
+
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
-        return {
-            "method": self.method,
+        named = {
             "sensor": Path(self.sensor).name,
-            "max_incidence_deg": self.max_incidence_deg,
-            "max_range_m": self.max_range_m,
-            "target": self.target,
-            "views": self.views,
-            "mode": self.mode,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
-            "noise": self.noise,
-            "up": self.up,
-            "units": self.units,
         }
+        return {**asdict(self), **named}
 
 
 def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
@@ -67,13 +77,13 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             world,
             sensor,
             method=request.method,
-            max_incidence_deg=request.max_incidence_deg,
-            max_range_m=request.max_range_m,
+            requirement=request.requirement(),
             target=request.target,
             views=request.views,
             mode=request.mode,
             candidates=candidates,
             noise=request.noise,
+            budgets=request.budgets(),
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
@@ -81,7 +91,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         coverage = coverage_of(plan)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), coverage_content(coverage))
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
@@ -120,5 +130,5 @@ def lines_of(plan: Plan) -> list[str]:
         f"stopped because: {plan.stopped_because}",
     ]
     if plan.lower_bound:
-        lines.append(f"no plan with these candidates needs fewer than {plan.lower_bound.views} views")
+        lines.append(plan.lower_bound.describe())
     return lines

@@ -19,6 +19,13 @@ class LowerBound:
     views: int
     kind: str
 
+    def describe(self) -> str:
+        """Return the bound in words."""
+        return (
+            f"at least {self.views} views are needed with these candidates and samples, registration "
+            f"constraints left aside ({self.kind})"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `plan.json`."""
         return {"views": self.views, "kind": self.kind}
