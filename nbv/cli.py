@@ -151,7 +151,7 @@ def plan(
         typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions."),
     ] = None,
     noise: NoiseOption = "none",
-    polish_steps: PolishSteps = 50_000,
+    polish_steps: PolishSteps = 100_000,
     time_budget: TimeBudget = None,
     up: UpOption = "z",
     units: UnitsOption = "m",

@@ -26,6 +26,7 @@ from scenes.scene import Scene
 
 Method = Literal["nbv", "cover"]
 _PATCH_TOLERANCE_M = 0.01
+_MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
 
 
 def plan_views(
@@ -78,7 +79,7 @@ def plan_views(
         The scene's own when not given. A `half_angle_deg` in them replaces the sensor's aperture by a cone,
         and patches replace the samples on which coverage is measured.
     samples : SurfaceSamples, optional
-        Where coverage is measured.
+        Where coverage is measured; `nbv.samples.sample_surface` when not given.
     noise : str
         Noise model of the simulated scans, and what a largest standard deviation reckons with; of a sensor
         with errors of its own "none" leaves the latter.
@@ -120,7 +121,7 @@ def plan_views(
         requirement=requirement,
         target=target,
         candidates=candidates,
-        samples=samples or patch_samples(scene, caster, candidates) or sample_surface(scene.mesh),
+        samples=samples or patch_samples(scene, caster, candidates) or _samples(scene, method),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
         n_threads=n_threads,
@@ -129,6 +130,12 @@ def plan_views(
     if method == "cover":
         return plan_offline(task, views, budgets or CoverOptions(), rng)
     return plan_online(task, views, noise, options or PlannerOptions(), rng)
+
+
+def _samples(scene: Scene, method: Method) -> SurfaceSamples:
+    """Return where coverage is measured; to plan offline no face needs a sample of its own."""
+    every_face = method == "nbv" or len(scene.mesh.faces) <= _MOST_FACES
+    return sample_surface(scene.mesh, every_face=every_face)
 
 
 def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:

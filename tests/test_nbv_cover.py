@@ -82,7 +82,7 @@ def test_planted_partition_is_found(seed):
     cover = find_cover(instance, CoverOptions(exact_entries=0), rng=0)
     assert sorted(cover.chosen) == list(range(25, 32))
     assert cover.bound.views == 7
-    assert cover.bound.kind == "LP dual, checked exactly"
+    assert cover.bound.kind == "dual of the linear relaxation, checked exactly"
 
 
 @pytest.mark.parametrize("seed", range(3))

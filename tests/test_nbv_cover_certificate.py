@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from nbv.cover.certificate import Certificate
 from nbv.cover.dual import find_certificate
+from nbv.cover.greedy import choose_greedily
 from nbv.cover.instance import CoverInstance
 from nbv.cover.reduction import reduce_instance
 from scenes.checks import InputError
@@ -18,7 +19,7 @@ ONE = 1 << 40
 
 
 def certified(instance: CoverInstance) -> Certificate:
-    return find_certificate(reduce_instance(instance), instance.n_samples)
+    return find_certificate(reduce_instance(instance), instance.n_samples, instance.n_candidates)
 
 
 @pytest.mark.parametrize("start", range(0, 200, 20))
@@ -30,6 +31,8 @@ def test_bounds_never_exceed_the_optimum_on_200_random_instances(start):
         best = optimum(instance)
         certificate = certified(instance)
         assert 1 <= certificate.bound(instance) <= best
+        large = find_certificate(reduce_instance(instance), 18, best, most_entries=0)
+        assert 1 <= large.bound(instance) <= best
         wild = Certificate.rounded(rng.uniform(0, 0.6, 18), float(rng.uniform(0, 3)))
         assert wild.bound(instance) <= best
 
@@ -41,6 +44,17 @@ def test_multipliers_are_feasible_on_the_whole_matrix():
     assert (multipliers >= 0).all()
     assert sums.max() <= ONE
     assert certified(instance).value(instance) == Fraction(int(multipliers.sum()), ONE)
+
+
+@pytest.mark.parametrize(("target", "fold"), [(1.0, 1), (0.9, 1), (1.0, 2), (0.9, 2)])
+def test_ascent_comes_near_the_linear_programme(target, fold):
+    instance = random_instance(4, (300, 250), 0.06, target=target, fold=fold)
+    reduction = reduce_instance(instance)
+    n_chosen = len(choose_greedily(reduction.instance))
+    exact, ascended = (
+        float(find_certificate(reduction, 250, n_chosen, most_entries=n).value(instance)) for n in (10**6, 0)
+    )
+    assert 0.93 * exact <= ascended <= exact + 1e-6
 
 
 def test_the_odd_cycle_has_its_known_relaxation():

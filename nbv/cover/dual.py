@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Dual: the multipliers of the linear relaxation, by HiGHS."""
+"""Dual: the multipliers of the linear relaxation, by HiGHS, or by subgradient ascent where it is large."""
 
 from __future__ import annotations
 
@@ -12,32 +12,55 @@ from scipy.sparse import block_array, csr_array, eye_array
 from nbv.cover.certificate import Certificate
 from nbv.cover.instance import CoverInstance
 from nbv.cover.reduction import Reduction
+from nbv.cover.subgradient import Multipliers, ascend
 from scenes.checks import FloatArray
 
+_ASCENT_STEPS = 1000
 _HAIR = 1e-12  # by which multipliers are scaled below feasibility, against rounding
 
 
-def find_certificate(reduction: Reduction, n_samples: int) -> Certificate:
+def find_certificate(
+    reduction: Reduction, n_samples: int, n_chosen: int, *, most_entries: int = 4_000_000
+) -> Certificate:
     """Return the best certificate that the linear relaxation gives, for the original's `n_samples` samples.
 
-    Samples that were merged or dropped get no multiplier: those kept stand for them. Where HiGHS fails, the
-    certificate proves nothing (0).
+    Samples that were merged or dropped get no multiplier: those kept stand for them.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The instance, reduced.
+    n_samples : int
+        Samples of the original.
+    n_chosen : int
+        Size of a choice that is known.
+    most_entries : int
+        Instances with more entries, and those that HiGHS does not solve, are left to subgradient ascent.
     """
     instance = reduction.instance
     multipliers, price = np.zeros(n_samples), 0.0
     if instance.n_samples:
-        solved = linprog(**relaxation(instance), method="highs-ds")
-        if solved.x is not None:
-            marginals = -solved.ineqlin.marginals
-            multipliers[reduction.samples] = _feasible(instance, marginals[: instance.n_samples])
-            price = 0.0 if instance.is_full else max(float(marginals[-1]), 0.0) / _scale(instance)
+        found = _solve(instance) if instance.matrix.nnz <= most_entries else None
+        found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
+        multipliers[reduction.samples] = _feasible(instance, found.samples)
+        price = found.price
     return Certificate.rounded(multipliers, price)
 
 
+def _solve(instance: CoverInstance) -> Multipliers | None:
+    """Return the multipliers of the linear relaxation, None where HiGHS fails."""
+    solved = linprog(**relaxation(instance), method="highs-ds")
+    if solved.x is None:
+        return None
+    marginals = -solved.ineqlin.marginals
+    price = 0.0 if instance.is_full else max(float(marginals[-1]), 0.0) / _scale(instance)
+    return Multipliers(marginals[: instance.n_samples], price, float(solved.fun))
+
+
 def _feasible(instance: CoverInstance, multipliers: FloatArray) -> FloatArray:
-    """Scale multipliers (n,) so that no candidate sees more than 1, where samples must be seen once."""
+    """Scale multipliers (n,) in plain full cover so that no candidate sees more than 1."""
     kept: FloatArray = np.clip(multipliers, 0.0, 1.0)
-    if instance.fold == 1:
+    if instance.fold == 1 and instance.is_full:
         kept /= max(1.0, float((instance.matrix.astype(np.float64) @ kept).max()) * (1 + _HAIR))
     return kept
 
