@@ -50,7 +50,7 @@ def test_reduction_merges_and_drops():
     rows = np.array([[1, 1, 0, 0, 0], [1, 1, 1, 0, 0], [0, 0, 1, 1, 0], [0, 0, 0, 1, 0]])
     full = reduce_instance(CoverInstance(csr_array(rows), np.ones(5)))
     assert full.candidates.tolist() == [1, 2]
-    assert full.samples.tolist() == [0, 3]  # 1 is 0 again, 2 is implied, 4 is not coverable
+    assert full.sample_of.tolist() == [0, 0, -1, 1, -1]  # 1 is 0 again, 2 is implied, 4 not coverable
     partial = reduce_instance(CoverInstance(csr_array(rows), np.ones(5), 0.5))
     assert partial.instance.weights.tolist() == [2.0, 1.0, 1.0]
     assert partial.candidates.tolist() == [1, 2]

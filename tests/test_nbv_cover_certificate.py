@@ -19,7 +19,7 @@ ONE = 1 << 40
 
 
 def certified(instance: CoverInstance) -> Certificate:
-    return find_certificate(reduce_instance(instance), instance.n_samples, instance.n_candidates)
+    return find_certificate(reduce_instance(instance), instance.weights, instance.n_candidates)
 
 
 @pytest.mark.parametrize("start", range(0, 200, 20))
@@ -31,7 +31,7 @@ def test_bounds_never_exceed_the_optimum_on_200_random_instances(start):
         best = optimum(instance)
         certificate = certified(instance)
         assert 1 <= certificate.bound(instance) <= best
-        large = find_certificate(reduce_instance(instance), 18, best, most_entries=0)
+        large = find_certificate(reduce_instance(instance), instance.weights, best, most_entries=0)
         assert 1 <= large.bound(instance) <= best
         wild = Certificate.rounded(rng.uniform(0, 0.6, 18), float(rng.uniform(0, 3)))
         assert wild.bound(instance) <= best
@@ -52,9 +52,19 @@ def test_ascent_comes_near_the_linear_programme(target, fold):
     reduction = reduce_instance(instance)
     n_chosen = len(choose_greedily(reduction.instance))
     exact, ascended = (
-        float(find_certificate(reduction, 250, n_chosen, most_entries=n).value(instance)) for n in (10**6, 0)
+        float(find_certificate(reduction, instance.weights, n_chosen, most_entries=n).value(instance))
+        for n in (10**6, 0)
     )
     assert 0.93 * exact <= ascended <= exact + 1e-6
+
+
+def test_merged_samples_lose_nothing_of_the_bound():
+    instance = random_instance(6, (60, 40), 0.1, target=0.9)
+    twice = CoverInstance(
+        csr_array(np.hstack([instance.matrix.toarray()] * 2)), np.tile(instance.weights, 2), 0.9
+    )
+    alone, doubled = (float(certified(some).value(some)) for some in (instance, twice))
+    assert doubled == pytest.approx(alone, abs=1e-6)
 
 
 def test_the_odd_cycle_has_its_known_relaxation():

@@ -20,29 +20,31 @@ _HAIR = 1e-12  # by which multipliers are scaled below feasibility, against roun
 
 
 def find_certificate(
-    reduction: Reduction, n_samples: int, n_chosen: int, *, most_entries: int = 4_000_000
+    reduction: Reduction, weights: FloatArray, n_chosen: int, *, most_entries: int = 4_000_000
 ) -> Certificate:
-    """Return the best certificate that the linear relaxation gives, for the original's `n_samples` samples.
+    """Return the best certificate that the linear relaxation gives, for the original's samples.
 
-    Samples that were merged or dropped get no multiplier: those kept stand for them.
+    Samples that were merged share a multiplier by their weights; those that were dropped get none.
 
     Parameters
     ----------
     reduction : Reduction
         The instance, reduced.
-    n_samples : int
-        Samples of the original.
+    weights : (n,) float
+        Weights of the original's samples.
     n_chosen : int
         Size of a choice that is known.
     most_entries : int
         Instances with more entries, and those that HiGHS does not solve, are left to subgradient ascent.
     """
     instance = reduction.instance
-    multipliers, price = np.zeros(n_samples), 0.0
+    multipliers, price = np.zeros(len(weights)), 0.0
     if instance.n_samples:
         found = _solve(instance) if instance.matrix.nnz <= most_entries else None
         found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
-        multipliers[reduction.samples] = _feasible(instance, found.samples)
+        part = np.flatnonzero(reduction.sample_of >= 0)
+        whole = reduction.sample_of[part]
+        multipliers[part] = (_feasible(instance, found.samples) / instance.weights)[whole] * weights[part]
         price = found.price
     return Certificate.rounded(multipliers, price)
 

@@ -98,7 +98,7 @@ def find_cover(
     chosen = drop_redundant(reduced, choose_greedily(reduced, progress=progress))
     if progress is not None:
         progress("bound", 0, 1)
-    certificate = find_certificate(reduction, instance.n_samples, len(chosen))
+    certificate = find_certificate(reduction, instance.weights, len(chosen))
     bound = LowerBound(certificate.bound(instance), _DUAL)
     found = polish(
         reduced,

@@ -35,13 +35,13 @@ class Reduction:
         The smaller instance; all of its samples are coverable.
     candidates : (m',) int
         The numbers of its candidates in the original.
-    samples : (n',) int
-        Of each of its samples, the number of one original sample that it stands for.
+    sample_of : (n,) int
+        Of each original sample the sample of the reduced instance that it is a part of, or -1.
     """
 
     instance: CoverInstance
     candidates: NDArray[np.int64]
-    samples: NDArray[np.int64]
+    sample_of: NDArray[np.int64]
 
 
 def reduce_instance(instance: CoverInstance) -> Reduction:
@@ -50,16 +50,21 @@ def reduce_instance(instance: CoverInstance) -> Reduction:
     candidates = np.arange(instance.n_candidates)
     matrix = _pattern(instance.matrix[:, samples])
     weights = instance.weights[samples]
+    sample_of = np.full(instance.n_samples, -1)
+    sample_of[samples] = np.arange(len(samples))
     while True:
-        kept, weights = _merge_samples(matrix, weights)
-        matrix, samples = _pattern(matrix[:, kept]), samples[kept]
+        kept, group = _merge_samples(matrix)
+        weights = np.bincount(group, weights, len(kept)).astype(np.float64)
+        matrix = _pattern(matrix[:, kept])
+        sample_of = _renumbered(sample_of, group)
         if instance.is_full:
             needed = ~_implied(matrix)
-            matrix, samples, weights = _pattern(matrix[:, needed]), samples[needed], weights[needed]
+            matrix, weights = _pattern(matrix[:, needed]), weights[needed]
+            sample_of = _renumbered(sample_of, np.where(needed, np.cumsum(needed) - 1, -1))
         useful = ~_dominated(matrix) if instance.fold == 1 else np.diff(matrix.indptr) > 0
         matrix, candidates = _pattern(matrix[useful]), candidates[useful]
         if useful.all():
-            return Reduction(replace(instance, matrix=matrix, weights=weights), candidates, samples)
+            return Reduction(replace(instance, matrix=matrix, weights=weights), candidates, sample_of)
 
 
 def _pattern(matrix: csr_array) -> csr_array:
@@ -70,16 +75,20 @@ def _pattern(matrix: csr_array) -> csr_array:
     return pattern
 
 
-def _merge_samples(
-    matrix: csr_array, weights: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the first of each group of samples with the same candidates, and the joint weights."""
+def _renumbered(sample_of: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return `sample_of` with its entries replaced by their new `numbers`; -1 stays."""
+    renumbered = sample_of.copy()
+    renumbered[sample_of >= 0] = numbers[sample_of[sample_of >= 0]]
+    return renumbered
+
+
+def _merge_samples(matrix: csr_array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first of each group of samples with the same candidates, and the group of each sample."""
     bits = _bits(_pattern(csr_array(matrix.T)))
     as_bytes = np.ascontiguousarray(bits).view(np.dtype((np.void, bits.shape[1] * bits.itemsize))).ravel()
     _, first, group = np.unique(as_bytes, return_index=True, return_inverse=True)
     order = np.argsort(first).astype(np.int64)
-    joint = np.bincount(group, weights, len(first)).astype(np.float64)
-    return first[order].astype(np.int64), joint[order]
+    return first[order].astype(np.int64), np.argsort(order).astype(np.int64)[group]
 
 
 def _implied(matrix: csr_array) -> BoolArray:
