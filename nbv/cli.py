@@ -23,6 +23,7 @@ from nbv.commands.options import (
     ModeOption,
     NoiseOption,
     Out,
+    OverlapShare,
     PolishSteps,
     Poses,
     Quiet,
@@ -153,6 +154,7 @@ def plan(
     noise: NoiseOption = "none",
     polish_steps: PolishSteps = 100_000,
     time_budget: TimeBudget = None,
+    overlap: OverlapShare = None,
     up: UpOption = "z",
     units: UnitsOption = "m",
     out: Out = None,
@@ -162,7 +164,7 @@ def plan(
     threads: Threads = None,
     max_memory: MaxMemory = None,
 ) -> None:
-    """Plan views of a scene: plan.json, coverage.json and report.html."""
+    """Plan views of a scene: plan.json, coverage.json, report.html; of cover also stations.json."""
     shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     from nbv.commands.plan import PlanRequest, run_plan
 
@@ -178,6 +180,7 @@ def plan(
         k=k,
         polish_steps=polish_steps,
         time_budget_s=time_budget,
+        overlap=overlap,
         target=target,
         views=views,
         mode=mode,

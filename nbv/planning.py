@@ -10,6 +10,7 @@ import numpy as np
 from nbv.cover.pipeline import CoverOptions
 from nbv.offline import plan_offline
 from nbv.online import plan_online
+from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
 from nbv.reachability import scene_candidates
@@ -45,6 +46,7 @@ def plan_views(
     noise: str = "none",
     options: PlannerOptions | None = None,
     budgets: CoverOptions | None = None,
+    overlap: OverlapOptions | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -87,6 +89,8 @@ def plan_views(
         For "nbv".
     budgets : CoverOptions, optional
         For "cover".
+    overlap : OverlapOptions, optional
+        For "cover": how scans must overlap so that all can be registered with one another.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -124,6 +128,7 @@ def plan_views(
         samples=samples or patch_samples(scene, caster, candidates) or _samples(scene, method),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
+        overlap=overlap,
         n_threads=n_threads,
         progress=progress,
     )

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 from nbv.cover.result import LowerBound
 from nbv.measurement import CoverageTally
+from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.reachability import Reachability, find_reachable
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
+from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress
@@ -22,7 +24,7 @@ from scenes.scene import Scene
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Task:
-    """A prepared planning task: what to see, from where, and when it is enough."""
+    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap."""
 
     scene: Scene
     sensor: Sensor
@@ -32,6 +34,7 @@ class Task:
     samples: SurfaceSamples
     caster: RayCaster
     from_outside: bool
+    overlap: OverlapOptions | None
     n_threads: int | None
     progress: Progress | None
 
@@ -74,7 +77,14 @@ class Study:
             return f"target met on the true scene: {self.task.target:g} of the reachable area"
         return None
 
-    def plan(self, method: str, seed: int | None, bound: LowerBound | None, reason: str) -> Plan:
+    def plan(
+        self,
+        method: str,
+        seed: int | None,
+        bound: LowerBound | None,
+        reason: str,
+        stations: Stations | None = None,
+    ) -> Plan:
         """Return the plan."""
         task = self.task
         return Plan(
@@ -88,4 +98,5 @@ class Study:
             coverage=self.tally.coverage(task.scene, self.reachability),
             lower_bound=bound,
             stopped_because=reason,
+            stations=stations,
         )

@@ -248,7 +248,18 @@ def test_offline_plan_takes_its_requirement_and_budgets(sensor, tmp_path):
     out = tmp_path / "out"
     required = ("--max-range", 6, "--min-density", 20, "--max-sd", 0.05, "--registration-sd", 0.002)
     averaged = ("--averaging-radius", 0.01, "--k", 2, "--noise", "khoshelham2012", "--max-incidence", 70)
-    budgets = ("--polish-steps", 200, "--time-budget", 100, "--candidates", candidates, "--seed", 3)
+    budgets = (
+        "--polish-steps",
+        200,
+        "--time-budget",
+        100,
+        "--overlap",
+        0.1,
+        "--candidates",
+        candidates,
+        "--seed",
+        3,
+    )
     arguments = ("--method", "cover", "--sensor", sensor, "--target", 0.9, "-o", out, "--json")
     found = succeed("plan", "builtin:two_occluders", *arguments, *required, *averaged, *budgets).stdout
     summary, written = json.loads(found), json.loads((out / "plan.json").read_text())
@@ -260,6 +271,9 @@ def test_offline_plan_takes_its_requirement_and_budgets(sensor, tmp_path):
     assert set(written["lower_bound"]) == {"views", "kind"}
     assert 1 <= written["lower_bound"]["views"] <= len(written["views"])
     assert written["seed"] == 3
+    stations = json.loads((out / "stations.json").read_text())
+    assert set(stations) == {"tour", "overlaps", "groups"}
+    assert sorted(stations["tour"]["order"]) == list(range(1, len(written["views"]) + 1))
     coverage = json.loads((out / "coverage.json").read_text())
     patches = coverage["unreachable_patches"]
     assert set(patches[0]) == {"surface", "name", "reason", "area_m2", "centre"}

@@ -123,8 +123,11 @@ def test_budgets_change_what_is_found_and_seeds_repeat_it():
         for n in (0, 3000)
     ]
     assert found[1] < found[0]
-    options = CoverOptions(polish_steps=300, exact_entries=0)
-    once, again = (find_cover(instance, options, rng=7) for _ in range(2))
+    options, stages = CoverOptions(polish_steps=300, exact_entries=0), []
+    once = find_cover(instance, options, rng=7, progress=lambda *stage: stages.append(stage))
+    again = find_cover(instance, options, rng=7)
+    assert {stage for stage, _, _ in stages} == {"cover", "bound", "polish"}
+    assert stages[-1] == ("polish", 300, 300)
     assert once.chosen == again.chosen
     assert not once.was_cut_short
     cut = find_cover(instance, CoverOptions(polish_steps=50_000, exact_entries=0, time_budget_s=0.0), rng=7)

@@ -63,6 +63,17 @@ TimeBudget = Annotated[
         show_default="none",
     ),
 ]
+OverlapShare = Annotated[
+    float | None,
+    typer.Option(
+        "--overlap",
+        min=0.0,
+        max=1.0,
+        metavar="FRACTION",
+        help="cover: scans share so much, and can all be registered.",
+        show_default="not asked for",
+    ),
+]
 UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
 UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
 ModeOption = Annotated[

@@ -11,6 +11,7 @@ from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
+from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
@@ -41,6 +42,7 @@ class PlanRequest:
     k: int = 1
     polish_steps: int = CoverOptions().polish_steps
     time_budget_s: float | None = None
+    overlap: float | None = None
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -84,6 +86,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             candidates=candidates,
             noise=request.noise,
             budgets=request.budgets(),
+            overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
@@ -92,6 +95,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
         write_json(run.path("coverage.json"), coverage_content(coverage))
+        if plan.stations is not None:
+            write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
@@ -129,6 +134,8 @@ def lines_of(plan: Plan) -> list[str]:
         f"{percent(coverage.met_of_reachable)} % of what can be reached",
         f"stopped because: {plan.stopped_because}",
     ]
+    if plan.stations is not None:
+        lines.append(f"a tour of all stations takes {plan.stations.tour.length_m:.1f} m")
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
 
@@ -95,6 +95,12 @@ class CoverInstance:
         """Weight of coverable samples that may stay uncovered, rounding allowed for."""
         share = 1 - self.target + TOLERANCE
         return 0.0 if self.is_full else share * self.coverable_weight
+
+    def only(self, usable: BoolArray) -> CoverInstance:
+        """Return the instance in which no other candidates than the `usable` (m,) see anything."""
+        matrix = csr_array(diags_array(usable.astype(np.float64)) @ self.matrix)
+        matrix.eliminate_zeros()
+        return replace(self, matrix=matrix)
 
     def seen_by(self, candidate: int) -> NDArray[np.int32]:
         """Samples that a candidate sees."""
