@@ -25,13 +25,13 @@ class Connected:
         Candidates: those given, less those that became superfluous, then those added.
     n_added : int
         How many were added.
-    n_groups : int
-        Groups of linked views; 1 when all scans can be registered.
+    apart : tuple of int
+        Those of them that no way joins to the largest group; none when all scans can be registered.
     """
 
     chosen: tuple[int, ...]
     n_added: int
-    n_groups: int
+    apart: tuple[int, ...]
 
 
 def connect(instance: CoverInstance, graph: OverlapGraph, chosen: tuple[int, ...]) -> Connected:
@@ -52,8 +52,10 @@ def connect(instance: CoverInstance, graph: OverlapGraph, chosen: tuple[int, ...
         linked = np.vstack([linked, graph.linked_to_any(new)])
     kept = _without_superfluous(instance, linked, views)
     still = [views[k] for k in kept]
-    n_groups = len(set(components(linked[kept], still)))
-    return Connected(tuple(still), len(set(still) - set(chosen)), n_groups)
+    groups = components(linked[kept], still)
+    largest = int(np.argmax(np.bincount(groups))) if len(groups) else 0
+    apart = tuple(view for view, group in zip(still, groups, strict=True) if group != largest)
+    return Connected(tuple(still), len(set(still) - set(chosen)), apart)
 
 
 def _best_bridge(linked: NDArray[np.bool_], groups: NDArray[np.int64]) -> int | None:

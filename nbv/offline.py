@@ -21,6 +21,7 @@ from nbv.task import Study, Task
 from nbv.tour import plan_tour
 from nbv.visibility import orient, visible_from_positions
 
+_MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
 _REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this nothing helps registration
 
 
@@ -46,27 +47,50 @@ def plan_offline(
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     instance = cover_instance(task)
     graph = overlap_graph(task, task.overlap or OverlapOptions())
-    if task.overlap is not None:
-        instance = instance.only(graph.registrable)
-    cover = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress)
-    n_chosen = len(cover.chosen)
-    if task.overlap is not None:
-        joined = connect(instance, graph, cover.chosen)
-        cover = replace(
-            cover, chosen=tuple(by_gain(instance, list(joined.chosen))), bound=_bound(cover.bound)
-        )
+    if task.overlap is None:
+        cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
+    else:
+        cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     study = Study.begin(task)
     for number in cover.chosen:
         study.add(task.candidates.pose(number))
     stations = _stations(task, graph, cover)
     reason = study.why_finished() or _why_not(task, views, cover)
     if task.overlap is not None:
-        reason += f"; {len(cover.chosen) - n_chosen} views more than without overlap"
+        reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
             reason += f", and yet {stations.n_groups} groups of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
     return study.plan("cover", seed, cover.bound, reason, stations)
+
+
+def _connected_cover(
+    task: Task,
+    instance: CoverInstance,
+    graph: OverlapGraph,
+    views: int | None,
+    options: CoverOptions,
+    rng: np.random.Generator | int | None,
+) -> tuple[Cover, int]:
+    """Return a cover whose scans hang together, and how many views that added.
+
+    Views that no way joins to the others are left out, with what is linked to them, and the rest is planned
+    anew.
+    """
+    rng = np.random.default_rng(rng)
+    usable = graph.registrable
+    for _ in range(_MOST_TRIES):
+        left = instance.only(usable)
+        cover = find_cover(left, options, n_most=views, rng=rng, progress=task.progress)
+        joined = connect(left, graph, cover.chosen)
+        if not joined.apart:
+            break
+        usable = usable & ~graph.linked_to_any(joined.apart).any(axis=0)
+        usable[list(joined.apart)] = False
+    bound = LowerBound(cover.bound.views, f"{cover.bound.kind}, over views that can be registered")
+    ordered = by_gain(left, list(joined.chosen))
+    return replace(cover, chosen=tuple(ordered), bound=bound), joined.n_added
 
 
 def cover_instance(task: Task) -> CoverInstance:
@@ -110,10 +134,6 @@ def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
     positions = [task.candidates.pose(candidate).translation for candidate in chosen]
     tour = plan_tour(task.scene.mesh, np.array(positions).reshape(-1, 3))
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
-
-
-def _bound(bound: LowerBound) -> LowerBound:
-    return LowerBound(bound.views, f"{bound.kind}, over views that can be registered")
 
 
 def _why_not(task: Task, views: int | None, cover: Cover) -> str:
