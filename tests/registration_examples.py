@@ -8,14 +8,15 @@ from scipy.spatial.transform import Rotation
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
+_USED = 5000  # of the moved points
 _NEAR = 12  # points through which a plane is fitted
 _REACHES_M = (*(0.25,) * 5, *(0.15,) * 5, *(0.1,) * 5, *(0.06,) * 5)  # of pairs, iteration by iteration
 _FLAT = 0.05  # largest ratio of the two smallest variances in a flat neighbourhood
 
 
-def points_of(scan: RangeImage, step: int = 1) -> np.ndarray:
-    """Return every step-th measured point (n, 3), world coordinates."""
-    return scan.points()[::step, ::step][scan.valid[::step, ::step]]
+def points_of(scan: RangeImage) -> np.ndarray:
+    """Return the measured points (n, 3), world coordinates."""
+    return scan.points()[scan.valid]
 
 
 def normals_of(points: np.ndarray) -> np.ndarray:
@@ -30,7 +31,8 @@ def normals_of(points: np.ndarray) -> np.ndarray:
 
 def register(moved: np.ndarray, fixed: np.ndarray) -> Pose:
     """Return the motion that takes the points `moved` (n, 3) on to the surface of `fixed` (m, 3)."""
-    tree, normals, own = cKDTree(fixed), normals_of(fixed), normals_of(moved)
+    some = np.random.default_rng(0).permutation(len(moved))[:_USED]
+    tree, normals, own, moved = cKDTree(fixed), normals_of(fixed), normals_of(moved)[some], moved[some]
     centre = moved.mean(axis=0)
     rotation, shift = np.eye(3), np.zeros(3)
     for reach in _REACHES_M:
