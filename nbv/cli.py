@@ -12,6 +12,7 @@ from nbv.commands.arguments import parse_bytes, parse_numbers, parse_shape
 from nbv.commands.options import (
     AsJson,
     AveragingRadius,
+    CandidatesFile,
     DepthScale,
     Incidence,
     Intrinsics,
@@ -19,18 +20,23 @@ from nbv.commands.options import (
     MaxMemory,
     MaxRange,
     MaxSd,
+    Method,
     MinDensity,
     ModeOption,
+    MostViews,
     NoiseOption,
     Out,
     OverlapShare,
+    PlanFile,
     PolishSteps,
     Poses,
     Quiet,
     RegistrationSd,
+    ScanFiles,
     SceneArgument,
     Seed,
     SensorOption,
+    Target,
     Threads,
     TimeBudget,
     UnitsOption,
@@ -132,10 +138,7 @@ def scan(
 @app.command()
 def plan(
     scene: SceneArgument,
-    method: Annotated[
-        Literal["nbv", "cover"],
-        typer.Option("--method", help="Online without the scene, or offline with it."),
-    ] = "nbv",
+    method: Method = "nbv",
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,
@@ -144,13 +147,10 @@ def plan(
     registration_sd: RegistrationSd = 0.0,
     averaging_radius: AveragingRadius = 0.0,
     k: KViews = 1,
-    target: Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")] = 0.99,
-    views: Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")] = None,
+    target: Target = 0.99,
+    views: MostViews = None,
     mode: ModeOption = None,
-    candidates: Annotated[
-        str | None,
-        typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions."),
-    ] = None,
+    candidates: CandidatesFile = None,
     noise: NoiseOption = "none",
     polish_steps: PolishSteps = 100_000,
     time_budget: TimeBudget = None,
@@ -195,13 +195,8 @@ def plan(
 @app.command()
 def coverage(
     scene: SceneArgument,
-    plan: Annotated[
-        str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
-    ] = None,
-    scans: Annotated[
-        list[str] | None,
-        typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
-    ] = None,
+    plan: PlanFile = None,
+    scans: ScanFiles = None,
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,

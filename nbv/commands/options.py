@@ -63,6 +63,21 @@ TimeBudget = Annotated[
         show_default="none",
     ),
 ]
+Method = Annotated[
+    Literal["nbv", "cover"], typer.Option("--method", help="Online without the scene, or offline with it.")
+]
+Target = Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")]
+MostViews = Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")]
+CandidatesFile = Annotated[
+    str | None, typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions.")
+]
+PlanFile = Annotated[
+    str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
+]
+ScanFiles = Annotated[
+    list[str] | None,
+    typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
+]
 OverlapShare = Annotated[
     float | None,
     typer.Option(
