@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
-_USED = 5000  # of the moved points
+_USED = 3000  # of the moved points
 _NEAR = 12  # points through which a plane is fitted
 _REACHES_M = (*(0.25,) * 5, *(0.15,) * 5, *(0.1,) * 5, *(0.06,) * 5)  # of pairs, iteration by iteration
 _FLAT = 0.05  # largest ratio of the two smallest variances in a flat neighbourhood
@@ -44,7 +44,7 @@ def register(moved: np.ndarray, fixed: np.ndarray) -> Pose:
         arm, n = now[pairs], normal[pairs]
         gap = ((fixed[nearest[pairs]] - arm - centre - shift) * n).sum(axis=1)
         rows = np.hstack([np.cross(arm, n), n])
-        turn, step = np.split(np.linalg.lstsq(rows, gap, rcond=None)[0], 2)
+        turn, step = np.split(np.linalg.solve(rows.T @ rows, rows.T @ gap), 2)
         rotation, shift = Rotation.from_rotvec(turn).as_matrix() @ rotation, shift + step
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, centre + shift - rotation @ centre
