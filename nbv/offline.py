@@ -140,4 +140,6 @@ def _why_not(task: Task, views: int | None, cover: Cover) -> str:
     """Return why the target is not met."""
     if cover.is_complete and task.overlap is not None:
         return "what is left is seen only by views that cannot be registered"
+    if cover.is_complete:
+        return "what is left is hidden from the second device of the sensor, unknown to the choice"
     return f"the limit of {views} views is reached"

@@ -16,6 +16,7 @@ from nbv.scanning.noise import ConstantNoise, TerrestrialNoise
 from nbv.scanning.pointing import PointingNoise
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from scenes.builtin import builtin_scene
@@ -179,6 +180,23 @@ def test_offline_plans_meet_repeated_and_exact_measurement():
     assert exact.sensor.effects.noise is not None
     with pytest.raises(InputError, match="whose errors are known"):
         plan(max_sd_m=0.001)
+
+
+def test_a_plan_says_what_the_second_device_of_a_sensor_does_not_see():
+    room, rng = builtin_scene("two_occluders"), np.random.default_rng(0)
+    positions = rng.uniform([0.4, 0.4, 1.2], [5.6, 4.6, 2.2], (20, 3))
+    plan = plan_views(
+        room,
+        load_sensor("realsense_d435"),
+        method="cover",
+        candidates=Candidates(positions, np.vstack([np.eye(3), -np.eye(3)])),
+        samples=sample_surface(room.mesh, 0.3),
+        target=1.0,
+        budgets=CoverOptions(polish_steps=100),
+        rng=0,
+    )
+    assert 0.9 < plan.coverage.met_of_reachable < 1
+    assert "second device" in plan.stopped_because
 
 
 @pytest.mark.parametrize(
