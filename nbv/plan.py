@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.bound import LowerBound
+from nbv.cover.result import LowerBound
 from nbv.coverage import Coverage, CoverageSummary
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import sensor_from_profile
+from nbv.stations import Stations
 from nbv.view import View
 from scenes.checks import InputError
 from scenes.pose import Pose
@@ -44,6 +45,8 @@ class Plan:
         How many views any plan with these candidates and samples needs, where known.
     stopped_because : str
         Why there are no more views.
+    stations : Stations or None
+        In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
     """
 
     method: str
@@ -56,6 +59,7 @@ class Plan:
     coverage: Coverage | CoverageSummary
     lower_bound: LowerBound | None
     stopped_because: str
+    stations: Stations | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
