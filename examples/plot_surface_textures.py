@@ -305,8 +305,9 @@ TABLE = """| frame | patches | inferred | one colour a surface | measured twice 
 |---|---|---|---|---|
 """
 FINDINGS = """The inferred texture is nearer to what the other frames saw than one colour a surface in all
-frames but one: four to five times as near on open3d_redwood, where light falls across the wall, and twice as near on
-align3d_sample1. It is not as near as two measurements are: what is hidden is not quite what lies beside it.
+frames but one: four to five times as near on open3d_redwood, where light falls across the wall, and twice as
+near on align3d_sample1. It is not as near as two measurements are: what is hidden is not quite what lies
+beside it.
 In frames 1 and 3 of icl_nuim most patches lie on the wall behind a picture and its frame, which stand less
 than 3 cm before it and are what the other frames saw."""
 
