@@ -132,7 +132,8 @@ def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
                 pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
     linked = np.array([own.linked for own in links]).reshape(len(chosen), -1)
     positions = [task.candidates.pose(candidate).translation for candidate in chosen]
-    tour = plan_tour(task.scene.mesh, np.array(positions).reshape(-1, 3))
+    places = np.array(positions).reshape(-1, 3)
+    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
 

@@ -3,6 +3,8 @@
 
 Ways lead along a lattice. A step is taken only where the free balls around its two ends, less the radius of
 what is carried, hold all of it between them: a sufficient condition that no step passes through a surface.
+Within a room somebody walks: then the lattice lies on the floor, and what stands on it or hangs lower than
+the sensor is in the way, so that nobody climbs through a window.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ BODY_M = 0.15  # radius of the sensor's head, which is carried
 _MOST_NODES = 60_000
 _STEP_M = 0.15
 _MOST_STARTS = 8
+_STEP_OVER_M = 0.1  # what lies lower on the floor is stepped over
 _SAMPLES_A_BODY = 4.0  # samples of the surface along a body's radius
 
 
@@ -65,11 +68,14 @@ class Tour:
         return {"order": [number + 1 for number in self.order], "length_m": self.length_m, "legs": legs}
 
 
-def plan_tour(mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_M) -> Tour:
+def plan_tour(
+    mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_M, on_foot: bool = False
+) -> Tour:
     """Return a short open tour of `stations` (n, 3), metres, that keeps `body_m` clear of the mesh.
 
     Nearest neighbours from several starts, then 2-opt and the moving of short stretches (Or 1976) until
-    neither helps. Legs between stations that no way joins come out as such.
+    neither helps. Legs between stations that no way joins come out as such. `on_foot` the ways lead over the
+    floor, which is as high as what most stations stand on, and keep clear up to the highest station.
 
     Raises
     ------
@@ -81,7 +87,7 @@ def plan_tour(mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_
     stations = check_points("stations", stations)
     if len(stations) < 2:
         return Tour(tuple(range(len(stations))), ())
-    ways = _Ways.between(mesh, stations, body_m)
+    ways = _Ways.walked(mesh, stations, body_m) if on_foot else _Ways.flown(mesh, stations, body_m)
     order = short_order(ways.lengths)
     legs = tuple(ways.leg(a, b) for a, b in pairwise(order))
     return Tour(tuple(order), legs)
@@ -89,26 +95,49 @@ def plan_tour(mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ways:
-    """Shortest ways between stations: nodes (m, 3), these first, lengths (n, n), predecessors (n, m)."""
+    """Shortest ways between stations: nodes (m, d), these first, lengths (n, n), predecessors (n, m)."""
 
     nodes: FloatArray
     lengths: FloatArray
     before: NDArray[np.int32]
 
     @classmethod
-    def between(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
-        bounds = np.vstack([mesh.bounds(), stations])
-        low, high = bounds.min(axis=0), bounds.max(axis=0)
-        step = max(_STEP_M, float((np.prod(np.maximum(high - low, 0.1)) / _MOST_NODES) ** (1 / 3)))
-        axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
-        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+        """Return the ways through the air."""
         spacing = body_m / _SAMPLES_A_BODY
-        surface = cKDTree(sample_surface(mesh, spacing, every_face=False).points)
+        obstacles = sample_surface(mesh, spacing, every_face=False).points
+        return cls._among(obstacles, stations, np.vstack([mesh.bounds(), stations]), body_m + spacing)
+
+    @classmethod
+    def walked(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+        """Return the ways over the floor, found in the plane; they start and end at the sensors."""
+        spacing = body_m / _SAMPLES_A_BODY
+        points = sample_surface(mesh, spacing, every_face=False).points
+        floor, head = _floor_height(points, stations, body_m), stations[:, 2].max() + body_m
+        obstacles = points[(points[:, 2] > floor + _STEP_OVER_M) & (points[:, 2] < head)]
+        flat = np.vstack([mesh.bounds(), stations])[:, :2]
+        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing)
+        height = np.full(len(ways.nodes), floor)
+        height[: len(stations)] = stations[:, 2]
+        return cls(np.column_stack([ways.nodes, height]), ways.lengths, ways.before)
+
+    @classmethod
+    def _among(
+        cls, obstacles: FloatArray, stations: FloatArray, extent: FloatArray, clearance_m: float
+    ) -> _Ways:
+        """Return the ways among points (k, d), within the extent (m, d) of other points."""
+        low, high = extent.min(axis=0), extent.max(axis=0)
+        step = float((np.prod(np.maximum(high - low, 0.1)) / _MOST_NODES) ** (1 / len(low)))
+        step = max(_STEP_M, step)
+        axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
         nodes = np.vstack([stations, lattice])
-        room = surface.query(nodes)[0] - spacing - body_m
+        room = np.full(len(nodes), np.inf)
+        if len(obstacles):
+            room = cKDTree(obstacles).query(nodes)[0] - clearance_m
         kept = (room > 0) | (np.arange(len(nodes)) < len(stations))
         nodes, room = nodes[kept], room[kept]
-        pairs = cKDTree(nodes).query_pairs(1.01 * np.sqrt(3) * step, output_type="ndarray")
+        pairs = cKDTree(nodes).query_pairs(1.01 * np.sqrt(len(low)) * step, output_type="ndarray")
         length = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1)
         safe = (room[pairs] > 0).all(axis=1) & (room[pairs].sum(axis=1) >= length)
         steps = (np.maximum(length[safe], 1e-9), (pairs[safe, 0], pairs[safe, 1]))
@@ -125,6 +154,17 @@ class _Ways:
         while way[-1] != a:
             way.append(int(self.before[a, way[-1]]))
         return Leg(self.nodes[way[::-1]], float(self.lengths[a, b]))
+
+
+def _floor_height(points: FloatArray, stations: FloatArray, body_m: float) -> float:
+    """Height of what most stations stand on: of the highest surface point below each."""
+    below: list[float] = []
+    for station, near in zip(
+        stations, cKDTree(points[:, :2]).query_ball_point(stations[:, :2], body_m), strict=True
+    ):
+        heights = points[near, 2]
+        below.extend(np.sort(heights[heights < station[2] - body_m])[-1:])
+    return float(np.median(below)) if below else float(points[:, 2].min(initial=np.inf))
 
 
 def short_order(lengths: FloatArray) -> list[int]:

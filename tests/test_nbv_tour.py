@@ -75,3 +75,30 @@ def test_one_station_is_a_tour_without_legs_and_a_body_has_a_size():
     assert plan_tour(ROOM.mesh, np.array([[3.0, 1, 1]])).legs == ()
     with pytest.raises(InputError, match="body_m must be positive"):
         plan_tour(ROOM.mesh, np.zeros((2, 3)), body_m=0.0)
+
+
+def test_on_foot_nobody_climbs_over_a_wall_or_through_a_window():
+    def box(low, high):
+        corners = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
+        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        return corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+
+    parts = [
+        box((0, 0, -0.1), (6, 4, 0.0)),  # the floor
+        box((0, 0, -1.0), (9, 4, -0.9)),  # the ground outside, lower
+        box((2.9, 0, 0), (3.1, 3, 0.9)),  # a wall with a sill, and a gap beside it
+    ]
+    vertices = np.vstack([corners for corners, _ in parts])
+    faces = np.vstack([np.array(triangles) + 8 * k for k, (_, triangles) in enumerate(parts)])
+    mesh = LabelledMesh(vertices, faces)
+    stations = np.array([[1.0, 1.0, 1.5], [5.0, 1.0, 1.5]])
+    flown, walked = (plan_tour(mesh, stations, on_foot=on_foot) for on_foot in (False, True))
+    assert flown.length_m < 4.5
+    assert 2 * np.hypot(2, 2) < walked.length_m < 7.5
+    (way,) = (leg.path for leg in walked.legs)
+    crossing = way[np.argmin(np.abs(way[:, 0] - 3))]
+    assert crossing[1] > 3
+    assert np.abs(way[1:-1, 2]).max() < 1e-6
+    np.testing.assert_allclose(way[[0, -1]], stations[list(walked.order)])

@@ -36,6 +36,7 @@ from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
 from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
+from nbv.tour import Tour
 from nbv.unreachable import unreachable_patches
 from scenes.checks import FloatArray
 from scenes.pose import Pose
@@ -83,7 +84,13 @@ def plan_page(
                 "Views",
                 (
                     Gallery(
-                        (curve(met, coverage, plan.target, bound), stations(scene, poses, plan.sensor)), 2
+                        (
+                            curve(met, coverage, plan.target, bound),
+                            stations(
+                                scene, poses, plan.sensor, tour=plan.stations.tour if plan.stations else None
+                            ),
+                        ),
+                        2,
                     ),
                     Text(ended, is_note=True),
                     views_table(plan),
@@ -185,13 +192,24 @@ def curve(
     return _picture(plot, "Coverage by number of views.", caption)
 
 
-def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: Sequence[int] = ()) -> Picture:
+def stations(
+    scene: Scene,
+    poses: Sequence[Pose],
+    sensor: Sensor,
+    highlighted: Sequence[int] = (),
+    tour: Tour | None = None,
+) -> Picture:
     """The floor plan."""
     bounds = scene.mesh.bounds()
     positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
     plot = floor_plan(
-        outline_of(scene), positions, None if sensor.kind == "spherical" else directions, bounds, highlighted
+        outline_of(scene),
+        positions,
+        None if sensor.kind == "spherical" else directions,
+        bounds,
+        highlighted,
+        [] if tour is None else [leg.path for leg in tour.legs],
     )
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     caption = (
@@ -199,6 +217,10 @@ def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: S
     )
     if highlighted:
         caption += " Blue: the stations whose scans were completed."
+    if tour is not None:
+        n_lost = sum(not len(leg.path) for leg in tour.legs)
+        caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
+        caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
     return _picture(plot, "Plan.", caption)
 
 
