@@ -53,7 +53,8 @@ class TexturingOptions:
         """Return how many texels are sampled, and how much coarser texels are, where so many are hidden."""
         affordable = self.max_comparisons / (max(n_hidden, 1) * (self.window or _USUAL_WINDOW) ** 2)
         n_samples = min(self.max_samples, max(self.min_samples, int(affordable)))
-        return n_samples, float(np.sqrt(max(1.0, n_samples / affordable)))
+        fewer = max(1.0, n_samples / affordable)  # texels, each of so many
+        return int(n_samples * fewer), float(np.sqrt(fewer))
 
 
 class Task(NamedTuple):
