@@ -17,8 +17,8 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
+from nbv.accumulator import Accumulator
 from nbv.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
@@ -26,8 +26,6 @@ from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
 from scenes.raycast import RayCaster
 
-_CELLS = 16  # cells of the accumulator along a cube edge: 6 x 16 x 16, about 5.6 deg each
-_REFINED = 8  # best poses of the accumulator whose gain is counted exactly
 _FLATTEST = 0.05  # unknown faces seen flatter than this do not count
 
 
@@ -195,25 +193,19 @@ def best_view(
     with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
         look = partial(_seen_from, caster, some, required_cosine, sensor)
         seen = list(pool.map(look, candidates.positions))
-    if candidates.directions.ndim == 2:
-        numbers = _best_by_accumulator(seen, some, candidates, sensor)
-    else:
-        numbers = np.arange(candidates.n_poses)
-    number = _best_exactly(numbers, seen, some, candidates, sensor)
+    index, worth = zip(*seen, strict=True)
+    number = Accumulator.of(index, some.points, candidates, sensor).best(worth)
     if number is None:
         return None
     pose = candidates.pose(number)
-    index, worth = _seen_from(caster, targets, required_cosine, sensor, pose.translation)
-    inside = sensor.sees((targets.points[index] - pose.translation) @ pose.rotation)
-    return BestView(pose, float(worth[inside].sum()), targets.some(index[inside]))
-
-
-Sight = tuple[NDArray[np.int64], FloatArray]
+    there, gains = _seen_from(caster, targets, required_cosine, sensor, pose.translation)
+    inside = sensor.sees((targets.points[there] - pose.translation) @ pose.rotation)
+    return BestView(pose, float(gains[inside].sum()), targets.some(there[inside]))
 
 
 def _seen_from(
     caster: RayCaster, targets: Targets, required_cosine: float, sensor: Sensor, position: FloatArray
-) -> Sight:
+) -> tuple[NDArray[np.int64], FloatArray]:
     """Return the targets that a position sees in any direction, and what each is worth from there."""
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
     towards = position - targets.points
@@ -226,57 +218,6 @@ def _seen_from(
     index = index[~caster.blocked(targets.points[index], np.broadcast_to(position, (len(index), 3)))]
     cosine = slope[index] / distance[index]
     return index, targets.worth_m2[index] * np.where(targets.is_unknown[index], cosine, 1.0)
-
-
-def _best_by_accumulator(
-    seen: list[Sight], targets: Targets, candidates: Candidates, sensor: Sensor
-) -> NDArray[np.int64]:
-    """Return the numbers of the few best poses, by sliding the aperture over each position's accumulator."""
-    ends = np.cumsum([0] + [len(index) for index, _ in seen])
-    index = np.concatenate([index for index, _ in seen])
-    worth = np.concatenate([value for _, value in seen])
-    position = np.repeat(candidates.positions, np.diff(ends), axis=0)
-    cells = cell_of(targets.points[index] - position)
-    accumulators = csr_array((worth, cells, ends), shape=(len(seen), 6 * _CELLS**2))
-    apertures = [sensor.sees(cell_directions() @ rotation) for rotation in candidates.rotations()]
-    gains = (accumulators @ csr_array(np.array(apertures, dtype=np.float64).T)).toarray().ravel()
-    return np.sort(np.argsort(-gains, kind="stable")[:_REFINED])
-
-
-def _best_exactly(
-    numbers: NDArray[np.int64], seen: list[Sight], targets: Targets, candidates: Candidates, sensor: Sensor
-) -> int | None:
-    """Return the best of the numbered poses, each target tested against the aperture; None without gain."""
-    best, most = None, 0.0
-    for number in numbers.tolist():
-        index, worth = seen[number // candidates.n_directions]
-        pose = candidates.pose(number)
-        gain = float(worth[sensor.sees((targets.points[index] - pose.translation) @ pose.rotation)].sum())
-        if gain > most:
-            best, most = number, gain
-    return best
-
-
-def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
-    """Cell (n,) of the spherical accumulator, a cube map, that each direction (n, 3) falls into."""
-    axis = np.argmax(np.abs(offsets), axis=1)
-    rows = np.arange(len(offsets))
-    length = offsets[rows, axis]
-    side = axis + 3 * (length < 0)
-    u, v = offsets[rows, (axis + 1) % 3] / np.abs(length), offsets[rows, (axis + 2) % 3] / np.abs(length)
-    i, j = (np.clip((c + 1) / 2 * _CELLS, 0, _CELLS - 1).astype(np.int64) for c in (u, v))
-    return np.asarray((side * _CELLS + i) * _CELLS + j, dtype=np.int64)
-
-
-def cell_directions() -> FloatArray:
-    """Unit directions (6 * 16 * 16, 3) of the middles of the accumulator's cells."""
-    side, i, j = np.unravel_index(np.arange(6 * _CELLS**2), (6, _CELLS, _CELLS))
-    rows, axis = np.arange(len(side)), side % 3
-    directions = np.zeros((len(side), 3))
-    directions[rows, axis] = np.where(side < 3, 1.0, -1.0)
-    directions[rows, (axis + 1) % 3] = (i + 0.5) / _CELLS * 2 - 1
-    directions[rows, (axis + 2) % 3] = (j + 0.5) / _CELLS * 2 - 1
-    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
 def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:

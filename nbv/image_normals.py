@@ -13,6 +13,8 @@ from scenes.range_image import RangeImage
 _MOST_BEND = (
     0.3  # the middle of three neighbours may lie off the middle by half of this share of their distance
 )
+_STEADY = 16.0  # standard deviations of the range to reach over: one side's slope then errs by about 5 deg
+_SAME = 7.5  # standard deviations of the range by which the steps to both sides may differ on one plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,16 +40,27 @@ def image_normals(scan: RangeImage, baseline_m: float) -> ImageNormals:
     """Estimate the normals of a scan.
 
     In each image direction the two neighbours about `baseline_m` metres away (an even number of pixels, one
-    for the whole scan) are tried with the pixel half way; the side on which that
-    is more nearly their middle is used, so that normals do not reach across creases and jump edges.
+    for the whole scan; farther where the scan's noise asks for it) are tried with the pixel half way; the
+    side on which that is more nearly their middle is used, so that normals do not reach across creases and
+    jump edges. Where the two sides differ by no more than the noise makes them, their mean is used.
+
+    Parameters
+    ----------
+    scan : RangeImage
+        The scan; without a known `sigma_m` it counts as exact.
+    baseline_m : float
+        Metres.
     """
+    sigma = scan.sigma_m or 0.0
     points = scan.points()
     reach = scan.ranges[scan.valid]
     if not len(reach):
         nothing = np.full(scan.shape, np.nan)
         return ImageNormals(np.full((*scan.shape, 3), np.nan), nothing, nothing)
-    half = max(round(baseline_m / 2 / (float(np.median(reach)) * scan.projection.pixel_angle)), 1)
-    across, down = _slope(points, half), np.moveaxis(_slope(np.moveaxis(points, 0, 1), half), 0, 1)
+    reach_m = max(baseline_m, _STEADY * sigma)
+    half = max(round(reach_m / 2 / (float(np.median(reach)) * scan.projection.pixel_angle)), 1)
+    across = _slope(points, half, sigma)
+    down = np.moveaxis(_slope(np.moveaxis(points, 0, 1), half, sigma), 0, 1)
     normal = np.cross(across, down)
     areas = np.linalg.norm(normal, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -56,18 +69,22 @@ def image_normals(scan: RangeImage, baseline_m: float) -> ImageNormals:
     return ImageNormals(normal * np.sign(cosine)[..., None], areas, np.abs(cosine))
 
 
-def _slope(points: FloatArray, half: int) -> FloatArray:
+def _slope(points: FloatArray, half: int, sigma_m: float) -> FloatArray:
     """Step in metres a pixel along the second axis, from the straighter side; NaN where both bend."""
     n = points.shape[1]
-    best = np.full(points.shape, np.nan)
-    least = np.full(points.shape[:2], np.inf)
+    sides, bends = np.full((2, *points.shape), np.nan), np.full((2, *points.shape[:2]), np.inf)
     first, last = slice(0, max(n - 2 * half, 0)), slice(2 * half, n)
     middle = slice(half, max(n - half, half))
-    for sign, here, far in ((1, first, last), (-1, last, first)):
+    for k, (sign, here, far) in enumerate(((1, first, last), (-1, last, first))):
         chord = points[:, far] - points[:, here]
         bend = np.linalg.norm(points[:, here] + points[:, far] - 2 * points[:, middle], axis=-1)
         with np.errstate(invalid="ignore"):
-            better = (bend < least[:, here]) & (bend < _MOST_BEND * np.linalg.norm(chord, axis=-1))
-        best[:, here][better] = sign * chord[better] / (2 * half)
-        least[:, here][better] = bend[better]
+            straight = bend < _MOST_BEND * np.linalg.norm(chord, axis=-1)
+        sides[k][:, here][straight] = sign * chord[straight] / (2 * half)
+        bends[k][:, here][straight] = bend[straight]
+    best: FloatArray = np.where((bends[1] < bends[0])[..., None], sides[1], sides[0])
+    if sigma_m > 0:
+        with np.errstate(invalid="ignore"):
+            alike = np.linalg.norm(sides[0] - sides[1], axis=-1) * 2 * half < _SAME * sigma_m
+        best[alike] = sides.mean(axis=0)[alike]
     return best

@@ -24,6 +24,8 @@ from scenes.range_image import RangeImage
 UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)
 LABELS = ("unseen", "seen", "empty", "occluded", "occplane")
 _HALF_DIAGONAL = np.sqrt(3) / 2  # of a voxel, in sides
+_SURE = 3.0  # standard deviations of the range by which a voxel must lie off it to be before or behind it
+_FEWEST_VOTES = -2  # so that two scans that end in a voxel outweigh all that went through it before
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,8 @@ class VoxelMap:
         Index into `LABELS`.
     surfels : Surfels
         Seen surface with its normals and best quality.
+    votes : (n_voxels,) int16
+        How many more scans ended in each voxel than went through it, -2 at the least.
     outside_is_empty : bool
         Whether the space around the volume is free (an object on a turntable) or solid (a room in a
         building).
@@ -73,10 +77,12 @@ class VoxelMap:
     grid: VoxelGrid
     labels: NDArray[np.int8]
     surfels: Surfels
+    votes: NDArray[np.int16]
     outside_is_empty: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", frozen_copy(self.labels, np.int8))
+        object.__setattr__(self, "votes", frozen_copy(self.votes, np.int16))
 
     @classmethod
     def unknown(
@@ -84,30 +90,43 @@ class VoxelMap:
     ) -> VoxelMap:
         """Return the map of a volume (2, 3), metres, of which nothing is known."""
         grid = VoxelGrid.around(volume, voxel_m)
-        return cls(grid, np.full(grid.n_voxels, UNSEEN, np.int8), Surfels.none(), outside_is_empty)
+        labels, votes = np.full(grid.n_voxels, UNSEEN, np.int8), np.zeros(grid.n_voxels, np.int16)
+        return cls(grid, labels, Surfels.none(), votes, outside_is_empty)
 
     def integrated(self, scan: RangeImage, sensor: Sensor) -> VoxelMap:
         """Return the map after one more scan.
 
         Every voxel centre is looked up in the pixel that sees it: nearer than the measured range by more
-        than half a voxel's diagonal, the voxel is empty; farther by as much, it is occluded. A pixel
-        without return says that the ray is empty as far as the sensor reaches.
+        than half a voxel's diagonal and three standard deviations of the scan's noise, the voxel is empty;
+        farther by as much, it is occluded. A pixel without return says that the ray is empty as far as the
+        sensor reaches. A seen voxel without a surfel (a mixed pixel between two surfaces, a stray echo)
+        is empty when more scans went through it than ended in it.
 
         Parameters
         ----------
         scan : RangeImage
-            The scan.
+            The scan; without a known `sigma_m` it counts as exact.
         sensor : Sensor
             What took it: its aperture tells pixels without return from pixels that never looked.
         """
-        labels = np.where(self.labels == OCCPLANE, OCCLUDED, self.labels)
+        surfels = self.surfels.merged(Surfels.of_scan(scan, self.grid))
         behind, before = self._sides_of(scan, sensor)
+        hit = np.unique(self.grid.index_of(scan.points()[scan.valid]))
+        hit = hit[hit >= 0]
+        votes = self._voted(hit, before)
+        labels = np.where(self.labels == OCCPLANE, OCCLUDED, self.labels)
         labels[behind[labels[behind] == UNSEEN]] = OCCLUDED
         labels[before[labels[before] != SEEN]] = EMPTY
-        hit = self.grid.index_of(scan.points()[scan.valid])
-        labels[hit[hit >= 0]] = SEEN
-        surfels = self.surfels.merged(Surfels.of_scan(scan, self.grid))
-        return replace(self, labels=labels, surfels=surfels)._with_occplane()
+        labels[hit] = SEEN
+        labels[_strays(labels, votes, surfels)] = EMPTY
+        return replace(self, labels=labels, surfels=surfels, votes=votes)._with_occplane()
+
+    def _voted(self, hit: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int16]:
+        """Return the votes after a scan that ended in the voxels `hit` and went through those `before`."""
+        votes = self.votes.copy()
+        votes[before] = np.maximum(self.votes[before] - 1, _FEWEST_VOTES)
+        votes[hit] = self.votes[hit] + 1
+        return votes
 
     def cleared(self, position: FloatArray, radius_m: float) -> VoxelMap:
         """Return the map with unknown voxels around `position` (3,) empty: the sensor stands there."""
@@ -160,7 +179,7 @@ class VoxelMap:
         rows, columns = scan.shape
         measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         distance = np.linalg.norm(local[looked], axis=1)
-        margin = _HALF_DIAGONAL * self.grid.voxel_m
+        margin = _HALF_DIAGONAL * self.grid.voxel_m + _SURE * (scan.sigma_m or 0.0)
         reach = np.where(np.isfinite(measured), measured, sensor.max_range_m)
         behind = np.isfinite(measured) & (distance > measured + margin)
         return looked[behind], looked[distance < reach - margin]
@@ -177,6 +196,13 @@ class VoxelMap:
         shadow = (self.labels == OCCLUDED) | (self.labels == OCCPLANE)
         labels = np.where(shadow, np.where(beside.ravel(), OCCPLANE, OCCLUDED), self.labels)
         return replace(self, labels=labels.astype(np.int8))
+
+
+def _strays(labels: NDArray[np.int8], votes: NDArray[np.int16], surfels: Surfels) -> NDArray[np.int64]:
+    """Seen voxels that hold no surfel and through which more scans went than ended in them."""
+    stray = (labels == SEEN) & (votes < 0)
+    stray[surfels.voxels] = False
+    return np.flatnonzero(stray)
 
 
 def _neighbour(padded: BoolArray, axis: int, step: int) -> BoolArray:

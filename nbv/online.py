@@ -53,7 +53,7 @@ def plan_online(
         scan,
         task.scene.mesh.bounds(),
         start,
-        task.candidates,
+        task.proposals,
         task.sensor,
         task.requirement,
         replace(options, max_views=min(views or options.max_views, options.max_views)),

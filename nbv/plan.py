@@ -15,6 +15,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import sensor_from_profile
 from nbv.stations import Stations
 from nbv.view import View
+from nbv.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.pose import Pose
 
@@ -47,6 +48,8 @@ class Plan:
         Why there are no more views.
     stations : Stations or None
         In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
+    candidates : Candidates or None
+        The poses that could be chosen; None for a plan read from a file.
     """
 
     method: str
@@ -60,6 +63,7 @@ class Plan:
     lower_bound: LowerBound | None
     stopped_because: str
     stations: Stations | None = None
+    candidates: Candidates | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""

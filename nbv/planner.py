@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.footing import has_footing
 from nbv.gain import BestView, GainOptions, best_view, find_targets
 from nbv.occupancy import VoxelMap
 from nbv.requirement import Requirement
@@ -44,6 +45,9 @@ class PlannerOptions:
         Side of a voxel in metres; `VoxelGrid.around` chooses when not given.
     clearance_m : float
         Known free space that a sensor needs around it, metres.
+    on_floor : bool
+        Whether the sensor of a room stands on a tripod: what is below must be known to be empty down to seen
+        floor.
     epsilon_m2 : float, optional
         Stop when the best candidate gains less than this, square metres; one voxel face when not given.
     max_views : int
@@ -59,6 +63,7 @@ class PlannerOptions:
 
     voxel_m: float | None = None
     clearance_m: float = 0.3
+    on_floor: bool = True
     epsilon_m2: float | None = None
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
@@ -114,7 +119,7 @@ def explore(
     start : Pose
         The first view.
     candidates : Candidates
-        Where the sensor may go; positions not yet known to be free are left out.
+        Where the sensor may go; positions not yet known to be free, or without footing, are left out.
     sensor : Sensor
         What scans.
     requirement : Requirement, optional
@@ -175,7 +180,7 @@ def _next_view(
     targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain)
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
-    free = _free_candidates(candidates, voxels, here, options.clearance_m)
+    free = _free_candidates(candidates, voxels, here, options)
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
     best = best_view(voxels, faces, targets, free, sensor, wanted, n_most=n_most, n_threads=n_threads)
     if best is None:
@@ -191,9 +196,14 @@ def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
     return float(np.cos(max(angle, 0.0)))
 
 
-def _free_candidates(candidates: Candidates, voxels: VoxelMap, here: Pose, clearance_m: float) -> Candidates:
-    """Return the candidates in known free space; where the sensor stands it may also turn."""
-    free = candidates.at(voxels.is_free(candidates.positions, clearance_m))
+def _free_candidates(
+    candidates: Candidates, voxels: VoxelMap, here: Pose, options: PlannerOptions
+) -> Candidates:
+    """Return the candidates where the sensor can stand; where it stands it may also turn."""
+    allowed = voxels.is_free(candidates.positions, options.clearance_m)
+    if options.on_floor and not voxels.outside_is_empty:
+        allowed &= has_footing(voxels, candidates.positions)
+    free = candidates.at(allowed)
     if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
         return free
     return replace(free, positions=np.vstack([free.positions, here.translation]))

@@ -19,7 +19,7 @@ from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.task import Task
-from nbv.viewpoints import Candidates
+from nbv.viewpoints import Candidates, room_lattice
 from nbv.visibility import Progress
 from scenes.checks import FloatArray, InputError
 from scenes.raycast import RayCaster
@@ -112,8 +112,11 @@ def plan_views(
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
     sensor = _with_aperture(sensor or load_sensor("generic60"), candidates)
+    proposals = candidates
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
+        if (mode or scene.mode) == "room":
+            proposals = Candidates(room_lattice(scene.mesh.bounds()), candidates.directions)
     requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
@@ -125,6 +128,7 @@ def plan_views(
         requirement=requirement,
         target=target,
         candidates=candidates,
+        proposals=proposals or candidates,
         samples=samples or patch_samples(scene, caster, candidates) or _samples(scene, method),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",

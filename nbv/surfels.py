@@ -14,6 +14,8 @@ from scenes.checks import FloatArray
 from scenes.range_image import RangeImage
 
 _SIDES = 6
+UPWARD = 2  # the side of normals that lean to +z
+_FLATTEST = 0.05  # cosine below which a normal more likely joins two surfaces than belongs to one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +53,7 @@ class Surfels:
         local = image_normals(scan, grid.voxel_m / 2)
         points = scan.points().reshape(-1, 3)
         voxel = grid.index_of(points)
-        usable = (voxel >= 0) & np.isfinite(local.cosine).ravel()
+        usable = (voxel >= 0) & (local.cosine.ravel() >= _FLATTEST)
         normals = local.normals.reshape(-1, 3)[usable]
         weight, cosine = local.areas.ravel()[usable], local.cosine.ravel()[usable]
         keys, which = np.unique(voxel[usable] * _SIDES + _side_of(normals), return_inverse=True)
@@ -66,6 +68,11 @@ class Surfels:
     def voxels(self) -> NDArray[np.int64]:
         """Voxel (n,) that each surfel lies in."""
         return self.keys // _SIDES
+
+    @property
+    def sides(self) -> NDArray[np.int64]:
+        """Axis direction (n,) that each normal leans to: 0..5 for +x, +y, +z, -x, -y, -z."""
+        return self.keys % _SIDES
 
     def merged(self, other: Surfels) -> Surfels:
         """Return the union, each surfel from the side that saw it better."""

@@ -24,13 +24,18 @@ from scenes.scene import Scene
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Task:
-    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap."""
+    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
+
+    Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
+    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out.
+    """
 
     scene: Scene
     sensor: Sensor
     requirement: Requirement
     target: float
     candidates: Candidates
+    proposals: Candidates
     samples: SurfaceSamples
     caster: RayCaster
     from_outside: bool
@@ -99,4 +104,5 @@ class Study:
             lower_bound=bound,
             stopped_because=reason,
             stations=stations,
+            candidates=task.candidates,
         )

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Occupancy, surfels and gain: a hand-built view whose labels and gains are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from nbv.gain import GainOptions, best_view, cell_directions, cell_of, find_targets
+from nbv.accumulator import cell_directions, cell_of
+from nbv.gain import GainOptions, best_view, find_targets
 from nbv.grid import VoxelGrid
 from nbv.image_normals import image_normals
 from nbv.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
@@ -76,6 +79,57 @@ def test_seen_beats_empty_and_empty_beats_occluded():
     assert (later.labels[voxels.labels == SEEN] == SEEN).all()
     gone = voxels.integrated(scan_scene(squares((2.5, 4.0)), AHEAD, SENSOR), SENSOR)
     assert label_at(gone, 1.0, 0, 0) == SEEN
+
+
+LOOKS = [Pose.looking_at((0, y, z), (2.5, 0.3 * y, 0.3 * z)) for y, z in ((0, 0), (1, 0), (-1, 1), (0, -1))]
+
+
+def after_noisy_looks(noise: str, voxel_m: float) -> VoxelMap:
+    voxels = VoxelMap.unknown(VOLUME, voxel_m=voxel_m)
+    for seed, pose in enumerate(LOOKS):
+        scan = scan_scene(squares((2.5, 9.0)), pose, SENSOR, noise=noise, rng=seed)
+        voxels = voxels.integrated(scan, SENSOR)
+    return voxels
+
+
+@pytest.mark.parametrize(("sigma_mm", "voxel_m"), [(2, 0.05), (10, 0.05), (10, 0.1), (25, 0.1)])
+def test_noise_tears_no_holes_and_leaves_no_phantoms(sigma_mm, voxel_m):
+    voxels = after_noisy_looks(f"gaussian-{sigma_mm}mm", voxel_m)
+    seen = voxels.grid.centres(np.flatnonzero(voxels.labels == SEEN))
+    farthest = 5.5 * sigma_mm / 1e3 + voxel_m / 2  # one of a million samples strays farther
+    assert np.abs(seen[:, 0] - 2.5).max() <= farthest
+    y, z = np.meshgrid(np.arange(-1.2, 1.2, voxel_m / 3), np.arange(-1.2, 1.2, voxel_m / 3))
+    wall = np.stack([np.full(y.size, 2.5), y.ravel(), z.ravel()], axis=1)
+    assert (voxels.labels[voxels.grid.index_of(wall)] == SEEN).all()
+    behind = voxels.grid.index_of(wall + [3.5 * sigma_mm / 1e3 + 2 * voxel_m, 0, 0])
+    assert not (voxels.labels[behind[behind >= 0]] == EMPTY).any()
+
+
+@pytest.mark.parametrize(("sigma_mm", "voxel_m"), [(2, 0.05), (10, 0.05), (10, 0.1)])
+def test_surfels_of_noisy_scans_know_normal_and_quality(sigma_mm, voxel_m):
+    exact, noisy = (after_noisy_looks(noise, voxel_m).surfels for noise in ("none", f"gaussian-{sigma_mm}mm"))
+    error = np.degrees(np.arccos(np.clip(-noisy.normals[:, 0], -1, 1)))
+    assert np.average(error, weights=noisy.areas) < 3
+    assert np.average(error > 20, weights=noisy.areas) < 0.01
+    means = [np.average(surfels.quality, weights=surfels.areas) for surfels in (exact, noisy)]
+    assert means[1] == pytest.approx(means[0], abs=0.02)
+
+
+def test_a_stray_echo_vanishes_when_more_scans_go_through_it():
+    scan = scan_scene(squares((2.5, 4.0)), AHEAD, SENSOR)
+    ranges = scan.ranges.copy()
+    ranges[100, 100] = 1.2
+    stray = replace(scan, ranges=ranges)
+    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1).integrated(stray, SENSOR)
+    assert label_at(voxels, 1.2, 0, 0) == SEEN
+    labels = []
+    for y in (0.3, -0.3):
+        beside = Pose.looking_at((0, y, 0), (2.5, 0, 0))
+        voxels = voxels.integrated(scan_scene(squares((2.5, 4.0)), beside, SENSOR), SENSOR)
+        labels.append(label_at(voxels, 1.2, 0, 0))
+    assert labels == [SEEN, EMPTY]
+    once_more = voxels.integrated(stray, SENSOR)
+    assert label_at(once_more, 1.2, 0, 0) == SEEN  # the votes are even: a thin thing is not to be torn
 
 
 def test_pixels_without_return_empty_the_ray_and_pixels_that_never_looked_do_not():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.plan import Plan
 from nbv.plots import Plot, coverage_curve, floor_plan
+from nbv.report.baseline_blocks import baselines_section
 from nbv.report.camera import overview_cameras
 from nbv.report.drawing import Canvas, blend, mark_unknown
 from nbv.report.page import (
@@ -96,6 +97,7 @@ def plan_page(
                     views_table(plan),
                 ),
             ),
+            *baselines_section(scene, plan, coverage, seed, n_threads),
             Section("Where the surface is measured", overview(scene, coverage, n_threads)),
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (surfaces_table(coverage),)),

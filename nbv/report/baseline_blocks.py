@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""Report of a plan: what simple planners reach beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nbv.baselines import PLAN, Baseline, compare_with_baselines
+from nbv.coverage import Coverage
+from nbv.plan import Plan
+from nbv.report.page import Cell, Section, Table, Text, count, percent
+from scenes.scene import Scene
+
+
+def baselines_section(
+    scene: Scene, plan: Plan, coverage: Coverage, seed: int, n_threads: int | None
+) -> tuple[Section, ...]:
+    """Return the plan beside simple planners; nothing for a plan without candidates or views."""
+    if plan.candidates is None or not plan.views:
+        return ()
+    found = compare_with_baselines(
+        scene.ray_caster(n_threads),
+        coverage.samples,
+        plan.candidates,
+        plan.sensor,
+        plan.requirement,
+        plan.views,
+        rng=seed,
+        n_threads=n_threads,
+    )
+    share = 0.95 * float(found[0].met[0, -1])
+    rows = tuple(_baseline_row(baseline, plan.method == "cover", share) for baseline in found)
+    n_views = found[0].met.shape[1]
+    columns = (
+        "Planner",
+        "knows the scene",
+        f"#measured by {count(n_views, 'view')}, %",
+        "#10-90 % of runs",
+        f"#views to {percent(share)} %",
+    )
+    note = (
+        "On at most 4,000 of the samples, with the plan's candidates and sensor. "
+        "Random and farthest-point are medians of 30 runs. Visibility-only takes what sees most new surface "
+        "at any angle, greedy what measures most new surface as required."
+    )
+    return (Section("Beside other planners", (Table(columns, rows), Text(note, is_note=True))),)
+
+
+def _baseline_row(baseline: Baseline, plan_knows: bool, share: float) -> tuple[Cell, ...]:
+    last = baseline.met[:, -1]
+    low, middle, high = (float(value) for value in np.quantile(last, [0.1, 0.5, 0.9]))
+    views = float(np.median(baseline.views_to(share)))
+    knows = baseline.knows_scene or (plan_knows and baseline.name == PLAN)
+    return (
+        Cell(baseline.name),
+        Cell("yes" if knows else "no"),
+        Cell(percent(middle), share=middle, state="measured"),
+        Cell(f"{percent(low)} to {percent(high)}" if len(last) > 1 else ""),
+        Cell(f"{views:g}" if np.isfinite(views) else "not reached"),
+    )
