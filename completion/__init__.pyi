@@ -17,7 +17,7 @@ from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
 from .provenance import Provenance as Provenance
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
-from .texturing.pipeline import TexturingOptions as TexturingOptions
+from .texturing.task import TexturingOptions as TexturingOptions
 from .tolerance import EvidenceOptions as EvidenceOptions
 from .verification import Finding as Finding
 from .verification import Verification as Verification

@@ -19,7 +19,7 @@ from completion.limits import Mode
 from completion.meshing import ChartMesh, mesh_cells, mesh_range_image
 from completion.observation import Observation
 from completion.provenance import Provenance
-from completion.texturing.pipeline import ChartTexture
+from completion.texturing.chart_texture import ChartTexture
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 

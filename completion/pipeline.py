@@ -26,7 +26,9 @@ from completion.observation import Observation, observe
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.surroundings import survey
-from completion.texturing.pipeline import ChartTexture, TexturingOptions, texture_patch
+from completion.texturing.chart_texture import ChartTexture
+from completion.texturing.pipeline import texture_patch
+from completion.texturing.task import TexturingOptions
 from completion.tolerance import EvidenceOptions
 from completion.verification import Verification
 from scenes.checks import InputError, check_options

@@ -22,7 +22,7 @@ from scipy import ndimage
 from completion import Completion, complete
 from completion.evaluation.colour import ColourScore, score_colour
 from completion.observation import observe
-from completion.texturing.pipeline import ChartTexture
+from completion.texturing.chart_texture import ChartTexture
 from nbv import PinholeSensor, scan_scene
 from nbv.evaluation.study import office_cases
 from nbv.scanning.effects import named_effects
@@ -304,7 +304,12 @@ exposure and registration set."""
 TABLE = """| frame | patches | inferred | one colour a surface | measured twice |
 |---|---|---|---|---|
 """
-FINDINGS = ""
+FINDINGS = """The inferred texture is nearer to what the other frames saw than one colour a surface in all
+frames but one: four to five times as near on open3d_redwood, where light falls across the wall, and twice as
+near on align3d_sample1. It is not as near as two measurements are: what is hidden is not quite what lies
+beside it.
+In frames 1 and 3 of icl_nuim most patches lie on the wall behind a picture and its frame, which stand less
+than 3 cm before it and are what the other frames saw."""
 
 if __name__ == "__main__":
     main()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-from .bound import LowerBound as LowerBound
+from .cover.pipeline import CoverOptions as CoverOptions
+from .cover.result import LowerBound as LowerBound
 from .coverage import Coverage as Coverage
 from .coverage import CoverageSummary as CoverageSummary
 from .coverage import FaceCoverage as FaceCoverage

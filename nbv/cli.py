@@ -11,20 +11,34 @@ import typer
 from nbv.commands.arguments import parse_bytes, parse_numbers, parse_shape
 from nbv.commands.options import (
     AsJson,
+    AveragingRadius,
+    CandidatesFile,
     DepthScale,
     Incidence,
     Intrinsics,
+    KViews,
     MaxMemory,
     MaxRange,
+    MaxSd,
+    Method,
+    MinDensity,
     ModeOption,
+    MostViews,
     NoiseOption,
     Out,
+    OverlapShare,
+    PlanFile,
+    PolishSteps,
     Poses,
     Quiet,
+    RegistrationSd,
+    ScanFiles,
     SceneArgument,
     Seed,
     SensorOption,
+    Target,
     Threads,
+    TimeBudget,
     UnitsOption,
     UpOption,
 )
@@ -124,21 +138,23 @@ def scan(
 @app.command()
 def plan(
     scene: SceneArgument,
-    method: Annotated[
-        Literal["nbv", "cover"],
-        typer.Option("--method", help="Online without the scene, or offline with it."),
-    ] = "nbv",
+    method: Method = "nbv",
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,
-    target: Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")] = 0.99,
-    views: Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")] = None,
+    min_density: MinDensity = None,
+    max_sd: MaxSd = None,
+    registration_sd: RegistrationSd = 0.0,
+    averaging_radius: AveragingRadius = 0.0,
+    k: KViews = 1,
+    target: Target = 0.99,
+    views: MostViews = None,
     mode: ModeOption = None,
-    candidates: Annotated[
-        str | None,
-        typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions."),
-    ] = None,
+    candidates: CandidatesFile = None,
     noise: NoiseOption = "none",
+    polish_steps: PolishSteps = 100_000,
+    time_budget: TimeBudget = None,
+    overlap: OverlapShare = None,
     up: UpOption = "z",
     units: UnitsOption = "m",
     out: Out = None,
@@ -148,7 +164,7 @@ def plan(
     threads: Threads = None,
     max_memory: MaxMemory = None,
 ) -> None:
-    """Plan views of a scene: plan.json, coverage.json and report.html."""
+    """Plan views of a scene: plan.json, coverage.json, report.html; of cover also stations.json."""
     shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     from nbv.commands.plan import PlanRequest, run_plan
 
@@ -157,6 +173,14 @@ def plan(
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,
+        min_density_per_m2=min_density,
+        max_sd_m=max_sd,
+        registration_sd_m=registration_sd,
+        averaging_radius_m=averaging_radius,
+        k=k,
+        polish_steps=polish_steps,
+        time_budget_s=time_budget,
+        overlap=overlap,
         target=target,
         views=views,
         mode=mode,
@@ -171,13 +195,8 @@ def plan(
 @app.command()
 def coverage(
     scene: SceneArgument,
-    plan: Annotated[
-        str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
-    ] = None,
-    scans: Annotated[
-        list[str] | None,
-        typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
-    ] = None,
+    plan: PlanFile = None,
+    scans: ScanFiles = None,
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,

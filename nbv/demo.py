@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from completion.pipeline import CompletionOptions, complete
-from completion.texturing.pipeline import TexturingOptions
+from completion.texturing.task import TexturingOptions
 from nbv.commands.complete import save
 from nbv.commands.plan import coverage_of
 from nbv.commands.run import Shared, running

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.reachability import Reachability, find_reachable, scene_candidates
-from nbv.requirement import GRAZING_COSINE, Requirement
+from nbv.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.samples import SurfaceSamples, sample_surface
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise import ConstantNoise
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
@@ -36,29 +38,43 @@ class CoverageTally:
     requirement: Requirement
     best_cosine: FloatArray
     n_views: NDArray[np.int32]
+    n_met: NDArray[np.int32]
 
     @classmethod
     def start(cls, caster: RayCaster, samples: SurfaceSamples, requirement: Requirement) -> CoverageTally:
         """Return the tally before the first view."""
-        return cls(caster, samples, requirement, np.zeros(len(samples)), np.zeros(len(samples), np.int32))
+        n = len(samples)
+        counts = np.zeros(n, np.int32), np.zeros(n, np.int32)
+        return cls(caster, samples, requirement, np.zeros(n), *counts)
 
     def add(self, view: View) -> float:
         """Add a view; return the area in square metres that is newly met."""
         before = self.met
-        limits = self.requirement.visibility(view.sensor)
-        index, cosine = visible_from_view(self.caster, view, self.samples, limits)
-        self.add_seen(index, cosine)
+        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
+        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
         return float(self.samples.areas[self.met & ~before].sum())
 
-    def add_seen(self, index: NDArray[np.int64], cosine: FloatArray) -> None:
-        """Add the samples that one more view has seen, each once, with its cosines."""
+    def add_scan(self, scan: RangeImage) -> None:
+        """Add what a scan has measured; of the requirement's range limits only its own holds."""
+        farthest = self.requirement.max_range_m or np.inf
+        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
+        gate = (0.0, farthest)
+        limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
+        self._add_seen(*measured_samples(scan, self.samples, farthest), scan.origin, limits)
+
+    def _add_seen(
+        self, index: NDArray[np.int64], cosine: FloatArray, origin: FloatArray, limits: SightLimits
+    ) -> None:
+        """Add the samples that one more view has seen from `origin`, each once, with its cosines."""
         self.best_cosine[index] = np.maximum(self.best_cosine[index], cosine)
         self.n_views[index] += 1
+        distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
+        self.n_met[index[limits.hold(distance, cosine)]] += 1
 
     @property
     def met(self) -> BoolArray:
         """Samples that meet the requirement, (n,)."""
-        return self.best_cosine >= self.requirement.min_cosine - 1e-12
+        return np.asarray(self.n_met >= self.requirement.k)
 
     def met_m2(self) -> float:
         """Area in square metres that meets the requirement."""
@@ -178,8 +194,7 @@ def measure_scan_coverage(
     candidates = candidates or scene_candidates(scene, standing)
     tally = CoverageTally.start(caster, samples, requirement)
     for done, scan in enumerate(scans, start=1):
-        index, cosine = measured_samples(scan, samples, requirement.max_range_m or np.inf)
-        tally.add_seen(index, cosine)
+        tally.add_scan(scan)
         if progress is not None:
             progress("coverage", done, len(scans))
     reachability = find_reachable(

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.bound import LowerBound
+from nbv.cover.result import LowerBound
 from nbv.coverage import Coverage, CoverageSummary
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import sensor_from_profile
+from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from scenes.checks import InputError
@@ -45,6 +46,8 @@ class Plan:
         How many views any plan with these candidates and samples needs, where known.
     stopped_because : str
         Why there are no more views.
+    stations : Stations or None
+        In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
     candidates : Candidates or None
         The poses that could be chosen; None for a plan read from a file.
     """
@@ -59,6 +62,7 @@ class Plan:
     coverage: Coverage | CoverageSummary
     lower_bound: LowerBound | None
     stopped_because: str
+    stations: Stations | None = None
     candidates: Candidates | None = None
 
     def to_json(self) -> dict[str, Any]:

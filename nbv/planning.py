@@ -3,33 +3,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from nbv.bound import LowerBound, marginal_bound
-from nbv.cover import greedy_cover
-from nbv.measurement import CoverageTally
+from nbv.cover.pipeline import CoverOptions
+from nbv.offline import plan_offline
+from nbv.online import plan_online
+from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
-from nbv.planner import PlannerOptions, explore
-from nbv.reachability import Reachability, find_reachable, scene_candidates
+from nbv.planner import PlannerOptions
+from nbv.reachability import scene_candidates
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
-from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, Sensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.view import View
+from nbv.task import Task
 from nbv.viewpoints import Candidates, room_lattice
-from nbv.visibility import Progress, orient, visible_from_positions
+from nbv.visibility import Progress
 from scenes.checks import FloatArray, InputError
-from scenes.pose import Pose
-from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
 Method = Literal["nbv", "cover"]
 _PATCH_TOLERANCE_M = 0.01
+_MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
 
 
 def plan_views(
@@ -39,6 +37,7 @@ def plan_views(
     method: Method = "nbv",
     max_incidence_deg: float = 60.0,
     max_range_m: float | None = None,
+    requirement: Requirement | None = None,
     target: float = 0.99,
     views: int | None = None,
     mode: str | None = None,
@@ -46,6 +45,8 @@ def plan_views(
     samples: SurfaceSamples | None = None,
     noise: str = "none",
     options: PlannerOptions | None = None,
+    budgets: CoverOptions | None = None,
+    overlap: OverlapOptions | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -67,6 +68,9 @@ def plan_views(
         Which planner.
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, range in metres.
+    requirement : Requirement, optional
+        What counts as measured, in full; it replaces these two. The explorer of "nbv" looks for its
+        incidence and range; coverage is measured by all of it.
     target : float
         Fraction of the reachable area to measure as required.
     views : int, optional
@@ -77,13 +81,18 @@ def plan_views(
         The scene's own when not given. A `half_angle_deg` in them replaces the sensor's aperture by a cone,
         and patches replace the samples on which coverage is measured.
     samples : SurfaceSamples, optional
-        Where coverage is measured.
+        Where coverage is measured; `nbv.samples.sample_surface` when not given.
     noise : str
-        Noise model of the simulated scans.
+        Noise model of the simulated scans, and what a largest standard deviation reckons with; of a sensor
+        with errors of its own "none" leaves the latter.
     options : PlannerOptions, optional
         For "nbv".
+    budgets : CoverOptions, optional
+        For "cover".
+    overlap : OverlapOptions, optional
+        For "cover": how scans must overlap so that all can be registered with one another.
     rng : Generator, int or None
-        Chooses the start of "nbv" (any free candidate) and drives the noise; "cover" uses none.
+        Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
         Threads; the plan does not depend on it.
     progress : callable, optional
@@ -108,152 +117,34 @@ def plan_views(
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
         if (mode or scene.mode) == "room":
             proposals = Candidates(room_lattice(scene.mesh.bounds()), candidates.directions)
+    requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
+    if requirement.max_sd_m is not None and noise != "none":
+        sensor = with_effects(sensor, chosen_effects(sensor, noise))
+    requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
     task = Task(
         scene=scene,
         sensor=sensor,
-        requirement=Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m),
+        requirement=requirement,
         target=target,
         candidates=candidates,
         proposals=proposals or candidates,
-        samples=samples or patch_samples(scene, caster, candidates) or sample_surface(scene.mesh),
+        samples=samples or patch_samples(scene, caster, candidates) or _samples(scene, method),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
+        overlap=overlap,
         n_threads=n_threads,
         progress=progress,
     )
     if method == "cover":
-        return task.cover(views)
-    return task.explore(views, noise, options or PlannerOptions(), rng)
+        return plan_offline(task, views, budgets or CoverOptions(), rng)
+    return plan_online(task, views, noise, options or PlannerOptions(), rng)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Task:
-    """A prepared planning task: what to see, from where, and when it is enough.
-
-    Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
-    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out.
-    """
-
-    scene: Scene
-    sensor: Sensor
-    requirement: Requirement
-    target: float
-    candidates: Candidates
-    proposals: Candidates
-    samples: SurfaceSamples
-    caster: RayCaster
-    from_outside: bool
-    n_threads: int | None
-    progress: Progress | None
-
-    def explore(
-        self, views: int | None, noise: str, options: PlannerOptions, rng: np.random.Generator | int | None
-    ) -> Plan:
-        """Plan online: the planner gets a scanner, and a study that stops it."""
-        seed = int(rng) if isinstance(rng, int | np.integer) else None
-        rng = np.random.default_rng(rng)
-        start = self.candidates.pose(int(rng.integers(self.candidates.n_poses)))
-        study = _Study.begin(self)
-
-        def scan(pose: Pose) -> RangeImage:
-            study.add(pose)
-            name = f"view {len(study.views)}"
-            return scan_scene(
-                self.scene, study.views[-1], noise=noise, rng=rng.spawn(1)[0], caster=self.caster, name=name
-            )
-
-        found = explore(
-            scan,
-            self.scene.mesh.bounds(),
-            start,
-            self.proposals,
-            self.sensor,
-            self.requirement,
-            replace(options, max_views=min(views or options.max_views, options.max_views)),
-            from_outside=self.from_outside,
-            finished=study.why_finished,
-            n_threads=self.n_threads,
-            progress=self.progress,
-        )
-        return study.plan("nbv", seed, None, found.stopped_because)
-
-    def cover(self, views: int | None) -> Plan:
-        """Plan offline: greedy cover of the visibility matrix."""
-        limits = self.requirement.limits(self.sensor)
-        seen = visible_from_positions(
-            self.caster,
-            self.candidates.positions,
-            self.samples,
-            limits,
-            n_threads=self.n_threads,
-            progress=self.progress,
-        )
-        rotations = self.candidates.rotations()
-        matrix = orient(seen, self.candidates.positions, rotations, self.samples.points, self.sensor)
-        areas = self.samples.areas
-        cover = greedy_cover(matrix, areas, self.target, n_most=views, progress=self.progress)
-        bound = marginal_bound(matrix, areas, self.target, cover.chosen)
-        study = _Study.begin(self)
-        for number in cover.chosen:
-            study.add(self.candidates.pose(number))
-        reason = study.why_finished() or f"the limit of {views} views is reached"
-        return study.plan("cover", None, bound, reason)
-
-
-@dataclass(slots=True, eq=False)
-class _Study:
-    """Views so far, and what they cover of the true scene."""
-
-    task: Task
-    tally: CoverageTally
-    reachability: Reachability
-    views: list[View]
-
-    @classmethod
-    def begin(cls, task: Task) -> _Study:
-        reachability = find_reachable(
-            task.caster,
-            task.samples,
-            task.candidates,
-            task.sensor,
-            task.requirement,
-            n_threads=task.n_threads,
-            progress=task.progress,
-        )
-        return cls(task, CoverageTally.start(task.caster, task.samples, task.requirement), reachability, [])
-
-    def add(self, pose: Pose) -> None:
-        """Add the view from `pose`."""
-        gain = self.tally.add(View(pose, self.task.sensor))
-        met = self.tally.met_m2() / self.task.samples.total_m2
-        self.views.append(View(pose, self.task.sensor, gain, met))
-
-    def why_finished(self) -> str | None:
-        """Return why it is enough, or None."""
-        met = self.tally.met
-        areas = self.task.samples.areas
-        reachable_m2 = float(areas[self.reachability.including(met).reachable].sum())
-        if float(areas[met].sum()) >= (self.task.target - 1e-9) * reachable_m2:
-            return f"target met on the true scene: {self.task.target:g} of the reachable area"
-        return None
-
-    def plan(self, method: Method, seed: int | None, bound: LowerBound | None, reason: str) -> Plan:
-        """Return the plan."""
-        task = self.task
-        return Plan(
-            method=method,
-            sensor=task.sensor,
-            requirement=task.requirement,
-            target=task.target,
-            seed=seed,
-            n_candidates=task.candidates.n_poses,
-            views=tuple(self.views),
-            coverage=self.tally.coverage(task.scene, self.reachability),
-            lower_bound=bound,
-            stopped_because=reason,
-            candidates=task.candidates,
-        )
+def _samples(scene: Scene, method: Method) -> SurfaceSamples:
+    """Return where coverage is measured; to plan offline no face needs a sample of its own."""
+    every_face = method == "nbv" or len(scene.mesh.faces) <= _MOST_FACES
+    return sample_surface(scene.mesh, every_face=every_face)
 
 
 def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:

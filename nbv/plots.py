@@ -85,7 +85,7 @@ def coverage_curve(
         if bound:
             axes.axvline(bound, color=theme.faint, linewidth=1, linestyle=":")
             axes.annotate(
-                f"no plan needs fewer than {bound}", (bound, 4), xytext=(4, 0),
+                f"no plan has fewer than {bound}", (bound, 4), xytext=(4, 0),
                 textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip
         if inferred:
@@ -113,6 +113,7 @@ def floor_plan(
     directions: FloatArray | None,
     bounds: FloatArray,
     highlighted: Sequence[int] = (),
+    ways: Sequence[FloatArray] = (),
 ) -> Plot:
     """Plot stations from above.
 
@@ -128,6 +129,8 @@ def floor_plan(
         What to show, metres.
     highlighted : sequence of int
         Stations to show in the colour of what is inferred, counted from 0.
+    ways : sequence of (k, 3) float
+        Ways from station to station.
     """
     colour_of = [k in set(highlighted) for k in range(len(positions))]
     low, high = (
@@ -141,6 +144,8 @@ def floor_plan(
     def draw(axes: Axes, theme: Theme) -> None:
         for segment in outline:
             axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
+        for way in ways:
+            axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
         size = 0.07 * float(extent.max())
         colours = [theme.inferred if special else theme.line for special in colour_of]
         if directions is not None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,23 @@ from nbv.requirement import Requirement, SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
-from nbv.visibility import Progress, any_orientation_sees, lines_of_sight
+from nbv.visibility import Progress, lines_of_sight, orientations_that_see
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
-Reason = Literal["hidden", "grazing", "out_of_range", "out_of_aperture"]
-REASONS: tuple[Reason, ...] = ("hidden", "out_of_range", "grazing", "out_of_aperture")
+Reason = Literal[
+    "hidden", "out_of_range", "grazing", "out_of_aperture", "too_sparse", "too_uncertain", "too_few_views"
+]
+REASONS: tuple[Reason, ...] = get_args(Reason)
+_SIEVES: tuple[Reason, ...] = (
+    "hidden",
+    "out_of_range",
+    "grazing",
+    "too_sparse",
+    "too_uncertain",
+    "out_of_aperture",
+)
 CLEARANCE_M = 0.3
 _AT_A_TIME = 8  # positions; fixed, so that no result depends on the number of threads
 
@@ -70,8 +80,10 @@ class Reachability:
         Samples that at least one candidate pose could measure as required.
     reason : (n,) int8
         For the others the index into `REASONS`; -1 for reachable ones. "hidden": no candidate has a free
-        line of sight; "out_of_range": those that have one are too near or too far; "grazing": all see it
-        too flat; "out_of_aperture": no candidate direction points there.
+        line of sight; "out_of_range": those that have one are too near or too far; "grazing": of the rest all
+        see it too flat; "too_sparse", "too_uncertain": of the rest none measures it densely, or exactly,
+        enough; "out_of_aperture": no candidate direction points there; "too_few_views": fewer than k
+        candidates could.
     n_candidates : int
         Poses tried.
     """
@@ -105,36 +117,37 @@ def find_reachable(
     cast.
     """
     limits = requirement.limits(sensor)
-    seen, in_range, seen_well, reachable = np.zeros((4, len(samples)), dtype=np.bool_)
+    passed = np.zeros((len(_SIEVES), len(samples)), dtype=np.bool_)
+    times = np.zeros(len(samples), np.int64)
     order = _spread_order(candidates.n_positions)
     shared = candidates.rotations_at(0) if candidates.directions.ndim == 2 else None
 
     def look(i: int) -> _Look:
         rotations = candidates.rotations_at(i) if shared is None else shared
-        return _look_from(caster, candidates.positions[i], rotations, samples, pending, sensor, limits)
+        view = (caster, candidates.positions[i], rotations, samples, pending, sensor, limits, requirement.k)
+        return _look_from(*view)
 
     with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
         for start in range(0, len(order), _AT_A_TIME):
-            pending = np.flatnonzero(~reachable)
+            pending = np.flatnonzero(times < requirement.k)
             for found in pool.map(look, order[start : start + _AT_A_TIME]):
-                seen[found.seen] = True
-                in_range[found.in_range] = True
-                seen_well[found.seen_well] = True
-                reachable[found.met] = True
+                for sieve, through in zip(passed, found.through, strict=True):
+                    sieve[through] = True
+                times[found.through[-1]] += found.times
             if progress is not None:
                 progress("reachability", min(start + _AT_A_TIME, len(order)), len(order))
-    reason = np.select([reachable, ~seen, ~in_range, ~seen_well], [-1, 0, 1, 2], 3)
+    reachable = times >= requirement.k
+    stopped = [REASONS.index(reason) for reason in _SIEVES]
+    reason = np.select([reachable, *~passed], [-1, *stopped], REASONS.index("too_few_views"))
     return Reachability(reachable, reason.astype(np.int8), candidates.n_poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """Samples that one position sees: at all, of those in range, of those well, of those in some aperture."""
+    """Samples that pass each of `_SIEVES` from one position, and how many of its poses meet the last ones."""
 
-    seen: NDArray[np.int64]
-    in_range: NDArray[np.int64]
-    seen_well: NDArray[np.int64]
-    met: NDArray[np.int64]
+    through: tuple[NDArray[np.int64], ...]
+    times: NDArray[np.int64]
 
 
 def _look_from(
@@ -145,15 +158,24 @@ def _look_from(
     among: NDArray[np.int64],
     sensor: Sensor,
     limits: SightLimits,
+    k: int,
 ) -> _Look:
     """Return what one position sees of the samples `among`, sieve by sieve."""
     seen, cosine = lines_of_sight(caster, position, samples, SightLimits(), among)
     offset = samples.points[seen] - position
     distance = np.linalg.norm(offset, axis=1)
-    in_range = (distance >= limits.min_range_m) & (distance <= limits.max_range_m)
-    well = in_range & (cosine >= limits.min_cosine - 1e-12)
-    inside = any_orientation_sees(offset[well], rotations, sensor)
-    return _Look(seen, seen[in_range], seen[well], seen[well][inside])
+    held = np.logical_and.accumulate(
+        [
+            limits.in_range(distance),
+            limits.steep_enough(cosine),
+            limits.dense_enough(distance, cosine),
+            limits.exact_enough(distance, cosine),
+        ]
+    )
+    well = np.flatnonzero(held[-1])
+    times = orientations_that_see(offset[well], rotations, sensor, k)
+    met = times > 0
+    return _Look((seen, *(seen[sieve] for sieve in held), seen[well[met]]), times[met])
 
 
 def _spread_order(n: int) -> NDArray[np.int64]:

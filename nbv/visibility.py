@@ -22,7 +22,7 @@ from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.triangulation import both_see
 from nbv.view import View
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 from scenes.raycast import RayCaster
 
 Progress = Callable[[str, int, int], None]
@@ -44,8 +44,8 @@ def lines_of_sight(
     towards = position - samples.points[among]
     distance = np.linalg.norm(towards, axis=1)
     slope = np.einsum("ij,ij->i", towards, samples.normals[among])
-    in_range = (distance >= limits.min_range_m) & (distance <= limits.max_range_m) & (distance > 0)
-    keep = in_range & (np.abs(slope) >= (limits.min_cosine - 1e-12) * distance)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        keep = limits.hold(distance, np.abs(slope) / distance)
     among, distance, slope = among[keep], distance[keep], slope[keep]
     if not len(among):
         return among, distance
@@ -148,15 +148,17 @@ def orient(
     return stack_rows(rows, visible.shape[1])
 
 
-def any_orientation_sees(offsets: FloatArray, rotations: FloatArray, sensor: Sensor) -> BoolArray:
-    """Tell which world-frame `offsets` (n, 3) lie in the aperture of some orientation (d, 3, 3)."""
-    inside = np.zeros(len(offsets), dtype=np.bool_)
+def orientations_that_see(
+    offsets: FloatArray, rotations: FloatArray, sensor: Sensor, enough: int = 1
+) -> NDArray[np.int64]:
+    """Count the orientations (d, 3, 3) in whose aperture world-frame `offsets` (n, 3) lie, up to `enough`."""
+    times = np.zeros(len(offsets), np.int64)
     for rotation in rotations:
-        open_ones = np.flatnonzero(~inside)
+        open_ones = np.flatnonzero(times < enough)
         if not len(open_ones):
             break
-        inside[open_ones] = sensor.sees(offsets[open_ones] @ rotation)
-    return inside
+        times[open_ones] += sensor.sees(offsets[open_ones] @ rotation)
+    return times
 
 
 def stack_rows(rows: Sequence[tuple[NDArray[np.int64], FloatArray]], n_columns: int) -> csr_array:

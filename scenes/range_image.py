@@ -15,6 +15,7 @@ from scenes.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
+_ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
@@ -69,7 +70,7 @@ class RangeImage:
     world_from_sensor : Pose
         Where the sensor stood.
     colour : (rows, columns, 3), optional
-        sRGB in 0..1.
+        sRGB in 0..1. Where nothing came back it may be anything, and becomes black where it is not finite.
     sensor_points : (rows, columns, 3) float, optional
         Measured points in the sensor frame where they do not lie exactly on the projection's rays (real
         terrestrial scans); NaN where nothing came back. A pixel without both has no return.
@@ -89,7 +90,8 @@ class RangeImage:
     Raises
     ------
     InputError
-        Arrays that do not have the projection's shape, a sigma that is negative or not finite.
+        Arrays that do not have the projection's shape, a sigma that is negative or not finite, colours of
+        returns that are not finite or beyond 0..1.
     """
 
     ranges: FloatArray
@@ -129,6 +131,8 @@ class RangeImage:
             ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
             points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
             object.__setattr__(self, "sensor_points", frozen_copy(points))
+        if self.colour is not None:
+            object.__setattr__(self, "colour", _checked_colour(self.colour, np.isfinite(ranges)))
         ranges.setflags(write=False)
         object.__setattr__(self, "ranges", ranges)
 
@@ -218,3 +222,19 @@ class RangeImage:
     def transformed(self, pose: Pose) -> RangeImage:
         """Return the same scan in a world moved by `pose`."""
         return replace(self, world_from_sensor=pose @ self.world_from_sensor)
+
+
+def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:
+    """Return colours that are finite and, where something came back, in 0..1."""
+    finite = np.asarray(np.isfinite(colour).all(axis=-1), dtype=np.bool_)
+    n_bad = np.count_nonzero(valid & ~finite)
+    if n_bad:
+        raise InputError(
+            f"colour of {n_bad} of {np.count_nonzero(valid)} returns is not finite; leave it out"
+        )
+    known = colour[valid]
+    if known.size and (known.min() < -_ROUNDING or known.max() > 1 + _ROUNDING):
+        found = f"{known.min():.4g}..{known.max():.4g}"
+        raise InputError(f"colour is to be in 0..1, got {found}; divide it by its largest value")
+    limited = np.clip(np.where(finite[..., None], colour, 0), 0, 1)
+    return np.asarray(frozen_copy(limited, np.float32), dtype=np.float32)

@@ -102,7 +102,8 @@ def test_the_command_line_itself_imports_nothing_slow():
         ("scan", CHAIR, "--at", "1,2", "--look", "0,0,0"),
         ("scan", CHAIR, "--at", "1,2,nan", "--look", "0,0,0"),
         ("plan", CHAIR, "--method", "best"),
-        ("plan", CHAIR, "--time-budget", "3"),
+        ("plan", CHAIR, "--time-budget", "-3"),
+        ("plan", CHAIR, "--k", "0"),
         ("plan", CHAIR, "--views", "0"),
         ("plan", CHAIR, "--max-memory", "lots"),
         ("plan", CHAIR, "--max-memory", "0GB"),
@@ -238,6 +239,49 @@ def test_plan_writes_what_the_contract_names(plan):
     assert summary["views"] == len(written["views"]) <= 3
     assert summary["coverage"] == written["coverage"]
     assert json.loads((out / "manifest.json").read_text())["options"]["max_incidence_deg"] == 60.0
+
+
+def test_offline_plan_takes_its_requirement_and_budgets(sensor, tmp_path):
+    candidates = tmp_path / "candidates.npz"
+    positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
+    np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
+    out = tmp_path / "out"
+    required = ("--max-range", 6, "--min-density", 20, "--max-sd", 0.05, "--registration-sd", 0.002)
+    averaged = ("--averaging-radius", 0.01, "--k", 2, "--noise", "khoshelham2012", "--max-incidence", 70)
+    budgets = (
+        "--polish-steps",
+        200,
+        "--time-budget",
+        100,
+        "--overlap",
+        0.1,
+        "--candidates",
+        candidates,
+        "--seed",
+        3,
+    )
+    arguments = ("--method", "cover", "--sensor", sensor, "--target", 0.9, "-o", out, "--json")
+    found = succeed("plan", "builtin:two_occluders", *arguments, *required, *averaged, *budgets).stdout
+    summary, written = json.loads(found), json.loads((out / "plan.json").read_text())
+    assert written["requirement"] == {
+        "max_incidence_deg": 70.0, "max_range_m": 6.0, "min_density_per_m2": 20.0, "max_sd_m": 0.05,
+        "registration_sd_m": 0.002, "averaging_radius_m": 0.01, "k": 2, "target": 0.9,
+    }  # fmt: skip
+    assert written["lower_bound"] == summary["lower_bound"]
+    assert set(written["lower_bound"]) == {"views", "kind"}
+    assert 1 <= written["lower_bound"]["views"] <= len(written["views"])
+    assert written["seed"] == 3
+    stations = json.loads((out / "stations.json").read_text())
+    assert set(stations) == {"tour", "overlaps", "groups"}
+    assert sorted(stations["tour"]["order"]) == list(range(1, len(written["views"]) + 1))
+    coverage = json.loads((out / "coverage.json").read_text())
+    patches = coverage["unreachable_patches"]
+    assert set(patches[0]) == {"surface", "name", "reason", "area_m2", "centre"}
+    share = sum(patch["area_m2"] for patch in patches) / coverage["total_m2"]
+    assert share == pytest.approx(coverage["unreachable"])
+    unusable = run("plan", "builtin:two_occluders", *arguments[:-1], "--max-sd", 0.05)
+    assert unusable.exit_code == 1
+    assert "whose errors are known" in unusable.stderr
 
 
 def test_plan_is_the_same_for_any_number_of_threads(plan, sensor, tmp_path):

@@ -10,6 +10,7 @@ from nbv.requirement import Requirement
 from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
+from nbv.unreachable import unreachable_patches
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from scenes.builtin import builtin_scene
@@ -98,6 +99,32 @@ def test_hidden_and_out_of_range_are_told_apart():
     coverage = measure_coverage(scene, [], near, sensor=WIDE, samples=samples, candidates=one_candidate(1.0))
     assert coverage.reasons()["out_of_range"] > 0
     assert coverage.reachable == pytest.approx(np.pi * (0.36 - 0.25) / 20, abs=0.002)
+
+
+def test_unreachable_patches_are_parts_of_one_surface_with_one_reason():
+    lids = np.array(
+        [
+            [x + dx, y, 0.5]
+            for x in (-1.2, 1.2)
+            for dx, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
+        ]
+    )
+    quads = np.array([[0, 1, 2], [0, 2, 3]])
+    scene = floor(extra=(lids, np.vstack([quads, quads + 4])))
+    samples = sample_surface(scene.mesh, 0.05)
+    above = Candidates(np.array([[x, 0, 3.0] for x in (-1.2, 0, 1.2)]), np.array([[0.0, 0, -1]]))
+    coverage = measure_coverage(
+        scene, [], max_incidence_deg=75, sensor=WIDE, samples=samples, candidates=above
+    )
+    patches = unreachable_patches(coverage)
+    assert [patch.reason for patch in patches] == ["hidden", "hidden"]
+    assert {patch.name for patch in patches} == {"floor"}
+    assert sorted(round(float(patch.centre[0]), 1) for patch in patches) == [-1.4, 1.4]
+    assert sum(patch.area_m2 for patch in patches) == pytest.approx(coverage.unreachable * coverage.total_m2)
+    assert (
+        patches[0].to_json()["area_m2"] == patches[0].area_m2 == pytest.approx(0.864, abs=0.04)
+    )  # 0.72 x 1.2 m in both shadows
+    assert unreachable_patches(measure_coverage(floor(), [], sensor=WIDE, candidates=one_candidate(1.0)))
 
 
 def test_one_more_view_never_lowers_coverage():

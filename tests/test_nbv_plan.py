@@ -192,7 +192,8 @@ def test_progress_is_reported_by_stage():
             rng=0,
             progress=lambda stage, done, total: stages.append((stage, done <= total)),
         )
-    assert {stage for stage, _ in stages} == {"reachability", "views", "visibility", "cover"}
+    expected = {"reachability", "views", "visibility", "bound", "cover"}
+    assert {stage for stage, _ in stages} == expected
     assert all(sane for _, sane in stages)
 
 

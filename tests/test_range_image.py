@@ -147,6 +147,18 @@ def test_arrays_of_another_shape_are_refused() -> None:
         RangeImage(ranges.T, projection, POSE)
     with pytest.raises(InputError, match=r"colour has shape \(3, 4\), expected \(3, 4, 3\)"):
         RangeImage(ranges, projection, POSE, colour=ranges.astype(np.float32))
+    colour = np.full((*ranges.shape, 3), 200, np.float32)
+    with pytest.raises(
+        InputError, match=r"colour is to be in 0\.\.1, got 200\.\.200; divide it by its largest"
+    ):
+        RangeImage(ranges, projection, POSE, colour=colour)
+    colour[:] = np.nan
+    with pytest.raises(InputError, match="colour of 12 of 12 returns is not finite; leave it out"):
+        RangeImage(ranges, projection, POSE, colour=colour)
+    nothing = np.full_like(ranges, np.inf)
+    unseen = RangeImage(nothing, projection, POSE, colour=colour)
+    assert unseen.colour is not None
+    assert not unseen.colour.any()
     with pytest.raises(InputError, match=r"sensor_points has shape \(12, 3\), expected \(3, 4, 3\)"):
         RangeImage(ranges, projection, POSE, sensor_points=np.ones((12, 3)))
     with pytest.raises(InputError, match=r"intensity has shape \(4,\), expected \(3, 4\)"):

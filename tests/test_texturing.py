@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.export import completed_glb
 from completion.texturing.atlas import make_atlas
+from completion.texturing.chart_texture import spread_colour
 from completion.texturing.light import cast_shadows
 from completion.texturing.material import same_material
 from completion.texturing.measured import MeasuredColour
-from completion.texturing.pipeline import spread_colour
 from completion.texturing.samples import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.building import Finish, SceneBuilder
 from scenes.finishes import brick
+from scenes.loading import load_scene
 from scenes.pose import Pose
 from texture.quality import PATCH, list_patches
 
@@ -190,6 +191,19 @@ def test_the_model_holds_each_page_once():
     assert names >= {"observed", "hypothesised"}
 
 
+def test_the_saved_model_looks_like_the_scan_from_where_it_was_taken(tmp_path):
+    completion = wall(-0.25)
+    completion.save(tmp_path)
+    (seen,) = (observation.scan for observation in completion.observations)
+    model = load_scene(tmp_path / "completed.glb", up="y")
+    again = scan_scene(model, completion.world_from_reference, SENSOR, rng=0)
+    both = seen.valid & again.valid
+    assert both.sum() > 0.95 * seen.valid.sum()
+    difference = np.abs(again.colour - seen.colour).max(axis=2)[both]
+    assert np.median(difference) < 0.02
+    assert np.quantile(difference, 0.9) < 0.15  # mortar, half a texel away
+
+
 def flat(shape: tuple[int, int], colour: tuple[int, int, int], seed: int = 0) -> NDArray[np.uint8]:
     noise = np.random.default_rng(seed).normal(0, 6, (*shape, 1))
     return np.clip(np.array(colour) + noise, 0, 255).astype(np.uint8)
@@ -254,3 +268,21 @@ def test_colour_spreads_by_two_texels_and_around_a_cylinder():
     assert (plain[4, -2:] != 200).all()
     assert (closed[4, [-2, -1, 0, 1, 2]] == 200).all()
     assert (closed[4, 3:-2] != 200).all()
+
+
+def test_too_little_of_a_surface_is_still_textured():
+    completion = wall(-0.25)
+    for budget in (1, 20_000):
+        few = replace(OPTIONS, texturing=TexturingOptions(window=5, max_comparisons=budget, min_samples=1))
+        texture = complete([seen.scan for seen in completion.observations], few, rng=0).textures[0]
+        assert texture.synthesised_m > 1.5 * np.sqrt(texture.grid.cell_area)
+        assert is_glass(synthesised(completion)).mean() < 0.1
+    nothing = np.zeros((20, 20), dtype=np.bool_)
+    known = nothing.copy()
+    known[3, 4] = True
+    image = np.full((20, 20, 3), 90, np.uint8)
+    samples, context = choose_samples(
+        MeasuredColour(image, known, nothing, nothing), ~nothing, distance_to(~known, wraps=False), False, 100
+    )
+    assert (samples == known).all()
+    assert (context == known).all()

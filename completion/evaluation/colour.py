@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage.color import rgb2lab
 
 from scenes.checks import BoolArray, FloatArray
 from scenes.range_image import RangeImage
@@ -100,5 +100,4 @@ def _means(values: FloatArray, group: NDArray[np.int64]) -> FloatArray:
 
 def _lab(colour: FloatArray) -> FloatArray:
     """CIELAB (n, 3) of sRGB colours 0..1."""
-    pixels = colour.astype(np.float32)[None]
-    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)[0], dtype=np.float64)
+    return np.asarray(rgb2lab(colour), dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.path.packing import rectangles
 
-from completion.texturing.pipeline import GREY, ChartTexture
+from completion.texturing.chart_texture import GREY, ChartTexture
 from scenes.checks import FloatArray
 
 _PADDING = 4  # texels around each texture, so that coarser levels of a viewer mix no two of them

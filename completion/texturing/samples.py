@@ -65,7 +65,8 @@ def choose_samples(
     samples, context : (rows, columns) bool
     """
     genuine = ~find_foreign(measured, distance)
-    own = _kept(_kept(measured.fine, genuine), lit)
+    fine = measured.fine if measured.fine.any() else measured.known
+    own = _kept(_kept(fine, genuine), lit)
     alike = same_material(measured.image, own, distance, wraps)
     chosen = _kept(own, alike)
     return _near_blocks(chosen, distance, max_samples), measured.known & genuine & alike | chosen

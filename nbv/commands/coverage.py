@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
-from nbv.measurement import CoverageTally, measure_coverage, measure_scan_coverage, measured_samples
+from nbv.measurement import CoverageTally, measure_coverage, measure_scan_coverage
 from nbv.plan import read_plan
-from nbv.reachability import scene_candidates
+from nbv.reachability import REASONS, scene_candidates
 from nbv.report.coverage_report import coverage_page
 from nbv.report.page import percent
 from nbv.report.surface_values import fine_coverage
@@ -26,6 +26,7 @@ from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.unreachable import unreachable_patches
 from nbv.view import View
 from scenes.atomic import write_json, write_text
 from scenes.files import Units
@@ -84,7 +85,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), coverage_content(coverage))
         write_text(run.path("coverage.csv"), csv_of(coverage))
         _write_ply(run.path("coverage.ply"), world, coverage)
         options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
@@ -162,9 +163,15 @@ def _met_by_scans(
     tally = CoverageTally.start(caster, samples, requirement)
     met = []
     for scan in scans:
-        tally.add_seen(*measured_samples(scan, samples, requirement.max_range_m or np.inf))
+        tally.add_scan(scan)
         met.append(tally.met_m2() / samples.total_m2)
     return tuple(met)
+
+
+def coverage_content(coverage: Coverage) -> dict[str, Any]:
+    """Return `coverage.json`: fractions of area, and each patch out of reach with its reason."""
+    patches = [patch.to_json() for patch in unreachable_patches(coverage)]
+    return {**coverage.to_json(), "unreachable_patches": patches}
 
 
 def csv_of(coverage: Coverage) -> str:
@@ -188,9 +195,11 @@ def _write_ply(path: Path, world: Scene, coverage: Coverage) -> None:
         "best_cosine": np.repeat(fine.best_cosine.astype(np.float32), 3),
         "views": np.repeat(fine.n_views, 3),
         "state": np.repeat(fine.state, 3).astype(np.uint8),
+        "reason": np.repeat(fine.reason, 3),
         "face": np.repeat(fine.face, 3),
         "surface": np.repeat(fine.surface, 3),
     }
     legend = [f"state {value} {name}" for value, name in enumerate(STATES)]
+    legend += [f"reason {value} {name}" for value, name in enumerate(REASONS)]
     triangles = np.arange(3 * n, dtype=np.int32).reshape(-1, 3)
     write_mesh_ply(path, fine.corners.reshape(-1, 3), triangles, properties, legend)

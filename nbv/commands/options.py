@@ -33,6 +33,62 @@ Incidence = Annotated[
 MaxRange = Annotated[
     float | None, typer.Option("--max-range", metavar="M", help="Largest range.", show_default="the sensor's")
 ]
+MinDensity = Annotated[
+    float | None,
+    typer.Option("--min-density", metavar="N", help="Fewest points on a square metre.", show_default=False),
+]
+MaxSd = Annotated[
+    float | None,
+    typer.Option(
+        "--max-sd", metavar="M", help="Largest predicted sd of a surface point.", show_default=False
+    ),
+]
+RegistrationSd = Annotated[
+    float, typer.Option("--registration-sd", metavar="M", help="For --max-sd: of a station's position.")
+]
+AveragingRadius = Annotated[
+    float, typer.Option("--averaging-radius", metavar="M", help="For --max-sd: points in this disc averaged.")
+]
+KViews = Annotated[int, typer.Option("--k", min=1, help="Views that must each measure a point well enough.")]
+PolishSteps = Annotated[
+    int, typer.Option("--polish-steps", min=0, help="cover: swaps tried to need fewer views.")
+]
+TimeBudget = Annotated[
+    float | None,
+    typer.Option(
+        "--time-budget",
+        min=0.0,
+        metavar="S",
+        help="cover: end the search then; not repeatable.",
+        show_default="none",
+    ),
+]
+Method = Annotated[
+    Literal["nbv", "cover"], typer.Option("--method", help="Online without the scene, or offline with it.")
+]
+Target = Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")]
+MostViews = Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")]
+CandidatesFile = Annotated[
+    str | None, typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions.")
+]
+PlanFile = Annotated[
+    str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
+]
+ScanFiles = Annotated[
+    list[str] | None,
+    typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
+]
+OverlapShare = Annotated[
+    float | None,
+    typer.Option(
+        "--overlap",
+        min=0.0,
+        max=1.0,
+        metavar="FRACTION",
+        help="cover: scans share so much, and can all be registered.",
+        show_default="not asked for",
+    ),
+]
 UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
 UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
 ModeOption = Annotated[

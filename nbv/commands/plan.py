@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
+from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
+from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent
+from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
@@ -31,6 +35,14 @@ class PlanRequest:
     sensor: str = "generic60"
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
+    min_density_per_m2: float | None = None
+    max_sd_m: float | None = None
+    registration_sd_m: float = 0.0
+    averaging_radius_m: float = 0.0
+    k: int = 1
+    polish_steps: int = CoverOptions().polish_steps
+    time_budget_s: float | None = None
+    overlap: float | None = None
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -39,21 +51,21 @@ class PlanRequest:
     up: Axis = "z"
     units: Units = "m"
 
+    def requirement(self) -> Requirement:
+        """Return what counts as measured."""
+        return Requirement(**{field.name: getattr(self, field.name) for field in fields(Requirement)})
+
+    def budgets(self) -> CoverOptions:
+        """Return the offline planner's budgets."""
+        return CoverOptions(polish_steps=self.polish_steps, time_budget_s=self.time_budget_s)
+
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
-        return {
-            "method": self.method,
+        named = {
             "sensor": Path(self.sensor).name,
-            "max_incidence_deg": self.max_incidence_deg,
-            "max_range_m": self.max_range_m,
-            "target": self.target,
-            "views": self.views,
-            "mode": self.mode,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
-            "noise": self.noise,
-            "up": self.up,
-            "units": self.units,
         }
+        return {**asdict(self), **named}
 
 
 def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
@@ -67,13 +79,14 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             world,
             sensor,
             method=request.method,
-            max_incidence_deg=request.max_incidence_deg,
-            max_range_m=request.max_range_m,
+            requirement=request.requirement(),
             target=request.target,
             views=request.views,
             mode=request.mode,
             candidates=candidates,
             noise=request.noise,
+            budgets=request.budgets(),
+            overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
@@ -81,7 +94,9 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         coverage = coverage_of(plan)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
-        write_json(run.path("coverage.json"), coverage.to_json())
+        write_json(run.path("coverage.json"), coverage_content(coverage))
+        if plan.stations is not None:
+            write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
@@ -119,6 +134,8 @@ def lines_of(plan: Plan) -> list[str]:
         f"{percent(coverage.met_of_reachable)} % of what can be reached",
         f"stopped because: {plan.stopped_because}",
     ]
+    if plan.stations is not None:
+        lines.append(f"a tour of all stations takes {plan.stations.tour.length_m:.1f} m")
     if plan.lower_bound:
-        lines.append(f"no plan with these candidates needs fewer than {plan.lower_bound.views} views")
+        lines.append(plan.lower_bound.describe())
     return lines

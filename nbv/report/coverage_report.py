@@ -37,17 +37,23 @@ from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
 from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
+from nbv.tour import Tour
+from nbv.unreachable import unreachable_patches
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scene import Scene
 
 _WIDTH = 760
+_MOST_PATCHES = 30  # in the report; coverage.json has all
 _CUT_M = 1.0  # above the floor: where the floor plan cuts walls and furniture
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
     "out_of_range": "what sees it is too near or too far",
     "grazing": "what sees it sees it at too flat an angle",
     "out_of_aperture": "no candidate direction points there",
+    "too_sparse": "what sees it would measure too few points on a square metre",
+    "too_uncertain": "what sees it would measure it with too large a standard deviation",
+    "too_few_views": "fewer candidates than required can measure it",
 }
 
 
@@ -61,9 +67,11 @@ def plan_page(
     summary = (
         f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, measure "
         f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
-        f"{plan.requirement.max_incidence_deg:g}\u00b0 incidence or less. {_rest(coverage)}"
+        f"{plan.requirement.describe()}. {_rest(coverage)}"
     )
     ended = f"The plan ends because: {plan.stopped_because}."
+    if plan.lower_bound:
+        ended += f" {plan.lower_bound.describe().capitalize()}."
     views = Headline(str(len(plan.views)), "", "views")
     poses = [view.world_from_sensor for view in plan.views]
     return Page(
@@ -77,7 +85,13 @@ def plan_page(
                 "Views",
                 (
                     Gallery(
-                        (curve(met, coverage, plan.target, bound), stations(scene, poses, plan.sensor)), 2
+                        (
+                            curve(met, coverage, plan.target, bound),
+                            stations(
+                                scene, poses, plan.sensor, tour=plan.stations.tour if plan.stations else None
+                            ),
+                        ),
+                        2,
                     ),
                     Text(ended, is_note=True),
                     views_table(plan),
@@ -108,8 +122,7 @@ def coverage_page(
     requirement = coverage.requirement
     summary = (
         f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
-        f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.max_incidence_deg:g}\u00b0 incidence "
-        f"or less. {_rest(coverage)}"
+        f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
     return Page(
@@ -181,13 +194,24 @@ def curve(
     return _picture(plot, "Coverage by number of views.", caption)
 
 
-def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: Sequence[int] = ()) -> Picture:
+def stations(
+    scene: Scene,
+    poses: Sequence[Pose],
+    sensor: Sensor,
+    highlighted: Sequence[int] = (),
+    tour: Tour | None = None,
+) -> Picture:
     """The floor plan."""
     bounds = scene.mesh.bounds()
     positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
     plot = floor_plan(
-        outline_of(scene), positions, None if sensor.kind == "spherical" else directions, bounds, highlighted
+        outline_of(scene),
+        positions,
+        None if sensor.kind == "spherical" else directions,
+        bounds,
+        highlighted,
+        [] if tour is None else [leg.path for leg in tour.legs],
     )
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     caption = (
@@ -195,6 +219,10 @@ def stations(scene: Scene, poses: Sequence[Pose], sensor: Sensor, highlighted: S
     )
     if highlighted:
         caption += " Blue: the stations whose scans were completed."
+    if tour is not None:
+        n_lost = sum(not len(leg.path) for leg in tour.legs)
+        caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
+        caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
     return _picture(plot, "Plan.", caption)
 
 
@@ -270,7 +298,29 @@ def reasons(coverage: Coverage) -> tuple[Block, ...]:
         )
         for name, share in shares.items()
     )
-    return (Table(("Reason", "What it means", "#% of the area", "#area, m\u00b2"), rows),)
+    return Table(("Reason", "What it means", "#% of the area", "#area, m\u00b2"), rows), _patches_table(
+        coverage
+    )
+
+
+def _patches_table(coverage: Coverage) -> Table:
+    """A row for each of the largest patches that are out of reach."""
+    patches = unreachable_patches(coverage)
+    rows = tuple(
+        (
+            Cell(patch.name),
+            Cell(patch.reason.replace("_", " ")),
+            Cell(", ".join(f"{c:.2f}" for c in patch.centre)),
+            Cell(square_metres(patch.area_m2)),
+        )
+        for patch in patches[:_MOST_PATCHES]
+    )
+    title = (
+        f"The largest of {len(patches)} patches out of reach"
+        if len(patches) > 1
+        else "The patch out of reach"
+    )
+    return Table(("Surface", "Reason", "centre x, y, z, m", "#area, m\u00b2"), rows, title, is_folded=True)
 
 
 def surfaces_table(coverage: Coverage) -> Table:

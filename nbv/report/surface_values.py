@@ -46,6 +46,8 @@ class FineCoverage:
         Views that see it.
     state : (m,) int8
         Index into `nbv.coverage.STATES`.
+    reason : (m,) int8
+        Why unreachable, index into `nbv.reachability.REASONS`; -1 elsewhere.
     """
 
     corners: FloatArray
@@ -54,6 +56,7 @@ class FineCoverage:
     best_cosine: FloatArray
     n_views: NDArray[np.int32]
     state: NDArray[np.int8]
+    reason: NDArray[np.int8]
 
 
 def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
@@ -78,6 +81,7 @@ def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
         coverage.best_cosine[nearest],
         coverage.n_views[nearest],
         coverage.state[nearest],
+        coverage.reason[nearest],
     )
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -248,6 +248,12 @@ def profile_of(sensor: Any) -> dict[str, Any]:
 def chosen_effects(sensor: Sensor, noise: str) -> Effects:
     """Return the effects that go by the name `noise`; the sensor's own for "profile"."""
     return sensor.effects if noise == PROFILE else named_effects(noise)
+
+
+def with_effects(sensor: Sensor, effects: Effects) -> Sensor:
+    """Return the sensor with other effects."""
+    changed: Sensor = replace(sensor, effects=effects)  # type: ignore[type-var]
+    return changed
 
 
 def check_gate(name: str, nearest: float, farthest: float) -> None:

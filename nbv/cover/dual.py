@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: MIT
+"""Dual: the multipliers of the linear relaxation, by HiGHS, or by subgradient ascent where it is large."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import block_array, csr_array, eye_array
+
+from nbv.cover.certificate import Certificate
+from nbv.cover.instance import CoverInstance
+from nbv.cover.reduction import Reduction
+from nbv.cover.subgradient import Multipliers, ascend
+from scenes.checks import FloatArray
+
+_ASCENT_STEPS = 1000
+_HAIR = 1e-12  # by which multipliers are scaled below feasibility, against rounding
+
+
+def find_certificate(
+    reduction: Reduction, weights: FloatArray, n_chosen: int, *, most_entries: int = 4_000_000
+) -> Certificate:
+    """Return the best certificate that the linear relaxation gives, for the original's samples.
+
+    Samples that were merged share a multiplier by their weights; those that were dropped get none.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The instance, reduced.
+    weights : (n,) float
+        Weights of the original's samples.
+    n_chosen : int
+        Size of a choice that is known.
+    most_entries : int
+        Instances with more entries, and those that HiGHS does not solve, are left to subgradient ascent.
+    """
+    instance = reduction.instance
+    multipliers, price = np.zeros(len(weights)), 0.0
+    if instance.n_samples:
+        found = _solve(instance) if instance.matrix.nnz <= most_entries else None
+        found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
+        part = np.flatnonzero(reduction.sample_of >= 0)
+        whole = reduction.sample_of[part]
+        multipliers[part] = (_feasible(instance, found.samples) / instance.weights)[whole] * weights[part]
+        price = found.price
+    return Certificate.rounded(multipliers, price)
+
+
+def _solve(instance: CoverInstance) -> Multipliers | None:
+    """Return the multipliers of the linear relaxation, None where HiGHS fails."""
+    solved = linprog(**relaxation(instance), method="highs-ds")
+    if solved.x is None:
+        return None
+    marginals = -solved.ineqlin.marginals
+    price = 0.0 if instance.is_full else max(float(marginals[-1]), 0.0) / _scale(instance)
+    return Multipliers(marginals[: instance.n_samples], price, float(solved.fun))
+
+
+def _feasible(instance: CoverInstance, multipliers: FloatArray) -> FloatArray:
+    """Scale multipliers (n,) in plain full cover so that no candidate sees more than 1."""
+    kept: FloatArray = np.clip(multipliers, 0.0, 1.0)
+    if instance.fold == 1 and instance.is_full:
+        kept /= max(1.0, float((instance.matrix.astype(np.float64) @ kept).max()) * (1 + _HAIR))
+    return kept
+
+
+def relaxation(instance: CoverInstance) -> dict[str, Any]:
+    """Return the relaxed cover as arguments of `linprog`.
+
+    Of candidate c the share x_c is chosen, and of sample i the share z_i covered (all of it in full cover):
+    smallest sum of x, where the x that see i sum to fold * z_i or more, and the z hold the wanted weight.
+    """
+    m, n = instance.matrix.shape
+    seen_by = csr_array(instance.matrix.T).astype(np.float64)
+    if instance.is_full:
+        limits = np.full(n, -float(instance.fold))
+        return {"c": np.ones(m), "A_ub": -seen_by, "b_ub": limits, "bounds": (0, 1)}
+    weights = instance.weights / _scale(instance)
+    rows = [[-seen_by, instance.fold * eye_array(n)], [None, csr_array(-weights[None])]]
+    limits = np.append(np.zeros(n), -instance.target * weights.sum())
+    cost = np.append(np.ones(m), np.zeros(n))
+    return {"c": cost, "A_ub": block_array(rows, format="csr"), "b_ub": limits, "bounds": (0, 1)}
+
+
+def _scale(instance: CoverInstance) -> float:
+    """Return the weight that counts as one."""
+    return float(instance.weights.mean())

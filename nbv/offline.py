@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""Offline planning: views of a known scene, chosen from the candidates' visibility of its samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from nbv.connection import connect
+from nbv.cover.greedy import by_gain
+from nbv.cover.instance import CoverInstance
+from nbv.cover.pipeline import CoverOptions, find_cover
+from nbv.cover.result import Cover, LowerBound
+from nbv.overlap import OverlapGraph, OverlapOptions, components
+from nbv.plan import Plan
+from nbv.requirement import SightLimits
+from nbv.stations import Overlap, Stations
+from nbv.task import Study, Task
+from nbv.tour import plan_tour
+from nbv.visibility import orient, visible_from_positions
+
+_MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
+_REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this nothing helps registration
+
+
+def plan_offline(
+    task: Task, views: int | None, options: CoverOptions, rng: np.random.Generator | int | None
+) -> Plan:
+    """Plan few views that meet the task, with a certified bound on how few could.
+
+    Where scans are to overlap, views that could be registered with nothing are left out, and views are added
+    until links join all.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    views : int, optional
+        Plan no more than so many, those not counted that overlap asks for.
+    options : CoverOptions
+        Budgets.
+    rng : Generator, int or None
+        Drives the search for a smaller plan.
+    """
+    seed = int(rng) if isinstance(rng, int | np.integer) else None
+    instance = cover_instance(task)
+    graph = overlap_graph(task, task.overlap or OverlapOptions())
+    if task.overlap is None:
+        cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
+    else:
+        cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
+    study = Study.begin(task)
+    for number in cover.chosen:
+        study.add(task.candidates.pose(number))
+    stations = _stations(task, graph, cover)
+    reason = study.why_finished() or _why_not(task, views, cover)
+    if task.overlap is not None:
+        reason += f"; {n_added} of the views are there for overlap"
+        if stations.n_groups > 1:
+            reason += f", and yet {stations.n_groups} groups of scans that no candidate joins"
+    if cover.was_cut_short:
+        reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
+    return study.plan("cover", seed, cover.bound, reason, stations)
+
+
+def _connected_cover(
+    task: Task,
+    instance: CoverInstance,
+    graph: OverlapGraph,
+    views: int | None,
+    options: CoverOptions,
+    rng: np.random.Generator | int | None,
+) -> tuple[Cover, int]:
+    """Return a cover whose scans hang together, and how many views that added.
+
+    Views that no way joins to the others are left out, with what is linked to them, and the rest is planned
+    anew.
+    """
+    rng = np.random.default_rng(rng)
+    usable = graph.registrable
+    for _ in range(_MOST_TRIES):
+        left = instance.only(usable)
+        cover = find_cover(left, options, n_most=views, rng=rng, progress=task.progress)
+        joined = connect(left, graph, cover.chosen)
+        if not joined.apart:
+            break
+        usable = usable & ~graph.linked_to_any(joined.apart).any(axis=0)
+        usable[list(joined.apart)] = False
+    bound = LowerBound(cover.bound.views, f"{cover.bound.kind}, over views that can be registered")
+    ordered = by_gain(left, list(joined.chosen))
+    return replace(cover, chosen=tuple(ordered), bound=bound), joined.n_added
+
+
+def cover_instance(task: Task) -> CoverInstance:
+    """Return which candidate pose meets the requirement on which sample."""
+    matrix = _seen(task, task.requirement.limits(task.sensor))
+    return CoverInstance(matrix, task.samples.areas, task.target, task.requirement.k)
+
+
+def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
+    """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
+    seen = task.requirement.visibility(task.sensor)
+    limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
+    return OverlapGraph.of(_seen(task, limits), task.samples, options)
+
+
+def _seen(task: Task, limits: SightLimits) -> csr_array:
+    """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
+    candidates, samples = task.candidates, task.samples
+    seen = visible_from_positions(
+        task.caster,
+        candidates.positions,
+        samples,
+        limits,
+        n_threads=task.n_threads,
+        progress=task.progress,
+    )
+    return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
+
+
+def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
+    """Return the tour of the chosen, and their overlaps."""
+    chosen = list(cover.chosen)
+    links = [graph.links(candidate) for candidate in chosen]
+    pairs = []
+    for first, own in enumerate(links):
+        for second in range(first + 1, len(chosen)):
+            there = chosen[second]
+            if own.linked[there]:
+                pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
+    linked = np.array([own.linked for own in links]).reshape(len(chosen), -1)
+    positions = [task.candidates.pose(candidate).translation for candidate in chosen]
+    places = np.array(positions).reshape(-1, 3)
+    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside)
+    return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
+
+
+def _why_not(task: Task, views: int | None, cover: Cover) -> str:
+    """Return why the target is not met."""
+    if cover.is_complete and task.overlap is not None:
+        return "what is left is seen only by views that cannot be registered"
+    if cover.is_complete:
+        return "what is left is hidden from the second device of the sensor, unknown to the choice"
+    return f"the limit of {views} views is reached"

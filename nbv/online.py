@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: MIT
+"""Online planning in simulation: the planner gets a scanner of the true scene, and a study that stops it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nbv.plan import Plan
+from nbv.planner import PlannerOptions, explore
+from nbv.scanning.scanner import scan_scene
+from nbv.task import Study, Task
+from scenes.pose import Pose
+from scenes.range_image import RangeImage
+
+
+def plan_online(
+    task: Task,
+    views: int | None,
+    noise: str,
+    options: PlannerOptions,
+    rng: np.random.Generator | int | None,
+) -> Plan:
+    """Plan views of a scene that the planner learns of by its scans alone.
+
+    Parameters
+    ----------
+    task : Task
+        The task; its true scene serves to scan, and to measure coverage.
+    views : int, optional
+        Plan no more than so many.
+    noise : str
+        Noise model of the scans.
+    options : PlannerOptions
+        The planner's.
+    rng : Generator, int or None
+        Chooses the start (any candidate) and drives the noise.
+    """
+    seed = int(rng) if isinstance(rng, int | np.integer) else None
+    rng = np.random.default_rng(rng)
+    start = task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
+    study = Study.begin(task)
+
+    def scan(pose: Pose) -> RangeImage:
+        study.add(pose)
+        name = f"view {len(study.views)}"
+        return scan_scene(
+            task.scene, study.views[-1], noise=noise, rng=rng.spawn(1)[0], caster=task.caster, name=name
+        )
+
+    found = explore(
+        scan,
+        task.scene.mesh.bounds(),
+        start,
+        task.proposals,
+        task.sensor,
+        task.requirement,
+        replace(options, max_views=min(views or options.max_views, options.max_views)),
+        from_outside=task.from_outside,
+        finished=study.why_finished,
+        n_threads=task.n_threads,
+        progress=task.progress,
+    )
+    return study.plan("nbv", seed, None, found.stopped_because)

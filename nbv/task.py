@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""Planning task: what to see of a known scene, from where, when it is enough, and how far views have got."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nbv.cover.result import LowerBound
+from nbv.measurement import CoverageTally
+from nbv.overlap import OverlapOptions
+from nbv.plan import Plan
+from nbv.reachability import Reachability, find_reachable
+from nbv.requirement import Requirement
+from nbv.samples import SurfaceSamples
+from nbv.scanning.sensor import Sensor
+from nbv.stations import Stations
+from nbv.view import View
+from nbv.viewpoints import Candidates
+from nbv.visibility import Progress
+from scenes.pose import Pose
+from scenes.raycast import RayCaster
+from scenes.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Task:
+    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
+
+    Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
+    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out.
+    """
+
+    scene: Scene
+    sensor: Sensor
+    requirement: Requirement
+    target: float
+    candidates: Candidates
+    proposals: Candidates
+    samples: SurfaceSamples
+    caster: RayCaster
+    from_outside: bool
+    overlap: OverlapOptions | None
+    n_threads: int | None
+    progress: Progress | None
+
+
+@dataclass(slots=True, eq=False)
+class Study:
+    """Views so far, and what they cover of the true scene."""
+
+    task: Task
+    tally: CoverageTally
+    reachability: Reachability
+    views: list[View]
+
+    @classmethod
+    def begin(cls, task: Task) -> Study:
+        """Return the study before the first view."""
+        reachability = find_reachable(
+            task.caster,
+            task.samples,
+            task.candidates,
+            task.sensor,
+            task.requirement,
+            n_threads=task.n_threads,
+            progress=task.progress,
+        )
+        return cls(task, CoverageTally.start(task.caster, task.samples, task.requirement), reachability, [])
+
+    def add(self, pose: Pose) -> None:
+        """Add the view from `pose`."""
+        gain = self.tally.add(View(pose, self.task.sensor))
+        met = self.tally.met_m2() / self.task.samples.total_m2
+        self.views.append(View(pose, self.task.sensor, gain, met))
+
+    def why_finished(self) -> str | None:
+        """Return why it is enough, or None."""
+        met = self.tally.met
+        areas = self.task.samples.areas
+        reachable_m2 = float(areas[self.reachability.including(met).reachable].sum())
+        if float(areas[met].sum()) >= (self.task.target - 1e-9) * reachable_m2:
+            return f"target met on the true scene: {self.task.target:g} of the reachable area"
+        return None
+
+    def plan(
+        self,
+        method: str,
+        seed: int | None,
+        bound: LowerBound | None,
+        reason: str,
+        stations: Stations | None = None,
+    ) -> Plan:
+        """Return the plan."""
+        task = self.task
+        return Plan(
+            method=method,
+            sensor=task.sensor,
+            requirement=task.requirement,
+            target=task.target,
+            seed=seed,
+            n_candidates=task.candidates.n_poses,
+            views=tuple(self.views),
+            coverage=self.tally.coverage(task.scene, self.reachability),
+            lower_bound=bound,
+            stopped_because=reason,
+            stations=stations,
+            candidates=task.candidates,
+        )
