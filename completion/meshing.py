@@ -188,8 +188,12 @@ def _half(polygon: FloatArray, height: FloatArray) -> FloatArray:
     return np.array(kept).reshape(-1, 2)
 
 
-def mesh_range_image(points: FloatArray, members: BoolArray, max_step: FloatArray) -> NDArray[np.int32]:
+def mesh_range_image(
+    points: FloatArray, members: BoolArray, max_step: FloatArray, origin: FloatArray
+) -> NDArray[np.int32]:
     """Triangles (m, 3) between neighbouring pixels of an organised scan, none across a jump.
+
+    They are counter-clockwise seen from the sensor, whichever way the grid's rows and columns run.
 
     Parameters
     ----------
@@ -199,6 +203,8 @@ def mesh_range_image(points: FloatArray, members: BoolArray, max_step: FloatArra
         Pixels that may be used.
     max_step : (rows, columns) float
         Longest edge allowed at each pixel, metres.
+    origin : (3,) float
+        Where the sensor stands.
     """
     rows, columns = members.shape
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
@@ -210,4 +216,8 @@ def mesh_range_image(points: FloatArray, members: BoolArray, max_step: FloatArra
     triangles = triangles[used[triangles].all(axis=1)]
     corner = flat[triangles]
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    return np.asarray(triangles[longest <= step[triangles].min(axis=1)], dtype=np.int32)
+    kept = longest <= step[triangles].min(axis=1)
+    towards = origin - corner[kept]
+    volumes = np.linalg.det(towards) if kept.any() else np.zeros(0)
+    order = [0, 2, 1] if (volumes < 0).sum() > len(volumes) / 2 else [0, 1, 2]
+    return np.asarray(triangles[kept][:, order], dtype=np.int32)

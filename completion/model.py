@@ -173,7 +173,7 @@ def to_8_bits(colour: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
 def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     footprint = np.where(seen.valid, seen.scan.ranges, 0.0) * seen.scan.projection.pixel_angle
     sigma = np.where(seen.valid, seen.sigma, 0.0)
-    faces = mesh_range_image(seen.points, seen.valid, 6 * footprint + 6 * sigma)
+    faces = mesh_range_image(seen.points, seen.valid, 6 * footprint + 6 * sigma, seen.scan.origin)
     used = np.flatnonzero(seen.valid.ravel())
     number = np.full(seen.valid.size, -1, np.int32)
     number[used] = np.arange(len(used), dtype=np.int32)

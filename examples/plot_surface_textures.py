@@ -91,14 +91,13 @@ def tunnel() -> tuple[Completion, int, RangeImage | None]:
     depth = cv2.imread(str(folder / "depth_0.png"), cv2.IMREAD_UNCHANGED) / 1000.0
     rgb = np.asarray(Image.open(folder / "rgb_0.png").convert("RGB"), np.float32) / 255
     stored = cv2.FileStorage(str(folder / "calib_params.xml"), cv2.FILE_STORAGE_READ)
-    inner, lens, outer, bent, turn, shift = (
+    inner, outer, bent, turn, shift = (
         stored.getNode(name).mat()
         for name in (
-            "IR_intrinsic_params", "IR_distortion_coefficients", "RGB_intrinsic_params",
-            "RGB_distortion_coefficients", "Rotation", "Translation",
+            "IR_intrinsic_params", "RGB_intrinsic_params", "RGB_distortion_coefficients",
+            "Rotation", "Translation",
         )
     )  # fmt: skip
-    del lens  # depths are given on the undistorted grid
     camera = PinholeProjection(
         depth.shape[1], depth.shape[0], inner[0, 0], inner[1, 1], inner[0, 2], inner[1, 2]
     )

@@ -130,7 +130,7 @@ def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
             there = chosen[second]
             if own.linked[there]:
                 pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
-    linked = np.array([own.linked for own in links]).reshape(len(chosen), -1)
+    linked = np.array([own.linked for own in links]).reshape(len(chosen), task.candidates.n_poses)
     positions = [task.candidates.pose(candidate).translation for candidate in chosen]
     places = np.array(positions).reshape(-1, 3)
     tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside)

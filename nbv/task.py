@@ -78,6 +78,8 @@ class Study:
         met = self.tally.met
         areas = self.task.samples.areas
         reachable_m2 = float(areas[self.reachability.including(met).reachable].sum())
+        if reachable_m2 == 0:
+            return "no candidate can measure anything as required"
         if float(areas[met].sum()) >= (self.task.target - 1e-9) * reachable_m2:
             return f"target met on the true scene: {self.task.target:g} of the reachable area"
         return None

@@ -155,10 +155,23 @@ def test_no_cells_give_an_empty_mesh():
 
 def test_range_image_mesh_has_no_triangle_across_a_jump():
     seen = observe(SCAN, Pose.identity())
-    faces = mesh_range_image(seen.points, seen.valid, np.where(seen.valid, 0.1, 0.0))
+    faces = mesh_range_image(seen.points, seen.valid, np.where(seen.valid, 0.1, 0.0), seen.scan.origin)
     depths = seen.points.reshape(-1, 3)[faces][..., 2]
     assert np.ptp(depths, axis=1).max() < 1e-9
     assert len(faces) > 2 * 0.8 * seen.valid.sum()
+
+
+@pytest.mark.parametrize("fy", [80.0, -80.0])  # rows may run up or down
+def test_range_image_mesh_faces_its_sensor(fy):
+    camera = PinholeProjection(60, 50, 80.0, fy, 29.5, 24.5)
+    ranges = np.random.default_rng(0).uniform(2.9, 3.1, camera.shape)
+    pose = Pose.looking_at((1.0, 2.0, 3.0), (4.0, 2.0, 1.0))
+    seen = observe(RangeImage(ranges, camera, pose), Pose.identity())
+    faces = mesh_range_image(seen.points, seen.valid, np.full(camera.shape, 9.0), seen.scan.origin)
+    a, b, c = (seen.points.reshape(-1, 3)[faces[:, corner]] for corner in range(3))
+    towards = np.einsum("ij,ij->i", np.cross(b - a, c - a), seen.scan.origin - a)
+    assert len(faces) == 2 * 59 * 49
+    assert (towards > 0).mean() > 0.8  # steep steps between noisy pixels may face aside
 
 
 def planted(depth: float, sigma: float = 0.0):

@@ -17,6 +17,7 @@ from nbv.cover.polish import polish
 from nbv.cover.reduction import reduce_instance
 from nbv.overlap import OverlapOptions
 from nbv.planning import plan_views
+from nbv.requirement import Requirement
 from nbv.samples import sample_surface
 from nbv.scanning.sensor import PinholeSensor
 from nbv.viewpoints import Candidates, load_candidates
@@ -212,3 +213,16 @@ def test_equal_seeds_give_equal_plans_for_any_number_of_threads():
     assert json.dumps(once.to_json()) == json.dumps(again.to_json())
     assert json.dumps(once.stations.to_json()) == json.dumps(again.stations.to_json())
     assert once.seed == 5
+
+
+@pytest.mark.parametrize("target", [1.0, 0.9])
+def test_a_requirement_that_nothing_meets_needs_no_views_and_says_so(target):
+    nothing = find_cover(CoverInstance(csr_array(np.zeros((3, 4))), np.ones(4), target))
+    assert nothing.chosen == ()
+    assert nothing.bound.views == 0
+    scene = builtin_scene("chair_before_wall")
+    sensor = PinholeSensor(fov_deg=60, width=60, height=60)
+    plan = plan_views(scene, sensor, method="cover", requirement=Requirement(k=5000), target=target, rng=0)
+    assert plan.views == ()
+    assert plan.coverage.reachable == 0
+    assert plan.stopped_because == "no candidate can measure anything as required"

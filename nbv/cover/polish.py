@@ -56,6 +56,8 @@ def polish(
     time_budget_s : float, optional
         Stop after so many seconds; what is found then depends on the machine.
     """
+    if len(chosen) <= enough:
+        return Polished(tuple(chosen), 0, False)
     rng = np.random.default_rng(rng)
     state = _begin(instance, chosen)
     draws = rng.random(n_steps)

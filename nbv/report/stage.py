@@ -56,7 +56,7 @@ class Stage:
         scans = [seen.scan.transformed(completion.world_from_reference) for seen in completion.observations]
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
-        front = fronts(mesh, scans)
+        front = mesh.face_normals()
         kept = np.flatnonzero(mesh.face_surface != _INFERRED)
         before = Canvas(part_of(mesh, kept), front[kept], n_threads)
         return cls(before, Canvas(mesh, front, n_threads), scans)
@@ -103,17 +103,6 @@ def _inner(bounds: FloatArray) -> FloatArray:
 def solid_bounds(mesh: LabelledMesh) -> FloatArray:
     """Bounds (2, 3) of the mesh without its most remote half percents."""
     return np.quantile(mesh.vertices, [0.005, 0.995], axis=0)
-
-
-def fronts(mesh: LabelledMesh, scans: list[RangeImage]) -> FloatArray:
-    """Normals (m, 3) of the faces' fronts: a single scanner's side where measured, else the winding's."""
-    normals = mesh.face_normals()
-    if len(scans) != 1:
-        return normals
-    towards = scans[0].origin - mesh.corners.mean(axis=1)
-    away = np.einsum("ij,ij->i", normals, towards) < 0
-    normals[away & (mesh.face_surface != _INFERRED)] *= -1
-    return normals
 
 
 def part_of(mesh: LabelledMesh, kept: Any) -> LabelledMesh:
