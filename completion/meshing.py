@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from completion.boundary.curves import Circle, Line
 from completion.chart import ChartGrid
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Surface
+from scenes.surfaces import Cylinder, Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,9 @@ def mesh_cells(
     proper = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])
     proper &= triangles[:, 0] != triangles[:, 2]
     vertices = grid.surface.from_uv(grid.uv_of(places[:, 0], places[:, 1]))
-    return ChartMesh(vertices, triangles[proper], places, (row * grid.shape[1] + column)[proper])
+    inward = isinstance(grid.surface, Cylinder) and grid.surface.concave  # its chart is that of the outside
+    faces_out = triangles[proper][:, ::-1] if inward else triangles[proper]
+    return ChartMesh(vertices, faces_out, places, (row * grid.shape[1] + column)[proper])
 
 
 def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

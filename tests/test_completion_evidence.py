@@ -161,6 +161,22 @@ def test_range_image_mesh_has_no_triangle_across_a_jump():
     assert len(faces) > 2 * 0.8 * seen.valid.sum()
 
 
+@pytest.mark.parametrize("merged", [False, True])
+@pytest.mark.parametrize("concave", [None, False, True])
+def test_chart_meshes_are_wound_counter_clockwise_seen_from_the_normal_s_side(concave, merged):
+    upright = np.array([0.0, 0.0, 1.0])
+    surface = (
+        Plane(np.zeros(3), upright)
+        if concave is None
+        else Cylinder(np.zeros(3), upright, 0.5, concave=concave)
+    )
+    grid = ChartGrid.over(surface, np.full(2, -0.2), np.full(2, 0.2), 0.05, full_turn=False)
+    mesh = mesh_cells(grid, np.ones(grid.shape, dtype=bool), (), merged=merged)
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    normals = surface.normal((a + b + c) / 3)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), normals) > 0).all()
+
+
 @pytest.mark.parametrize("fy", [80.0, -80.0])  # rows may run up or down
 def test_range_image_mesh_faces_its_sensor(fy):
     camera = PinholeProjection(60, 50, 80.0, fy, 29.5, 24.5)
