@@ -173,7 +173,9 @@ def greedy_poses(instance: Instance, min_cosine: float, n: int) -> list[int]:
     areas = instance.samples.areas
     rows = [instance.row(i) for i in range(instance.candidates.n_positions)]
     good = [index[cosine >= min_cosine - 1e-12] for index, cosine in rows]
-    accumulator = Accumulator.of(good, instance.samples.points, instance.candidates, instance.sensor)
+    points = instance.samples.points
+    offsets = [points[index] - instance.candidates.positions[i] for i, index in enumerate(good)]
+    accumulator = Accumulator.of(offsets, instance.candidates, instance.sensor)
     left, chosen = areas.copy(), list[int]()
     while len(chosen) < n:
         number = accumulator.best([left[index] for index in good])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.classes import INFERRED, MODELLED
 from nbv.reachability import REASONS
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
@@ -59,8 +60,10 @@ class CoverageSummary:
     reachable: float
     unreachable: float
     inferred: float
+    modelled: float = 0.0
+    unknown: float | None = None
 
-    def to_json(self) -> dict[str, float]:
+    def to_json(self) -> dict[str, float | None]:
         """Return the entry."""
         return asdict(self)
 
@@ -87,6 +90,8 @@ class Coverage:
         Names of the surfaces that the samples refer to.
     n_faces : int
         Faces of the mesh.
+    classes : (n,) int8, optional
+        Where completion stands in for views: index into `nbv.classes.CLASSES`.
     """
 
     samples: SurfaceSamples
@@ -97,6 +102,7 @@ class Coverage:
     reason: NDArray[np.int8]
     surface_names: tuple[str, ...]
     n_faces: int
+    classes: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -129,8 +135,18 @@ class Coverage:
 
     @property
     def inferred(self) -> float:
-        """Fraction of the area that completion stands in for; 0 for coverage by views alone."""
-        return 0.0
+        """Fraction of the area, not measured, that completion infers; 0 for coverage by views alone."""
+        return 0.0 if self.classes is None else self._fraction(self.classes == INFERRED)
+
+    @property
+    def modelled(self) -> float:
+        """Fraction of the area, not measured as required, that completion models; 0 by views alone."""
+        return 0.0 if self.classes is None else self._fraction(self.classes == MODELLED)
+
+    @property
+    def unknown(self) -> float:
+        """Fraction of the area that is neither met nor modelled nor inferred."""
+        return max(1.0 - self.met - self.modelled - self.inferred, 0.0)
 
     @property
     def met_of_reachable(self) -> float:
@@ -172,7 +188,8 @@ class Coverage:
 
     def summary(self) -> CoverageSummary:
         """Return the `coverage` entry of `plan.json`."""
-        return CoverageSummary(self.total_m2, self.met, self.reachable, self.unreachable, self.inferred)
+        shares = (self.met, self.reachable, self.unreachable, self.inferred, self.modelled, self.unknown)
+        return CoverageSummary(self.total_m2, *shares)
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `coverage.json`: fractions are of area."""

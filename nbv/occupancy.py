@@ -151,13 +151,22 @@ class VoxelMap:
 
     def boundary(self) -> BoundaryFaces:
         """Return the faces between empty voxels and all others."""
+        return self.faces_between(self.labels != EMPTY, self.labels == EMPTY, self.outside_is_empty)
+
+    def faces_between(
+        self, inside: BoolArray, outside: BoolArray, beyond_grid: bool = False
+    ) -> BoundaryFaces:
+        """Return the faces between voxels `inside` (n_voxels,) and those `outside`.
+
+        `beyond_grid` tells whether what lies around the volume counts as outside too.
+        """
         shape = self.grid.shape
-        empty = self._padded_empty()
-        solid = (self.labels != EMPTY).reshape(shape)
+        open_ = np.pad(outside.reshape(shape), 1, constant_values=beyond_grid)
+        closed = inside.reshape(shape)
         voxels, steps = [], []
         for axis in range(3):
             for step in (1, -1):
-                number = np.flatnonzero(solid & _neighbour(empty, axis, step))
+                number = np.flatnonzero(closed & _neighbour(open_, axis, step))
                 voxels.append(number)
                 steps.append(np.broadcast_to(step * np.eye(3)[axis], (len(number), 3)))
         voxel, outward = np.concatenate(voxels), np.concatenate(steps)

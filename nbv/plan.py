@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nbv.classes import Shares
 from nbv.cover.result import LowerBound
 from nbv.coverage import Coverage, CoverageSummary
 from nbv.requirement import Requirement
@@ -50,6 +51,9 @@ class Plan:
         In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
     candidates : Candidates or None
         The poses that could be chosen; None for a plan read from a file.
+    shares : tuple of Shares
+        Of a plan in which completion stood in for views: how the area parts into met, modelled, inferred and
+        unknown whenever the scans were completed.
     """
 
     method: str
@@ -64,6 +68,7 @@ class Plan:
     stopped_because: str
     stations: Stations | None = None
     candidates: Candidates | None = None
+    shares: tuple[Shares, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -78,6 +83,7 @@ class Plan:
             "coverage": coverage.to_json(),
             "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
             "stopped_because": self.stopped_because,
+            "inference": [shares.to_json() for shares in self.shares],
         }
 
 
@@ -121,4 +127,5 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         coverage=CoverageSummary(**content["coverage"]),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
+        shares=tuple(Shares(**shares) for shares in content.get("inference", ())),
     )

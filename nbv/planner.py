@@ -16,7 +16,7 @@ Their idea is followed, not their weights and thresholds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from nbv.footing import has_footing
 from nbv.gain import BestView, GainOptions, best_view, find_targets
+from nbv.knowledge import Knowledge
 from nbv.occupancy import VoxelMap
+from nbv.prospect import Prospect
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
@@ -32,6 +34,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
+_RENEWED = 1.1  # growth of the number of scans after which they are completed anew
 Progress = Callable[[str, int, int], None]
 
 
@@ -104,6 +107,7 @@ def explore(
     options: PlannerOptions | None = None,
     *,
     from_outside: bool = False,
+    infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
     finished: Callable[[], str | None] | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -128,6 +132,9 @@ def explore(
         Voxels, clearance, stopping, weights.
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
+    infer : callable, optional
+        Completes all scans so far. What it knows counts less than what is unknown: badly seen surface that is
+        modelled well, and shadows in which nothing but inferred surface is expected.
     finished : callable, optional
         Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
         stopping rule here; the planner itself decides by its voxels alone.
@@ -140,8 +147,13 @@ def explore(
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     steps = [Step(start, None)]
+    scans: list[RangeImage] = []
+    knowledge, n_known = None, 0
     while True:
-        voxels = _learn(voxels, scan(steps[-1].world_from_sensor), sensor, options)
+        scans.append(scan(steps[-1].world_from_sensor))
+        voxels = _learn(voxels, scans[-1], sensor, options)
+        if infer is not None and len(scans) >= _RENEWED * n_known:
+            knowledge, n_known = infer(scans), len(scans)
         if progress is not None:
             progress("views", len(steps), options.max_views)
         reason = finished() if finished is not None else None
@@ -150,7 +162,9 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
         here = steps[-1].world_from_sensor
-        best = _next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
+        best = _next_view(
+            voxels, knowledge, attempts, candidates, here, sensor, requirement, options, n_threads
+        )
         if isinstance(best, str):
             return Exploration(tuple(steps), voxels, best)
         _count_attempts(attempts, best)
@@ -167,6 +181,7 @@ def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerO
 
 def _next_view(
     voxels: VoxelMap,
+    knowledge: Knowledge | None,
     attempts: NDArray[np.int32],
     candidates: Candidates,
     here: Pose,
@@ -177,12 +192,16 @@ def _next_view(
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
-    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain)
+    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain, knowledge)
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
     free = _free_candidates(candidates, voxels, here, options)
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
-    best = best_view(voxels, faces, targets, free, sensor, wanted, n_most=n_most, n_threads=n_threads)
+    sought = attempts[1] < options.gain.max_attempts
+    prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge)
+    best = best_view(
+        voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
+    )
     if best is None:
         return "no candidate in known free space sees what is left to see"
     if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
@@ -216,4 +235,4 @@ def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
 
 def _count_attempts(attempts: NDArray[np.int32], best: BestView) -> None:
     """Remember what the chosen view should settle, so that it is not sought for ever."""
-    np.add.at(attempts, (best.targets.is_unknown.astype(np.int64), best.targets.voxel), 1)
+    np.add.at(attempts, (best.is_unknown.astype(np.int64), best.voxel), 1)

@@ -13,13 +13,13 @@ from nbv.online import plan_online
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
-from nbv.reachability import scene_candidates
+from nbv.reachability import scene_candidates, scene_lattice
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.task import Task
-from nbv.viewpoints import Candidates, room_lattice
+from nbv.viewpoints import Candidates
 from nbv.visibility import Progress
 from scenes.checks import FloatArray, InputError
 from scenes.raycast import RayCaster
@@ -47,6 +47,7 @@ def plan_views(
     options: PlannerOptions | None = None,
     budgets: CoverOptions | None = None,
     overlap: OverlapOptions | None = None,
+    infer: bool = False,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -91,6 +92,9 @@ def plan_views(
         For "cover".
     overlap : OverlapOptions, optional
         For "cover": how scans must overlap so that all can be registered with one another.
+    infer : bool
+        Whether surface that completion models or infers from the scans so far counts towards the target
+        (`nbv.classes`), outranked by unknown surface. Such a plan has no lower bound.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -116,7 +120,7 @@ def plan_views(
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
         if (mode or scene.mode) == "room":
-            proposals = Candidates(room_lattice(scene.mesh.bounds()), candidates.directions)
+            proposals = Candidates(scene_lattice(scene), candidates.directions)
     requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
@@ -133,6 +137,7 @@ def plan_views(
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
         overlap=overlap,
+        infer=infer,
         n_threads=n_threads,
         progress=progress,
     )

@@ -3,9 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.classes import UNKNOWN, Shares, classify, shares_of
 from nbv.cover.result import LowerBound
+from nbv.knowledge import Knowledge
 from nbv.measurement import CoverageTally
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
@@ -40,18 +45,21 @@ class Task:
     caster: RayCaster
     from_outside: bool
     overlap: OverlapOptions | None
+    infer: bool
     n_threads: int | None
     progress: Progress | None
 
 
 @dataclass(slots=True, eq=False)
 class Study:
-    """Views so far, and what they cover of the true scene."""
+    """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
 
     task: Task
     tally: CoverageTally
     reachability: Reachability
     views: list[View]
+    classes: NDArray[np.int8] | None = None
+    shares: list[Shares] = field(default_factory=list)
 
     @classmethod
     def begin(cls, task: Task) -> Study:
@@ -73,15 +81,25 @@ class Study:
         met = self.tally.met_m2() / self.task.samples.total_m2
         self.views.append(View(pose, self.task.sensor, gain, met))
 
+    def learn(self, knowledge: Knowledge) -> None:
+        """Let completion stand in for views: `knowledge` is what it makes of their scans."""
+        tally, samples = self.tally, self.task.samples
+        self.classes = classify(samples, tally.met, tally.n_views > 0, knowledge)
+        mesh = self.task.scene.mesh
+        self.shares.append(shares_of(self.classes, samples, knowledge, mesh, len(self.views)))
+
     def why_finished(self) -> str | None:
         """Return why it is enough, or None."""
         met = self.tally.met
         areas = self.task.samples.areas
-        reachable_m2 = float(areas[self.reachability.including(met).reachable].sum())
+        reachable = self.reachability.including(met).reachable
+        reachable_m2 = float(areas[reachable].sum())
         if reachable_m2 == 0:
             return "no candidate can measure anything as required"
-        if float(areas[met].sum()) >= (self.task.target - 1e-9) * reachable_m2:
-            return f"target met on the true scene: {self.task.target:g} of the reachable area"
+        done = met if self.classes is None else met | (reachable & (self.classes != UNKNOWN))
+        if float(areas[done].sum()) >= (self.task.target - 1e-9) * reachable_m2:
+            how = "met" if self.classes is None else "met, modelled or inferred"
+            return f"target {how} on the true scene: {self.task.target:g} of the reachable area"
         return None
 
     def plan(
@@ -102,9 +120,10 @@ class Study:
             seed=seed,
             n_candidates=task.candidates.n_poses,
             views=tuple(self.views),
-            coverage=self.tally.coverage(task.scene, self.reachability),
+            coverage=replace(self.tally.coverage(task.scene, self.reachability), classes=self.classes),
             lower_bound=bound,
             stopped_because=reason,
             stations=stations,
             candidates=task.candidates,
+            shares=tuple(self.shares),
         )
