@@ -35,11 +35,11 @@ def plan_online(
     options : PlannerOptions
         The planner's.
     rng : Generator, int or None
-        Chooses the start (any candidate) and drives the noise.
+        Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    start = task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
+    start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
     study = Study.begin(task)
 
     def scan(pose: Pose) -> RangeImage:
@@ -57,6 +57,7 @@ def plan_online(
         task.sensor,
         task.requirement,
         replace(options, max_views=min(views or options.max_views, options.max_views)),
+        given=task.scans,
         from_outside=task.from_outside,
         finished=study.why_finished,
         n_threads=task.n_threads,

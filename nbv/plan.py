@@ -21,6 +21,30 @@ from scenes.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Resumption:
+    """What a plan was resumed from.
+
+    Attributes
+    ----------
+    poses : tuple of Pose
+        Where the scans that were given have been taken.
+    met_fraction : float or None
+        Share of the scene's area that they meet the requirement on; None where the scene is not known.
+    """
+
+    poses: tuple[Pose, ...]
+    met_fraction: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        return {**self.summary(), "world_from_sensor": [pose.matrix.tolist() for pose in self.poses]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many scans there were, and what they had met."""
+        return {"scans": len(self.poses), "met": self.met_fraction}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """A plan.
 
@@ -39,9 +63,10 @@ class Plan:
     n_candidates : int
         Poses that could be chosen.
     views : tuple of View
-        The views in order.
+        The views in order, those not counted that the plan was resumed from.
     coverage : Coverage or CoverageSummary
-        What they cover; a plan read from a file holds the summary.
+        What they cover, with the scans that the plan was resumed from; a plan read from a file holds the
+        summary.
     lower_bound : LowerBound or None
         How many views any plan with these candidates and samples needs, where known.
     stopped_because : str
@@ -50,6 +75,8 @@ class Plan:
         In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
     candidates : Candidates or None
         The poses that could be chosen; None for a plan read from a file.
+    resumed_from : Resumption or None
+        The scans that had been taken before.
     """
 
     method: str
@@ -64,6 +91,7 @@ class Plan:
     stopped_because: str
     stations: Stations | None = None
     candidates: Candidates | None = None
+    resumed_from: Resumption | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -78,6 +106,7 @@ class Plan:
             "coverage": coverage.to_json(),
             "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
             "stopped_because": self.stopped_because,
+            "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
         }
 
 
@@ -106,7 +135,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
     required = dict(content["requirement"])
     target = float(required.pop("target"))
     bound = content["lower_bound"]
-    seed = content["seed"]
+    seed, resumed = content["seed"], content.get("resumed_from")
     return Plan(
         method=str(content["method"]),
         sensor=sensor,
@@ -121,4 +150,11 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         coverage=CoverageSummary(**content["coverage"]),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
+        resumed_from=_resumption_of(resumed) if resumed else None,
     )
+
+
+def _resumption_of(content: dict[str, Any]) -> Resumption:
+    met = content["met"]
+    poses = tuple(Pose(matrix) for matrix in content["world_from_sensor"])
+    return Resumption(poses, None if met is None else float(met))

@@ -16,7 +16,7 @@ Their idea is followed, not their weights and thresholds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,12 +97,13 @@ class Exploration:
 def explore(
     scan: Callable[[Pose], RangeImage],
     volume: FloatArray,
-    start: Pose,
+    start: Pose | None,
     candidates: Candidates,
     sensor: Sensor,
     requirement: Requirement | None = None,
     options: PlannerOptions | None = None,
     *,
+    given: Sequence[RangeImage] = (),
     from_outside: bool = False,
     finished: Callable[[], str | None] | None = None,
     n_threads: int | None = None,
@@ -116,8 +117,8 @@ def explore(
         Takes a scan from a pose: a simulated scanner, or a person with a tripod.
     volume : (2, 3) float
         Smallest and largest coordinates of the volume to explore, metres.
-    start : Pose
-        The first view.
+    start : Pose or None
+        The first view; None to choose it like the others, by what the `given` scans say.
     candidates : Candidates
         Where the sensor may go; positions not yet known to be free, or without footing, are left out.
     sensor : Sensor
@@ -126,6 +127,8 @@ def explore(
         What counts as seen well; 60 deg incidence when not given.
     options : PlannerOptions, optional
         Voxels, clearance, stopping, weights.
+    given : sequence of RangeImage
+        Scans that were taken before, by this sensor or by others, in the same world.
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
     finished : callable, optional
@@ -135,13 +138,22 @@ def explore(
         Threads; the result does not depend on it.
     progress : callable, optional
         Called with ("views", done, most).
+
+    Raises
+    ------
+    InputError
+        Neither a start nor scans that are given.
     """
+    if start is None and not given:
+        raise InputError("without a scan that is given, exploring needs a pose to start from")
     requirement, options = requirement or Requirement(), options or PlannerOptions()
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
+    voxels = recall(voxels, given, sensor, options)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
-    steps = [Step(start, None)]
+    steps = [] if start is None else [Step(start, None)]
     while True:
-        voxels = _learn(voxels, scan(steps[-1].world_from_sensor), sensor, options)
+        if steps:
+            voxels = _learn(voxels, scan(steps[-1].world_from_sensor), sensor, options)
         if progress is not None:
             progress("views", len(steps), options.max_views)
         reason = finished() if finished is not None else None
@@ -149,7 +161,7 @@ def explore(
             reason = f"the limit of {options.max_views} views is reached"
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
-        here = steps[-1].world_from_sensor
+        here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
         best = _next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
         if isinstance(best, str):
             return Exploration(tuple(steps), voxels, best)
@@ -157,7 +169,20 @@ def explore(
         steps.append(Step(best.pose, best.gain_m2))
 
 
-def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerOptions) -> VoxelMap:
+def recall(
+    voxels: VoxelMap, given: Sequence[RangeImage], sensor: Sensor, options: PlannerOptions
+) -> VoxelMap:
+    """Write scans that were taken before into the voxels.
+
+    Pixels without return of a scan by another instrument than `sensor` say nothing: what they would have met,
+    and how far away, nobody knows.
+    """
+    for scan in given:
+        voxels = _learn(voxels, scan, sensor if scan.sensor == sensor.name else None, options)
+    return voxels
+
+
+def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor | None, options: PlannerOptions) -> VoxelMap:
     """Write a scan into the voxels; within a room, the place where the sensor stands is free too."""
     voxels = voxels.integrated(scan, sensor)
     if voxels.outside_is_empty:

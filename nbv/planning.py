@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ from nbv.task import Task
 from nbv.viewpoints import Candidates, room_lattice
 from nbv.visibility import Progress
 from scenes.checks import FloatArray, InputError
+from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
@@ -47,6 +49,7 @@ def plan_views(
     options: PlannerOptions | None = None,
     budgets: CoverOptions | None = None,
     overlap: OverlapOptions | None = None,
+    scans: Sequence[RangeImage] = (),
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -91,6 +94,9 @@ def plan_views(
         For "cover".
     overlap : OverlapOptions, optional
         For "cover": how scans must overlap so that all can be registered with one another.
+    scans : sequence of RangeImage
+        Scans that were taken before, in the scene's coordinates: what they have measured as required counts,
+        and "nbv" knows what they saw. They are not views of the plan.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -101,7 +107,8 @@ def plan_views(
     Raises
     ------
     InputError
-        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene.
+        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene,
+        scans that measure nothing of it.
     """
     if method not in ("nbv", "cover"):
         raise InputError(f"method must be nbv or cover, got {method!r}")
@@ -135,6 +142,7 @@ def plan_views(
         overlap=overlap,
         n_threads=n_threads,
         progress=progress,
+        scans=tuple(scans),
     )
     if method == "cover":
         return plan_offline(task, views, budgets or CoverOptions(), rng)
