@@ -63,8 +63,9 @@ class FloorPlan:
             for way in self.ways:
                 axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
             _draw_zones(axes, theme, self.zones)
-            _draw_given(axes, theme, self.given)
-            self._draw_stations(axes, theme, 0.07 * float(extent.max()))
+            size = 0.07 * float(extent.max())
+            _draw_given(axes, theme, self.given, size)
+            self._draw_stations(axes, theme, size)
             axes.set_aspect("equal")
             pad = 0.06 * float(extent.max())
             axes.set_xlim(low[0] - pad, high[0] + pad)
@@ -95,16 +96,17 @@ class FloorPlan:
             )
         axes.scatter(x, y, s=22, color=colours, zorder=4, linewidths=0)
         numbers = [str(number) for number in range(1, len(self.positions) + 1)]
-        _label(axes, self.positions, numbers, theme.accent, (5, 5))
+        _label(axes, self.positions, numbers, theme.accent, (5, 5), size)
 
 
-def _draw_given(axes: Axes, theme: Theme, given: FloatArray) -> None:
+def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> None:
     """Draw the stations that had been there before."""
     if len(given):
         axes.scatter(
             given[:, 0], given[:, 1], s=34, marker="s", facecolors="none", edgecolors=theme.ink, zorder=4
         )
-        _label(axes, given, [letters(number) for number in range(len(given))], theme.ink, (-10, -10))
+        names = [letters(number) for number in range(len(given))]
+        _label(axes, given, names, theme.ink, (-6, -13), size)
 
 
 def _draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:
@@ -124,12 +126,18 @@ def _ring(box: Box) -> tuple[FloatArray, FloatArray]:
 
 
 def _label(
-    axes: Axes, positions: FloatArray, names: Sequence[str], colour: str, offset: tuple[int, int]
+    axes: Axes,
+    positions: FloatArray,
+    names: Sequence[str],
+    colour: str,
+    offset: tuple[int, int],
+    size: float,
 ) -> None:
-    """Write the names of the stations at each place, no more than six of them."""
+    """Write the names of the stations at each place, those together that lie within a third of `size`."""
     places: dict[tuple[float, float], list[str]] = {}
-    for name, (x, y) in zip(names, positions[:, :2].round(3).tolist(), strict=True):
-        places.setdefault((x, y), []).append(name)
+    for name, (x, y) in zip(names, positions[:, :2].tolist(), strict=True):
+        near = (place for place in places if np.hypot(place[0] - x, place[1] - y) < size / 3)
+        places.setdefault(next(near, (x, y)), []).append(name)
     for place, here in places.items():
         text = ",".join(here[:_MOST_NUMBERS]) + (" ..." if len(here) > _MOST_NUMBERS else "")
         axes.annotate(

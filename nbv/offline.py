@@ -156,7 +156,7 @@ def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
     linked = np.array([own.linked for own in links]).reshape(len(chosen), task.candidates.n_poses)
     positions = [task.candidates.pose(candidate).translation for candidate in chosen]
     places = np.array(positions).reshape(-1, 3)
-    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside)
+    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside, keep_out=task.zones.keep_out)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
 

@@ -56,7 +56,7 @@ def plan_online(
         task.proposals,
         task.sensor,
         task.requirement,
-        replace(options, max_views=min(views or options.max_views, options.max_views)),
+        replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
         given=task.scans,
         from_outside=task.from_outside,
         finished=study.why_finished,

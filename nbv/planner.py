@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.footing import has_footing
-from nbv.gain import BestView, GainOptions, best_view, find_targets
-from nbv.occupancy import VoxelMap
+from nbv.gain import BestView, GainOptions, Targets, best_view, find_targets
+from nbv.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -54,6 +55,9 @@ class PlannerOptions:
         Stop after so many views.
     gain : GainOptions
         Weights of the gain.
+    zones : Zones
+        Only what lies in the region is worth seeing (anything, until known space reaches it), and no station
+        lies in what is to be kept out of.
 
     Raises
     ------
@@ -67,6 +71,7 @@ class PlannerOptions:
     epsilon_m2: float | None = None
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
+    zones: Zones = EVERYWHERE
 
     def __post_init__(self) -> None:
         if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
@@ -162,7 +167,7 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        best = _next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
+        best = next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
         if isinstance(best, str):
             return Exploration(tuple(steps), voxels, best)
         _count_attempts(attempts, best)
@@ -190,7 +195,7 @@ def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor | None, options: P
     return voxels.cleared(scan.origin, options.clearance_m + voxels.grid.voxel_m)
 
 
-def _next_view(
+def next_view(
     voxels: VoxelMap,
     attempts: NDArray[np.int32],
     candidates: Candidates,
@@ -203,6 +208,7 @@ def _next_view(
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
     targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain)
+    targets = _of_concern(voxels, targets, options.zones)
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
     free = _free_candidates(candidates, voxels, here, options)
@@ -213,6 +219,16 @@ def _next_view(
     if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
         return f"marginal gain {best.gain_m2:.3g} m2 is below {epsilon:.3g} m2"
     return best
+
+
+def _of_concern(voxels: VoxelMap, targets: Targets, zones: Zones) -> Targets:
+    """Return the targets in the region; all of them until known space has reached it."""
+    if zones.region is None:
+        return targets
+    known = np.flatnonzero((voxels.labels == EMPTY) | (voxels.labels == SEEN))
+    if not zones.region.holds(voxels.grid.centres(known)).any():
+        return targets
+    return targets.some(zones.concern(voxels.grid.centres(targets.voxel), voxels.grid.voxel_m))
 
 
 def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
@@ -228,8 +244,10 @@ def _free_candidates(
     allowed = voxels.is_free(candidates.positions, options.clearance_m)
     if options.on_floor and not voxels.outside_is_empty:
         allowed &= has_footing(voxels, candidates.positions)
-    free = candidates.at(allowed)
+    free = candidates.at(allowed & options.zones.allow(candidates.positions))
     if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
+        return free
+    if not options.zones.allow(here.translation[None]).all():
         return free
     return replace(free, positions=np.vstack([free.positions, here.translation]))
 

@@ -17,6 +17,7 @@ from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -46,6 +47,7 @@ class Task:
     n_threads: int | None
     progress: Progress | None
     scans: tuple[RangeImage, ...] = ()
+    zones: Zones = EVERYWHERE
 
 
 @dataclass(slots=True, eq=False)
@@ -131,4 +133,5 @@ class Study:
             stations=stations,
             candidates=task.candidates,
             resumed_from=self.resumed_from,
+            zones=task.zones,
         )

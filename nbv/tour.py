@@ -9,6 +9,7 @@ the sensor is in the way, so that nobody climbs through a window.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -20,6 +21,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from nbv.samples import sample_surface
+from nbv.zones import Box
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.mesh import LabelledMesh
 
@@ -69,9 +71,16 @@ class Tour:
 
 
 def plan_tour(
-    mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_M, on_foot: bool = False
+    mesh: LabelledMesh,
+    stations: FloatArray,
+    *,
+    body_m: float = BODY_M,
+    on_foot: bool = False,
+    keep_out: Sequence[Box] = (),
 ) -> Tour:
     """Return a short open tour of `stations` (n, 3), metres, that keeps `body_m` clear of the mesh.
+
+    No leg leads through the boxes `keep_out`; on foot they count where they reach lower than the sensor.
 
     Nearest neighbours from several starts, then 2-opt and the moving of short stretches (Or 1976) until
     neither helps. Legs between stations that no way joins come out as such. `on_foot` the ways lead over the
@@ -87,7 +96,8 @@ def plan_tour(
     stations = check_points("stations", stations)
     if len(stations) < 2:
         return Tour(tuple(range(len(stations))), ())
-    ways = _Ways.walked(mesh, stations, body_m) if on_foot else _Ways.flown(mesh, stations, body_m)
+    find = _Ways.walked if on_foot else _Ways.flown
+    ways = find(mesh, stations, body_m, keep_out)
     order = short_order(ways.lengths)
     legs = tuple(ways.leg(a, b) for a, b in pairwise(order))
     return Tour(tuple(order), legs)
@@ -102,28 +112,37 @@ class _Ways:
     before: NDArray[np.int32]
 
     @classmethod
-    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]) -> _Ways:
         """Return the ways through the air."""
         spacing = body_m / _SAMPLES_A_BODY
         obstacles = sample_surface(mesh, spacing, every_face=False).points
-        return cls._among(obstacles, stations, np.vstack([mesh.bounds(), stations]), body_m + spacing)
+        extent = np.vstack([mesh.bounds(), stations])
+        return cls._among(obstacles, stations, extent, body_m + spacing, keep_out)
 
     @classmethod
-    def walked(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+    def walked(
+        cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]
+    ) -> _Ways:
         """Return the ways over the floor, found in the plane; they start and end at the sensors."""
         spacing = body_m / _SAMPLES_A_BODY
         points = sample_surface(mesh, spacing, every_face=False).points
         floor, head = _floor_height(points, stations, body_m), stations[:, 2].max() + body_m
         obstacles = points[(points[:, 2] > floor + _STEP_OVER_M) & (points[:, 2] < head)]
         flat = np.vstack([mesh.bounds(), stations])[:, :2]
-        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing)
+        boxes = [box for box in keep_out if box.low[2] < head and box.high[2] > floor]
+        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing, boxes)
         height = np.full(len(ways.nodes), floor)
         height[: len(stations)] = stations[:, 2]
         return cls(np.column_stack([ways.nodes, height]), ways.lengths, ways.before)
 
     @classmethod
     def _among(
-        cls, obstacles: FloatArray, stations: FloatArray, extent: FloatArray, clearance_m: float
+        cls,
+        obstacles: FloatArray,
+        stations: FloatArray,
+        extent: FloatArray,
+        clearance_m: float,
+        keep_out: Sequence[Box],
     ) -> _Ways:
         """Return the ways among points (k, d), within the extent (m, d) of other points."""
         low, high = extent.min(axis=0), extent.max(axis=0)
@@ -135,6 +154,8 @@ class _Ways:
         room = np.full(len(nodes), np.inf)
         if len(obstacles):
             room = cKDTree(obstacles).query(nodes)[0] - clearance_m
+        for box in keep_out:
+            room = np.minimum(room, box.distance(nodes, nodes.shape[1]))
         kept = (room > 0) | (np.arange(len(nodes)) < len(stations))
         nodes, room = nodes[kept], room[kept]
         pairs = cKDTree(nodes).query_pairs(1.01 * np.sqrt(len(low)) * step, output_type="ndarray")

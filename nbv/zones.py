@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,9 +83,11 @@ class Zones:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keep_out", tuple(self.keep_out))
 
-    def wants(self, points: FloatArray) -> BoolArray:
-        """Tell which points (n, 3) are to be measured."""
-        return np.ones(len(points), np.bool_) if self.region is None else self.region.holds(points)
+    def concern(self, points: FloatArray, tolerance_m: float = 0.0) -> BoolArray:
+        """Tell which points (n, 3) are to be measured: those in the region, or so near to it, metres."""
+        if self.region is None:
+            return np.ones(len(points), np.bool_)
+        return np.asarray(self.region.distance(points) <= tolerance_m)
 
     def allow(self, positions: FloatArray) -> BoolArray:
         """Tell at which positions (n, 3) a scanner may stand."""
@@ -100,3 +103,14 @@ class Zones:
 
 
 EVERYWHERE = Zones()
+
+
+def zones_from_json(region: Any, keep_out: Sequence[Any]) -> Zones:
+    """Return the zones of the entries `region` and `keep_out` of a `plan.json`.
+
+    Raises
+    ------
+    InputError
+        Entries that are no boxes.
+    """
+    return Zones(None if region is None else Box(*region), tuple(Box(*corners) for corners in keep_out))

@@ -38,10 +38,12 @@ from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.unreachable import unreachable_patches
+from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
 
 _WIDTH = 760
+_OUTSIDE, _PALE, _AT_FACES_M = -2, (0.86, 0.86, 0.84), 1e-3  # of the region
 _MOST_PATCHES = 30  # in the report; coverage.json has all
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
@@ -65,12 +67,12 @@ def plan_page(
 ) -> Page:
     """Return the report of a plan, with what simple planners reach beside it."""
     met = [view.met_fraction or 0.0 for view in plan.views]
-    before = plan.resumed_from
+    before, where = plan.resumed_from, " in the region" if plan.zones.region else ""
     bound = plan.lower_bound.views if plan.lower_bound else None
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
     summary = (
         f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} measure "
-        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
+        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
         f"{plan.requirement.describe()}. {_rest(coverage)}"
     )
     ended = f"The plan ends because: {plan.stopped_because}."
@@ -103,6 +105,7 @@ def plan_page(
                                 plan.sensor,
                                 given=before.poses if before else (),
                                 tour=plan.stations.tour if plan.stations else None,
+                                zones=plan.zones,
                             ),
                         ),
                         2,
@@ -112,7 +115,7 @@ def plan_page(
                 ),
             ),
             *baselines_section(plan, baselines),
-            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
+            Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (surfaces_table(coverage),)),
         ),
@@ -201,8 +204,10 @@ def coverage_bar(coverage: Coverage) -> Bar:
     )
 
 
-def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> tuple[Block, ...]:
-    """The scene from two opposite sides, by state."""
+def overview(
+    scene: Scene, coverage: Coverage, n_threads: int | None = None, zones: Zones = EVERYWHERE
+) -> tuple[Block, ...]:
+    """The scene from two opposite sides, by state; what is outside the region in one pale grey."""
     pale = tuple(0.38 * part + 0.62 for part in UNKNOWN)
     colours = {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: pale}
     pictures = state_pictures(
@@ -213,6 +218,7 @@ def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> 
         REACHABLE,
         "Measured, missed, out of reach",
         n_threads,
+        zones,
     )
     note = "The scene from outside; surfaces that face away from the eye are left out."
     return (
@@ -230,6 +236,7 @@ def state_pictures(
     hatched: int,
     title: str,
     n_threads: int | None = None,
+    zones: Zones = EVERYWHERE,
 ) -> tuple[Picture, ...]:
     """The scene from two opposite sides, each point in the colour of its nearest sample's state."""
     canvas = Canvas(scene.mesh, n_threads=n_threads)
@@ -240,8 +247,9 @@ def state_pictures(
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)
         found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
+        found[hit] = np.where(zones.concern(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
         image = np.zeros((*hit.shape, 4))
-        for value, colour in colours.items():
+        for value, colour in {**colours, _OUTSIDE: _PALE}.items():
             here = found == value
             image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
             image[here, 3] = 1.0

@@ -15,6 +15,7 @@ from nbv.report.page import count
 from nbv.report.picture import Picture
 from nbv.scanning.sensor import Sensor
 from nbv.tour import Tour
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scene import Scene
@@ -45,6 +46,7 @@ def stations(
     highlighted: Sequence[int] = (),
     given: Sequence[Pose] = (),
     tour: Tour | None = None,
+    zones: Zones = EVERYWHERE,
 ) -> Picture:
     """The floor plan."""
     bounds = scene.mesh.bounds()
@@ -57,6 +59,7 @@ def stations(
         highlighted=highlighted,
         given=places_of(given),
         ways=[] if tour is None else [leg.path for leg in tour.legs],
+        zones=zones,
     )
     caption = "Dots are stations, numbered by view; arrows point where they look."
     if highlighted:
@@ -67,8 +70,15 @@ def stations(
         n_lost = sum(not len(leg.path) for leg in tour.legs)
         caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
         caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
+    caption += zones_caption(zones)
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     return _picture(plan.plot(), "Plan.", f"{caption} Cut at {height:.2f} m height.")
+
+
+def zones_caption(zones: Zones) -> str:
+    """What the floor plan's dashes and hatching mean."""
+    dashes = "" if zones.region is None else " Dashes: only surface in this region counts."
+    return dashes + (" Hatched: no station, and no way." if zones.keep_out else "")
 
 
 def places_of(poses: Sequence[Pose]) -> FloatArray:
