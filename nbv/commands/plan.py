@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from nbv.baselines import Baseline, compare_with_baselines
 from nbv.commands.coverage import coverage_content
@@ -23,6 +25,7 @@ from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
+from nbv.zones import Box, Zones
 from scenes.atomic import write_json
 from scenes.files import Units
 from scenes.loading import open_scene
@@ -51,14 +54,22 @@ class PlanRequest:
     views: int | None = None
     mode: Mode | None = None
     candidates: str | None = None
-    scans: tuple[str, ...] = ()
+    scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
+    region: tuple[float, ...] | None = None
+    keep_out: tuple[tuple[float, ...], ...] = ()
     noise: str = "none"
     up: Axis = "z"
     units: Units = "m"
 
     def requirement(self) -> Requirement:
         """Return what counts as measured."""
-        return Requirement(**{field.name: getattr(self, field.name) for field in fields(Requirement)})
+        return Requirement(**{one.name: getattr(self, one.name) for one in fields(Requirement)})
+
+    def zones(self) -> Zones:
+        """Return where surface counts, and where no station may be."""
+        boxes = [Box(np.array(box[:3]), np.array(box[3:])) for box in self.keep_out]
+        region = self.region
+        return Zones(None if region is None else Box(np.array(region[:3]), np.array(region[3:])), boxes)
 
     def budgets(self) -> CoverOptions:
         """Return the offline planner's budgets."""
@@ -66,22 +77,30 @@ class PlanRequest:
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
         named = {
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
-            "scans": [Path(scan).name for scan in self.scans],
+            **self.scans.options(),
+            "units": self.units,
         }
-        return {**asdict(self), **named}
+        return {**own, **named}
+
+    @property
+    def inputs(self) -> list[str]:
+        """What the manifest lists beside the scene."""
+        return [self.sensor, *([self.candidates] if self.candidates else []), *self.scans.inputs]
 
 
 def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
     """Plan views of `scene` and write plan, coverage and report."""
     with running("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
+        zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
-        scans = read_request(ScanRequest(request.scans)) if request.scans else []
+        scans = read_request(request.scans) if request.scans.paths else []
         plan = plan_views(
             world,
             sensor,
@@ -95,6 +114,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             budgets=request.budgets(),
             overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
             scans=scans,
+            zones=zones,
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
@@ -112,14 +132,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
         page.write(run.path("report.html"))
-        inputs = [
-            scene,
-            request.sensor,
-            *([request.candidates] if request.candidates else []),
-            *request.scans,
-        ]
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(inputs, resolved, summary_of(plan), lines_of(plan))
+        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
 
 
 def baselines_of(
