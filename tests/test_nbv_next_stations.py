@@ -123,8 +123,11 @@ def test_without_floor_stations_are_wherever_space_is_free():
     survey = survey_room([up])
     assert survey.floor_m is None
     plan = plan_next_stations(survey, SENSOR, options=COARSE)
-    page = next_stations_page(plan, cover_by_scans(survey), "up", {}, 0, 1)
+    assert plan.views
+    nothing = replace(plan, views=(), stopped_because="nothing is left")
+    page = next_stations_page(nothing, cover_by_scans(survey), "up", {}, 0, 1)
     assert "No floor was seen below the scanners" in page.warnings[0]
+    assert "No further station: nothing is left." in page.summary
 
 
 def test_an_object_is_looked_at_from_around():
@@ -150,10 +153,6 @@ def test_the_report_shows_where_to_stand(survey, plan):
     html = next_stations_page(plan, coverage, "room", {}, 0, 1).to_html()
     assert "Where to stand next" in html
     assert "Squares with letters" in html
-    none = replace(plan, views=(), stopped_because="nothing is left")
-    assert (
-        "No further station: nothing is left." in next_stations_page(none, coverage, "room", {}, 0, 1).summary
-    )
 
 
 def test_what_cannot_be_planned_from_is_refused(survey):

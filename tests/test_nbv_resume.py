@@ -31,7 +31,7 @@ COARSE = PlannerOptions(voxel_m=0.2)
 CORNER = Pose.looking_at(np.array([0.6, 0.6, 1.6]), np.array([5.0, 4.0, 0.8]))
 QUICK = CoverOptions(polish_steps=0)
 LATTICE = room_lattice(ROOM.mesh.bounds(), spacing_m=1.0)
-CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(1))
+CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(0))
 
 
 def plan_room(method, scans=(), **more):
@@ -45,26 +45,26 @@ def scans_of(views):
 
 @pytest.fixture(scope="module")
 def plans():
-    return {method: plan_room(method, target=0.9) for method in ("nbv", "cover")}
+    return {method: plan_room(method, target=0.8) for method in ("nbv", "cover")}
 
 
 @pytest.mark.parametrize("method", ["nbv", "cover"])
 def test_what_scans_have_met_counts_and_only_the_rest_is_planned(plans, method):
     whole = plans[method]
     given = scans_of(whole.views[:5])
-    resumed = plan_room(method, given, target=0.9)
+    resumed = plan_room(method, given, target=0.8)
     before = whole.views[4].met_fraction
     assert resumed.resumed_from.met_fraction == pytest.approx(before, abs=0.02)
     assert len(resumed.views) <= len(whole.views) - 2
     assert resumed.views[0].met_fraction > resumed.resumed_from.met_fraction
-    assert resumed.coverage.met >= 0.9 * resumed.coverage.reachable
+    assert resumed.coverage.met >= 0.8 * resumed.coverage.reachable
     gained = sum(view.gain_m2 for view in resumed.views) / SAMPLES.total_m2
     assert gained + resumed.resumed_from.met_fraction == pytest.approx(resumed.coverage.met)
 
 
 @pytest.mark.parametrize("method", ["nbv", "cover"])
 def test_scans_that_meet_the_target_leave_nothing_to_plan(plans, method):
-    done = plan_room(method, scans_of(plans[method].views), target=0.8)
+    done = plan_room(method, scans_of(plans[method].views), target=0.7)
     assert done.views == ()
     assert "target met" in done.stopped_because
     assert done.coverage.met == pytest.approx(done.resumed_from.met_fraction)
@@ -72,7 +72,7 @@ def test_scans_that_meet_the_target_leave_nothing_to_plan(plans, method):
 
 def test_the_bound_counts_views_beyond_the_scans(plans):
     whole = plans["cover"]
-    resumed = plan_room("cover", scans_of(whole.views[:5]), target=0.9)
+    resumed = plan_room("cover", scans_of(whole.views[:5]), target=0.8)
     assert resumed.lower_bound.views <= len(resumed.views)
     assert resumed.lower_bound.views >= whole.lower_bound.views - 6
 

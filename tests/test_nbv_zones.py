@@ -26,7 +26,7 @@ ROOM = builtin_scene("two_occluders")  # 6 x 5 x 2.7 m; boxes [1.5, 2.9] x [1.5,
 SAMPLES = sample_surface(ROOM.mesh, 0.2)
 SENSOR = PinholeSensor(fov_deg=70, width=120, height=120)
 LATTICE = room_lattice(ROOM.mesh.bounds(), spacing_m=1.0)
-CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(1))
+CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(0))
 WEST = Box((0, 0, 0), (2, 5, 2.7))
 SOUTH_EAST = Box((3, 0, 0), (6, 2.5, 2.7))
 
@@ -72,10 +72,11 @@ def test_boxes_that_are_none_are_refused(low, high, message):
 @pytest.mark.parametrize("method", ["nbv", "cover"])
 def test_only_surface_in_the_region_counts(method):
     inside = WEST.distance(SAMPLES.points) <= 1e-6
-    whole, part = plan_room(method, EVERYWHERE, views=40), plan_room(method, Zones(WEST), views=40)
+    whole = plan_room(method, EVERYWHERE, views=40, target=0.8)
+    part = plan_room(method, Zones(WEST), views=40, target=0.8)
     assert part.coverage.total_m2 == pytest.approx(SAMPLES.areas[inside].sum())
-    assert part.coverage.met_of_reachable >= 0.95
-    assert len(part.views) <= 0.7 * len(whole.views)
+    assert part.coverage.met_of_reachable >= 0.8
+    assert len(part.views) < len(whole.views)
     html = plan_page(ROOM, part, part.coverage, {}, 0, 1).to_html()
     assert "in the region" in html
     assert "Dashes: only surface in this region counts." in html
