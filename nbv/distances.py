@@ -41,7 +41,9 @@ def _similar(corners: FloatArray) -> FloatArray:
         large = sides.max(axis=1) > max(longest, 1e-9)
         done.append(corners[~large])
         corners, start = corners[large], sides[large].argmax(axis=1)
-        a, b, c = (np.take_along_axis(corners, (start + k)[:, None, None] % 3, axis=1)[:, 0] for k in range(3))
+        a, b, c = (
+            np.take_along_axis(corners, (start + k)[:, None, None] % 3, axis=1)[:, 0] for k in range(3)
+        )
         middle = (a + b) / 2
         corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
     return np.concatenate(done)

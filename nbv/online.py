@@ -37,11 +37,11 @@ def plan_online(
     options : PlannerOptions
         The planner's.
     rng : Generator, int or None
-        Chooses the start (any candidate) and drives the noise.
+        Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    start = task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
+    start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
     study = Study.begin(task)
     scans: list[RangeImage] = []
 
@@ -65,7 +65,8 @@ def plan_online(
         task.proposals,
         task.sensor,
         task.requirement,
-        replace(options, max_views=min(views or options.max_views, options.max_views)),
+        replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
+        given=task.scans,
         from_outside=task.from_outside,
         infer=infer if task.infer else None,
         finished=study.why_finished,
@@ -73,5 +74,5 @@ def plan_online(
         progress=task.progress,
     )
     if task.infer and study.shares[-1].views < len(scans):
-        infer(scans)
+        infer([*task.scans, *scans])
     return study.plan("nbv", seed, None, found.stopped_because)

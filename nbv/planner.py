@@ -23,13 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.footing import has_footing
-from nbv.gain import BestView, GainOptions, best_view, find_targets
+from nbv.gain import BestView, GainOptions, Targets, best_view, find_targets
 from nbv.knowledge import Knowledge
-from nbv.occupancy import VoxelMap
+from nbv.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.prospect import Prospect
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
+from nbv.zones import EVERYWHERE, Box, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -57,6 +58,9 @@ class PlannerOptions:
         Stop after so many views.
     gain : GainOptions
         Weights of the gain.
+    zones : Zones
+        Only what lies in the region is worth seeing (anything, until known space reaches it), and no station
+        lies in what is to be kept out of.
 
     Raises
     ------
@@ -70,6 +74,7 @@ class PlannerOptions:
     epsilon_m2: float | None = None
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
+    zones: Zones = EVERYWHERE
 
     def __post_init__(self) -> None:
         if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
@@ -100,12 +105,13 @@ class Exploration:
 def explore(
     scan: Callable[[Pose], RangeImage],
     volume: FloatArray,
-    start: Pose,
+    start: Pose | None,
     candidates: Candidates,
     sensor: Sensor,
     requirement: Requirement | None = None,
     options: PlannerOptions | None = None,
     *,
+    given: Sequence[RangeImage] = (),
     from_outside: bool = False,
     infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
     finished: Callable[[], str | None] | None = None,
@@ -120,8 +126,8 @@ def explore(
         Takes a scan from a pose: a simulated scanner, or a person with a tripod.
     volume : (2, 3) float
         Smallest and largest coordinates of the volume to explore, metres.
-    start : Pose
-        The first view.
+    start : Pose or None
+        The first view; None to choose it like the others, by what the `given` scans say.
     candidates : Candidates
         Where the sensor may go; positions not yet known to be free, or without footing, are left out.
     sensor : Sensor
@@ -130,6 +136,8 @@ def explore(
         What counts as seen well; 60 deg incidence when not given.
     options : PlannerOptions, optional
         Voxels, clearance, stopping, weights.
+    given : sequence of RangeImage
+        Scans that were taken before, by this sensor or by others, in the same world.
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
     infer : callable, optional
@@ -142,16 +150,24 @@ def explore(
         Threads; the result does not depend on it.
     progress : callable, optional
         Called with ("views", done, most).
+
+    Raises
+    ------
+    InputError
+        Neither a start nor scans that are given.
     """
+    if start is None and not given:
+        raise InputError("without a scan that is given, exploring needs a pose to start from")
     requirement, options = requirement or Requirement(), options or PlannerOptions()
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
+    voxels = recall(voxels, given, sensor, options)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
-    steps = [Step(start, None)]
-    scans: list[RangeImage] = []
-    knowledge, n_known = None, 0
+    steps = [] if start is None else [Step(start, None)]
+    scans, knowledge, n_known = list(given), None, 0
     while True:
-        scans.append(scan(steps[-1].world_from_sensor))
-        voxels = _learn(voxels, scans[-1], sensor, options)
+        if steps:
+            scans.append(scan(steps[-1].world_from_sensor))
+            voxels = _learn(voxels, scans[-1], sensor, options)
         if infer is not None and len(scans) >= _RENEWED * n_known:
             knowledge, n_known = infer(scans), len(scans)
         if progress is not None:
@@ -161,9 +177,9 @@ def explore(
             reason = f"the limit of {options.max_views} views is reached"
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
-        here = steps[-1].world_from_sensor
-        best = _next_view(
-            voxels, knowledge, attempts, candidates, here, sensor, requirement, options, n_threads
+        here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
+        best = next_view(
+            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
         )
         if isinstance(best, str):
             return Exploration(tuple(steps), voxels, best)
@@ -171,7 +187,20 @@ def explore(
         steps.append(Step(best.pose, best.gain_m2))
 
 
-def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerOptions) -> VoxelMap:
+def recall(
+    voxels: VoxelMap, given: Sequence[RangeImage], sensor: Sensor, options: PlannerOptions
+) -> VoxelMap:
+    """Write scans that were taken before into the voxels.
+
+    Pixels without return of a scan by another instrument than `sensor` say nothing: what they would have met,
+    and how far away, nobody knows.
+    """
+    for scan in given:
+        voxels = _learn(voxels, scan, sensor if scan.sensor == sensor.name else None, options)
+    return voxels
+
+
+def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor | None, options: PlannerOptions) -> VoxelMap:
     """Write a scan into the voxels; within a room, the place where the sensor stands is free too."""
     voxels = voxels.integrated(scan, sensor)
     if voxels.outside_is_empty:
@@ -179,9 +208,8 @@ def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerO
     return voxels.cleared(scan.origin, options.clearance_m + voxels.grid.voxel_m)
 
 
-def _next_view(
+def next_view(
     voxels: VoxelMap,
-    knowledge: Knowledge | None,
     attempts: NDArray[np.int32],
     candidates: Candidates,
     here: Pose,
@@ -189,15 +217,19 @@ def _next_view(
     requirement: Requirement,
     options: PlannerOptions,
     n_threads: int | None,
+    knowledge: Knowledge | None = None,
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
     targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain, knowledge)
+    targets = _of_concern(voxels, targets, options.zones)
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
     free = _free_candidates(candidates, voxels, here, options)
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
     sought = attempts[1] < options.gain.max_attempts
+    if options.zones.region is not None and _is_reached(voxels, options.zones.region):
+        sought &= options.zones.concern(voxels.grid.centres(), voxels.grid.voxel_m)
     prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge)
     best = best_view(
         voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
@@ -207,6 +239,19 @@ def _next_view(
     if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
         return f"marginal gain {best.gain_m2:.3g} m2 is below {epsilon:.3g} m2"
     return best
+
+
+def _of_concern(voxels: VoxelMap, targets: Targets, zones: Zones) -> Targets:
+    """Return the targets in the region; all of them until known space has reached it."""
+    if zones.region is None or not _is_reached(voxels, zones.region):
+        return targets
+    return targets.some(zones.concern(voxels.grid.centres(targets.voxel), voxels.grid.voxel_m))
+
+
+def _is_reached(voxels: VoxelMap, region: Box) -> bool:
+    """Tell whether known space has reached a region."""
+    known = np.flatnonzero((voxels.labels == EMPTY) | (voxels.labels == SEEN))
+    return bool(region.holds(voxels.grid.centres(known)).any())
 
 
 def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
@@ -222,8 +267,10 @@ def _free_candidates(
     allowed = voxels.is_free(candidates.positions, options.clearance_m)
     if options.on_floor and not voxels.outside_is_empty:
         allowed &= has_footing(voxels, candidates.positions)
-    free = candidates.at(allowed)
+    free = candidates.at(allowed & options.zones.allow(candidates.positions))
     if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
+        return free
+    if not options.zones.allow(here.translation[None]).all():
         return free
     return replace(free, positions=np.vstack([free.positions, here.translation]))
 

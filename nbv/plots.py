@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Plots: coverage curve, floor plan and range images; the only file that knows matplotlib."""
+"""Plots: coverage curve and range images, in both themes."""
 
 from __future__ import annotations
 
@@ -54,6 +54,7 @@ def coverage_curve(
     target: float | None,
     bound: int | None,
     inferred: tuple[int, float, float] | None = None,
+    start: float = 0.0,
 ) -> Plot:
     """Plot the measured share of the area against the number of views.
 
@@ -69,11 +70,13 @@ def coverage_curve(
         Views that any plan needs at least.
     inferred : (int, float, float), optional
         Number of scans, share measured by them, and share after what was inferred from them.
+    start : float
+        Share before the first view.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
         views = np.arange(len(met) + 1)
-        share = 100 * np.array([0.0, *met])
+        share = 100 * np.array([start, *met])
         axes.fill_between(views, share, step="post", color=theme.line, alpha=0.14, linewidth=0)
         axes.step(views, share, where="post", color=theme.line, linewidth=2)
         axes.plot(views[1:], share[1:], "o", color=theme.line, markersize=3.2 if len(met) <= 60 else 0)
@@ -107,69 +110,6 @@ def coverage_curve(
     return drawn_plot(draw, (5.4, 4.1))
 
 
-def floor_plan(
-    outline: FloatArray,
-    positions: FloatArray,
-    directions: FloatArray | None,
-    bounds: FloatArray,
-    highlighted: Sequence[int] = (),
-    ways: Sequence[FloatArray] = (),
-) -> Plot:
-    """Plot stations from above.
-
-    Parameters
-    ----------
-    outline : (k, 2, 2) float
-        Segments of walls and objects at the height of the cut, metres.
-    positions : (n, 3) float
-        Stations in order.
-    directions : (n, 3) float, optional
-        Where each looks; None for scanners that look all round.
-    bounds : (2, 3) float
-        What to show, metres.
-    highlighted : sequence of int
-        Stations to show in the colour of what is inferred, counted from 0.
-    ways : sequence of (k, 3) float
-        Ways from station to station.
-    """
-    colour_of = [k in set(highlighted) for k in range(len(positions))]
-    low, high = (
-        np.minimum(bounds[0], positions.min(axis=0, initial=np.inf))[:2],
-        np.maximum(bounds[1], positions.max(axis=0, initial=-np.inf))[:2],
-    )
-    extent = np.maximum(high - low, 1e-6)
-    width = 4.9 if extent[0] >= extent[1] else 4.2
-    height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
-
-    def draw(axes: Axes, theme: Theme) -> None:
-        for segment in outline:
-            axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
-        for way in ways:
-            axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
-        size = 0.07 * float(extent.max())
-        colours = [theme.inferred if special else theme.line for special in colour_of]
-        if directions is not None:
-            axes.quiver(
-                positions[:, 0], positions[:, 1], directions[:, 0] * size, directions[:, 1] * size,
-                angles="xy", scale_units="xy", scale=1, width=0.0055, color=colours, zorder=3,
-            )  # fmt: skip
-        axes.scatter(positions[:, 0], positions[:, 1], s=22, color=colours, zorder=4, linewidths=0)
-        for place, numbers in _numbers_by_place(positions).items():
-            axes.annotate(
-                numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=7.5,
-                color=theme.accent, zorder=5,
-            )  # fmt: skip
-        axes.set_aspect("equal")
-        pad = 0.06 * float(extent.max())
-        axes.set_xlim(low[0] - pad, high[0] + pad)
-        axes.set_ylim(low[1] - pad, high[1] + pad)
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
-        axes.grid(visible=False)
-
-    return drawn_plot(draw, (width + 0.5, height + 0.4))
-
-
 def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
     """Return ranges (rows, columns) as colours (rows, columns, 4), and the ranges at both ends of the scale.
 
@@ -181,17 +121,6 @@ def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
     colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
     colours[..., 3] = valid
     return colours, float(low), float(high)
-
-
-def _numbers_by_place(positions: FloatArray) -> dict[tuple[float, float], str]:
-    """Numbers of the views at each place of the plan, from 1; no more than six are spelled out."""
-    places: dict[tuple[float, float], list[int]] = {}
-    for number, (x, y) in enumerate(positions[:, :2].round(3).tolist(), start=1):
-        places.setdefault((x, y), []).append(number)
-    return {
-        place: ",".join(map(str, numbers[:6])) + (" ..." if len(numbers) > 6 else "")
-        for place, numbers in places.items()
-    }
 
 
 def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool = False) -> None:

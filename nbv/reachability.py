@@ -48,8 +48,9 @@ def scene_candidates(
 ) -> Candidates:
     """Return the candidates of a known scene.
 
-    Room mode: the free positions of a lattice at tripod heights above the floor (anywhere, in a scene without
-    floor), each with the sensor's directions all round (42 for a camera at 1 subdivision of the icosahedron, 162 at 2). Object mode: a viewing sphere.
+    Room mode: the free positions of a lattice at tripod heights above the floor (anywhere, in a scene
+    without floor), each with the sensor's directions all round (42 for a camera at 1 subdivision of the
+    icosahedron, 162 at 2). Object mode: a viewing sphere.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from nbv.cover.result import LowerBound
 from nbv.knowledge import Knowledge
 from nbv.measurement import CoverageTally
 from nbv.overlap import OverlapOptions
-from nbv.plan import Plan
+from nbv.plan import Plan, Resumption
 from nbv.reachability import Reachability, find_reachable
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
@@ -22,7 +22,10 @@ from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import Progress
+from nbv.zones import EVERYWHERE, Zones
+from scenes.checks import InputError
 from scenes.pose import Pose
+from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
@@ -32,7 +35,8 @@ class Task:
     """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
 
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
-    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out.
+    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
+    were taken before: what they have measured is measured.
     """
 
     scene: Scene
@@ -48,6 +52,8 @@ class Task:
     infer: bool
     n_threads: int | None
     progress: Progress | None
+    scans: tuple[RangeImage, ...] = ()
+    zones: Zones = EVERYWHERE
 
 
 @dataclass(slots=True, eq=False)
@@ -58,12 +64,31 @@ class Study:
     tally: CoverageTally
     reachability: Reachability
     views: list[View]
+    resumed_from: Resumption | None
     classes: NDArray[np.int8] | None = None
     shares: list[Shares] = field(default_factory=list)
 
     @classmethod
     def begin(cls, task: Task) -> Study:
-        """Return the study before the first view."""
+        """Return the study before the first view; scans that were taken before count already.
+
+        Raises
+        ------
+        InputError
+            A scan that measures nothing of the scene.
+        """
+        tally = CoverageTally.start(task.caster, task.samples, task.requirement)
+        for scan in task.scans:
+            if not tally.add_scan(scan):
+                n_returns = int(scan.valid.sum())
+                raise InputError(
+                    f"{scan.name} ({n_returns} returns) measures none of {len(task.samples)} places of "
+                    f"{task.scene.name}: its poses and ranges must be in the scene's coordinates, in metres"
+                )
+        resumed = None
+        if task.scans:
+            poses = tuple(scan.world_from_sensor for scan in task.scans)
+            resumed = Resumption(poses, tally.met_m2() / task.samples.total_m2)
         reachability = find_reachable(
             task.caster,
             task.samples,
@@ -73,7 +98,7 @@ class Study:
             n_threads=task.n_threads,
             progress=task.progress,
         )
-        return cls(task, CoverageTally.start(task.caster, task.samples, task.requirement), reachability, [])
+        return cls(task, tally, reachability, [], resumed)
 
     def add(self, pose: Pose) -> None:
         """Add the view from `pose`."""
@@ -126,4 +151,6 @@ class Study:
             stations=stations,
             candidates=task.candidates,
             shares=tuple(self.shares),
+            resumed_from=self.resumed_from,
+            zones=task.zones,
         )

@@ -14,7 +14,7 @@ from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request
+from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from scenes.range_image import RangeImage
@@ -82,7 +82,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         save(run, completion, verification)
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
-        title = _title(request.paths)
+        title = title_of(request.paths)
         page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
         page.write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
@@ -155,8 +155,3 @@ def _lines_of_edits(completion: Completion) -> list[str]:
     if vetoed > 0:
         lines.append(f"accepted, but empty since beams went through: {square_metres(vetoed)} m2")
     return lines
-
-
-def _title(paths: tuple[str, ...]) -> str:
-    names = [Path(path).name for path in paths]
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"

@@ -3,31 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from nbv.baselines import PLAN, Baseline, compare_with_baselines
-from nbv.coverage import Coverage
+from nbv.baselines import PLAN, Baseline
 from nbv.plan import Plan
 from nbv.report.page import Cell, Section, Table, Text, count, percent
-from scenes.scene import Scene
 
 
-def baselines_section(
-    scene: Scene, plan: Plan, coverage: Coverage, seed: int, n_threads: int | None
-) -> tuple[Section, ...]:
-    """Return the plan beside simple planners; nothing for a plan without candidates or views."""
-    if plan.candidates is None or not plan.views:
+def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, ...]:
+    """Return the plan beside simple planners; nothing where none were tried."""
+    if not found:
         return ()
-    found = compare_with_baselines(
-        scene.ray_caster(n_threads),
-        coverage.samples,
-        plan.candidates,
-        plan.sensor,
-        plan.requirement,
-        plan.views,
-        rng=seed,
-        n_threads=n_threads,
-    )
     share = 0.95 * float(found[0].met[0, -1])
     rows = tuple(_baseline_row(baseline, plan.method == "cover", share) for baseline in found)
     n_views = found[0].met.shape[1]

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
+from nbv.baselines import Baseline
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.plan import Plan
-from nbv.plots import Plot, coverage_curve, floor_plan
 from nbv.report.baseline_blocks import baselines_section
 from nbv.report.camera import overview_cameras
 from nbv.report.drawing import Canvas, blend, mark_unknown
@@ -34,18 +33,18 @@ from nbv.report.page import (
     square_metres,
 )
 from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
+from nbv.report.station_plots import curve, stations
 from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
-from nbv.tour import Tour
 from nbv.unreachable import unreachable_patches
-from scenes.checks import FloatArray
+from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
 
 _WIDTH = 760
+_OUTSIDE, _PALE, _AT_FACES_M = -2, (0.86, 0.86, 0.84), 1e-3  # of the region
 _MOST_PATCHES = 30  # in the report; coverage.json has all
-_CUT_M = 1.0  # above the floor: where the floor plan cuts walls and furniture
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
     "out_of_range": "what sees it is too near or too far",
@@ -58,15 +57,22 @@ REASON_TEXTS = {
 
 
 def plan_page(
-    scene: Scene, plan: Plan, coverage: Coverage, options: Mapping[str, Any], seed: int, n_threads: int | None
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None,
+    baselines: Sequence[Baseline] = (),
 ) -> Page:
-    """Return the report of a plan."""
+    """Return the report of a plan, with what simple planners reach beside it."""
     met = [view.met_fraction or 0.0 for view in plan.views]
+    before, where = plan.resumed_from, " in the region" if plan.zones.region else ""
     bound = plan.lower_bound.views if plan.lower_bound else None
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
     summary = (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, measure "
-        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
+        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} measure "
+        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
         f"{plan.requirement.describe()}. {_rest(coverage)}"
     )
     ended = f"The plan ends because: {plan.stopped_because}."
@@ -86,9 +92,20 @@ def plan_page(
                 (
                     Gallery(
                         (
-                            curve(met, coverage, plan.target, bound),
+                            curve(
+                                met,
+                                coverage,
+                                plan.target,
+                                bound,
+                                start=(before.met_fraction if before else None) or 0.0,
+                            ),
                             stations(
-                                scene, poses, plan.sensor, tour=plan.stations.tour if plan.stations else None
+                                scene,
+                                poses,
+                                plan.sensor,
+                                given=before.poses if before else (),
+                                tour=plan.stations.tour if plan.stations else None,
+                                zones=plan.zones,
                             ),
                         ),
                         2,
@@ -97,8 +114,8 @@ def plan_page(
                     views_table(plan),
                 ),
             ),
-            *baselines_section(scene, plan, coverage, seed, n_threads),
-            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
+            *baselines_section(plan, baselines),
+            Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (surfaces_table(coverage),)),
         ),
@@ -143,6 +160,14 @@ def coverage_page(
     )
 
 
+def _after(plan: Plan) -> str:
+    """What had been measured before the plan's views."""
+    if plan.resumed_from is None:
+        return ""
+    n, met = len(plan.resumed_from.poses), plan.resumed_from.met_fraction or 0.0
+    return f" after {count(n, 'scan')} that measured {percent(met)} % of it,"
+
+
 def _rest(coverage: Coverage) -> str:
     missed = coverage.reachable - coverage.met
     return (
@@ -179,64 +204,10 @@ def coverage_bar(coverage: Coverage) -> Bar:
     )
 
 
-def curve(
-    met: Sequence[float],
-    coverage: Coverage,
-    target: float | None,
-    bound: int | None,
-    inferred: tuple[int, float, float] | None = None,
-) -> Picture:
-    """The coverage curve."""
-    plot = coverage_curve(met, coverage.reachable, target, bound, inferred)
-    caption = "Share of all surface area that some view so far has measured within range and incidence."
-    if inferred:
-        caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
-    return _picture(plot, "Coverage by number of views.", caption)
-
-
-def stations(
-    scene: Scene,
-    poses: Sequence[Pose],
-    sensor: Sensor,
-    highlighted: Sequence[int] = (),
-    tour: Tour | None = None,
-) -> Picture:
-    """The floor plan."""
-    bounds = scene.mesh.bounds()
-    positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-    directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
-    plot = floor_plan(
-        outline_of(scene),
-        positions,
-        None if sensor.kind == "spherical" else directions,
-        bounds,
-        highlighted,
-        [] if tour is None else [leg.path for leg in tour.legs],
-    )
-    height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
-    caption = (
-        f"Dots are stations, numbered by view; arrows point where they look. Cut at {height:.2f} m height."
-    )
-    if highlighted:
-        caption += " Blue: the stations whose scans were completed."
-    if tour is not None:
-        n_lost = sum(not len(leg.path) for leg in tour.legs)
-        caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
-        caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
-    return _picture(plot, "Plan.", caption)
-
-
-def outline_of(scene: Scene) -> FloatArray:
-    """Segments (k, 2, 2) in which a horizontal plane cuts the scene, x and y in metres."""
-    low, high = scene.mesh.bounds()
-    height = low[2] + min(_CUT_M, (high[2] - low[2]) / 2)
-    mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
-    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height + 1e-6))
-    return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
-
-
-def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> tuple[Block, ...]:
-    """The scene from two opposite sides, by state."""
+def overview(
+    scene: Scene, coverage: Coverage, n_threads: int | None = None, zones: Zones = EVERYWHERE
+) -> tuple[Block, ...]:
+    """The scene from two opposite sides, by state; what is outside the region in one pale grey."""
     pale = tuple(0.38 * part + 0.62 for part in UNKNOWN)
     colours = {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: pale}
     pictures = state_pictures(
@@ -247,6 +218,7 @@ def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> 
         REACHABLE,
         "Measured, missed, out of reach",
         n_threads,
+        zones,
     )
     note = "The scene from outside; surfaces that face away from the eye are left out."
     return (
@@ -264,6 +236,7 @@ def state_pictures(
     hatched: int,
     title: str,
     n_threads: int | None = None,
+    zones: Zones = EVERYWHERE,
 ) -> tuple[Picture, ...]:
     """The scene from two opposite sides, each point in the colour of its nearest sample's state."""
     canvas = Canvas(scene.mesh, n_threads=n_threads)
@@ -274,8 +247,9 @@ def state_pictures(
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)
         found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
+        found[hit] = np.where(zones.concern(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
         image = np.zeros((*hit.shape, 4))
-        for value, colour in colours.items():
+        for value, colour in {**colours, _OUTSIDE: _PALE}.items():
             here = found == value
             image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
             image[here, 3] = 1.0
@@ -372,7 +346,3 @@ def views_table(plan: Plan) -> Table:
         "#measured, %",
     )
     return Table(columns, tuple(rows), "Every view", is_folded=True)
-
-
-def _picture(plot: Plot, title: str, caption: str) -> Picture:
-    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)
