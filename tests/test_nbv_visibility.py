@@ -91,7 +91,7 @@ def test_the_rooms_candidates_are_those_of_the_benchmark_that_stand_on_the_floor
     candidates = scene_candidates(ROOM, load_sensor("generic60"))
     assert candidates.n_poses == 42 * candidates.n_positions
     x, y, z = benchmark.T
-    over_boxes = (abs(x - 2.2) < 0.7) & (abs(y - 2.0) < 0.5) & (z > 0.9)
+    over_boxes = (abs(x - 2.2) < 0.65) & (abs(y - 2.0) < 0.45) & (z > 0.9)
     over_boxes |= (abs(x - 4.35) < 0.35) & (abs(y - 3.15) < 0.35) & (z > 1.8)
     np.testing.assert_array_equal(candidates.positions, benchmark[~over_boxes])
 
