@@ -35,7 +35,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
-_RENEWED = 1.1  # growth of the number of scans after which they are completed anew
+RENEWED = 1.1  # growth of the number of scans after which they are completed anew
 Progress = Callable[[str, int, int], None]
 
 
@@ -168,7 +168,7 @@ def explore(
         if steps:
             scans.append(scan(steps[-1].world_from_sensor))
             voxels = _learn(voxels, scans[-1], sensor, options)
-        if infer is not None and len(scans) >= _RENEWED * n_known:
+        if infer is not None and len(scans) >= RENEWED * n_known:
             knowledge, n_known = infer(scans), len(scans)
         if progress is not None:
             progress("views", len(steps), options.max_views)
