@@ -20,6 +20,7 @@ from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
+from nbv.wording import count
 from scenes.atomic import write_json
 from scenes.files import Units
 from scenes.loading import open_scene
@@ -130,7 +131,7 @@ def lines_of(plan: Plan) -> list[str]:
     """Return the headline numbers for people."""
     coverage = coverage_of(plan)
     lines = [
-        f"{len(plan.views)} views measure {percent(coverage.met)} % of the area, "
+        f"{count(len(plan.views), 'view measures', 'views measure')} {percent(coverage.met)} % of the area, "
         f"{percent(coverage.met_of_reachable)} % of what can be reached",
         f"stopped because: {plan.stopped_because}",
     ]

@@ -8,7 +8,8 @@ import numpy as np
 from nbv.baselines import PLAN, Baseline, compare_with_baselines
 from nbv.coverage import Coverage
 from nbv.plan import Plan
-from nbv.report.page import Cell, Section, Table, Text, count, percent
+from nbv.report.page import Cell, Section, Table, Text, percent
+from nbv.wording import count
 from scenes.scene import Scene
 
 

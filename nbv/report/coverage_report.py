@@ -29,7 +29,6 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     percent,
     square_metres,
 )
@@ -39,6 +38,7 @@ from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.tour import Tour
 from nbv.unreachable import unreachable_patches
+from nbv.wording import count
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scene import Scene
@@ -65,7 +65,8 @@ def plan_page(
     bound = plan.lower_bound.views if plan.lower_bound else None
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
     summary = (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, measure "
+        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, "
+        f"{'measures' if len(plan.views) == 1 else 'measure'} "
         f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
         f"{plan.requirement.describe()}. {_rest(coverage)}"
     )
@@ -121,7 +122,7 @@ def coverage_page(
     """Return the report of stations that are given; `met` is the measured share after each of them."""
     requirement = coverage.requirement
     summary = (
-        f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
+        f"{count(len(poses), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
