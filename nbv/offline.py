@@ -20,6 +20,7 @@ from nbv.stations import Overlap, Stations
 from nbv.task import Study, Task
 from nbv.tour import plan_tour
 from nbv.visibility import orient, visible_from_positions
+from nbv.wording import count
 from scenes.checks import BoolArray, InputError
 
 _MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
@@ -70,7 +71,7 @@ def plan_offline(
     if task.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
-            reason += f", and yet {stations.n_groups} groups of scans that no candidate joins"
+            reason += f", and yet {count(stations.n_groups, 'group')} of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
     bound = cover.bound
@@ -165,4 +166,4 @@ def _why_not(task: Task, views: int | None, cover: Cover) -> str:
         return "what is left is seen only by views that cannot be registered"
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"
-    return f"the limit of {views} views is reached"
+    return f"the limit of {count(views or 0, 'view')} is reached"

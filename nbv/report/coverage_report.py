@@ -28,7 +28,6 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     percent,
     square_metres,
 )
@@ -38,6 +37,7 @@ from nbv.report.surface_values import nearest_samples
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.unreachable import unreachable_patches
+from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
@@ -71,7 +71,8 @@ def plan_page(
     bound = plan.lower_bound.views if plan.lower_bound else None
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
     summary = (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} measure "
+        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} "
+        f"{'measures' if len(plan.views) == 1 else 'measure'} "
         f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
         f"{plan.requirement.describe()}. {_rest(coverage)}"
     )
@@ -138,7 +139,7 @@ def coverage_page(
     """Return the report of stations that are given; `met` is the measured share after each of them."""
     requirement = coverage.requirement
     summary = (
-        f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
+        f"{count(len(poses), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
