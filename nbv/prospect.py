@@ -28,33 +28,27 @@ from scenes.raycast import RayCaster
 _AGAINST = 0.05  # cosine by which a ray must run against a measured normal to meet that surface's front
 _INTO_M = 1e-6  # rays that go on start this far behind the face that they entered by
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
-_TRUSTED = 100.0  # rays, of some 400 a view, that all met surface before the first view
+_TRUSTED = 50.0  # rays, of some 400 a view, as which all that was known before a look counts
 _FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experience:
-    """How often surface was found in directions in which nothing was known, by side of the volume.
+    """How often surface was found where nothing was known, by side of the volume, the latest look first.
 
     Attributes
     ----------
-    n_met, n_looked : (6,) float
-        Rays that would have left by each side (+x, +y, +z, -x, -y, -z): those that met surface in the
-        volume, and all.
+    trust : (6,) float
+        For each side (+x, +y, +z, -x, -y, -z) the probability that a ray which would leave by it meets
+        surface before.
     """
 
-    n_met: FloatArray
-    n_looked: FloatArray
+    trust: FloatArray
 
     @classmethod
     def none(cls) -> Experience:
-        """Return that of somebody who trusts that every side of the volume is closed."""
-        return cls(np.full(6, _TRUSTED), np.full(6, _TRUSTED))
-
-    @property
-    def trust(self) -> FloatArray:
-        """Probability (6,) that surface will be found."""
-        return np.asarray(self.n_met / self.n_looked)
+        """Return that of somebody who trusts that the volume is closed on every side."""
+        return cls(np.ones(6))
 
     def after(self, scan: RangeImage, hoped: Glimpse, grid: VoxelGrid) -> Experience:
         """Return the experience after a scan of which so much was hoped."""
@@ -64,7 +58,7 @@ class Experience:
         met = grid.index_of(scan.points()[row, column]) >= 0
         n_looked = np.bincount(hoped.side[seen], minlength=6)
         n_met = np.bincount(hoped.side[seen], met, minlength=6)
-        return Experience(self.n_met + n_met, self.n_looked + n_looked)
+        return Experience((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +109,7 @@ class Prospect:
     ) -> Prospect:
         """Return the prospect of a map, its boundary, and what completion makes of the same scans."""
         trust = Experience.none().trust if trust is None else trust
-        faces = voxels.faces_between(voxels.labels == SEEN, ~np.isin(voxels.labels, (SEEN, EMPTY)))
+        faces = voxels.faces_between(_loose(voxels, knowledge), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)
         measured, measured_faces = knowledge.measured()
         inferred, inferred_faces, confidence = knowledge.hypothesised()
@@ -180,6 +174,16 @@ class Prospect:
             has = surfels.keys[at] == voxel * 6 + side
             front |= has & (np.einsum("ij,ij->i", rays, surfels.normals[at]) < -_AGAINST)
         return front
+
+
+def _loose(voxels: VoxelMap, knowledge: Knowledge) -> BoolArray:
+    """Seen voxels (n_voxels,) whose surface is not all on completed surface, which tells its place better."""
+    surfels = voxels.surfels
+    known = knowledge.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
+    loose: BoolArray = np.asarray(voxels.labels == SEEN)
+    loose[surfels.voxels[known]] = False
+    loose[surfels.voxels[~known]] = True
+    return loose
 
 
 @cache
