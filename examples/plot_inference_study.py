@@ -20,6 +20,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from nbv.classes import Shares, classify, shares_of
+from nbv.coverage import UNREACHABLE
 from nbv.knowledge import Knowledge
 from nbv.measurement import CoverageTally
 from nbv.planner import RENEWED
@@ -55,8 +56,7 @@ class Run:
 
     def reached(self, shares: Sequence[Shares], target: float) -> Shares | None:
         """What (b) or (c) was when met, modelled and inferred together first held the same share."""
-        wanted = target * self.reachable - 1e-9
-        return next((one for one in shares if one.known >= wanted), None)
+        return next((one for one in shares if one.reached >= target - 1e-9), None)
 
 
 def study(scene: Scene, seed: int) -> Run:
@@ -66,6 +66,7 @@ def study(scene: Scene, seed: int) -> Run:
     samples, caster = sample_surface(scene.mesh), scene.ray_caster()
     tally = CoverageTally.start(caster, samples, plain.requirement)
     scans, after = list[RangeImage](), list[Shares]()
+    possible = plain.coverage.state != UNREACHABLE
     reachable, met = plain.coverage.reachable, tuple(view.met_fraction or 0.0 for view in plain.views)
     run = Run(reachable, met, (), aware.shares)
     for view in plain.views:
@@ -75,7 +76,7 @@ def study(scene: Scene, seed: int) -> Run:
             continue
         knowledge = Knowledge.of(scans)
         classes = classify(samples, tally.met, tally.n_views > 0, knowledge)
-        after.append(shares_of(classes, samples, knowledge, scene.mesh, len(scans)))
+        after.append(shares_of(classes, samples, possible, knowledge, scene.mesh, len(scans)))
         if run.reached(after, max(TARGETS)):
             break
     return Run(reachable, met, tuple(after), aware.shares)
@@ -123,8 +124,20 @@ def draw_run(axes: Axes, run: Run, name: str) -> None:
     """Draw one start: the three ways to know, and what (c) claims and what of it is right."""
     lines: tuple[tuple[Sequence[float], Sequence[float], str, str, str], ...] = (
         (range(1, len(run.plain) + 1), run.plain, MEASURED, "-", "(a) measured as required"),
-        (_views(run.after), [one.known for one in run.after], INK, "--", "(b) plain, completed afterwards"),
-        (_views(run.aware), [one.known for one in run.aware], INFERRED, "-", "(c) planned with completion"),
+        (
+            _views(run.after),
+            [one.reached * run.reachable for one in run.after],
+            INK,
+            "--",
+            "(b) plain, completed afterwards",
+        ),
+        (
+            _views(run.aware),
+            [one.reached * run.reachable for one in run.aware],
+            INFERRED,
+            "-",
+            "(c) planned with completion",
+        ),
         (_views(run.aware), [one.met for one in run.aware], INFERRED, ":", "(c) of it measured as required"),
     )
     for views, shares, colour, style, label in lines:

@@ -34,6 +34,8 @@ class Shares:
         Share that is neither, within 2 cm of inferred surface.
     unknown : float
         The rest.
+    reached : float
+        Share of the reachable area that is not unknown; 1 where nothing is reachable.
     inferred_m2 : float
         Area of inferred surface in square metres, right or wrong.
     right_m2 : float
@@ -45,6 +47,7 @@ class Shares:
     modelled: float
     inferred: float
     unknown: float
+    reached: float
     inferred_m2: float
     right_m2: float
 
@@ -82,17 +85,34 @@ def classify(
 def shares_of(
     classes: NDArray[np.int8],
     samples: SurfaceSamples,
+    reachable: BoolArray,
     knowledge: Knowledge,
     truth: LabelledMesh,
     views: int,
 ) -> Shares:
-    """Return the shares of `classes` (n,) of the samples, and how much inferred area is true."""
+    """Return the shares of `classes` (n,) of the samples, and how much inferred area is true.
+
+    Parameters
+    ----------
+    classes, reachable : (n,) int8, (n,) bool
+        Class of each sample, and whether some candidate could measure it as required.
+    samples : SurfaceSamples
+        Of the true surface.
+    knowledge : Knowledge
+        What completion makes of the scans.
+    truth : LabelledMesh
+        The true surface.
+    views : int
+        How many there are.
+    """
     met, modelled, inferred, unknown = (
         float(samples.areas[classes == kind].sum()) / samples.total_m2 for kind in range(len(CLASSES))
     )
+    areas = samples.areas[reachable]
+    reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
     vertices, faces, _ = knowledge.hypothesised()
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
     claimed, true = float(area.sum()), float(area[right].sum())
-    return Shares(views, met, modelled, inferred, unknown, claimed, true)
+    return Shares(views, met, modelled, inferred, unknown, reached, claimed, true)

@@ -17,20 +17,21 @@ Their idea is followed, not their weights and thresholds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.footing import has_footing
-from nbv.gain import BestView, GainOptions, Targets, best_view, find_targets
+from nbv.concern import concern
+from nbv.gain import BestView, GainOptions, best_view, find_targets
 from nbv.knowledge import Knowledge
-from nbv.occupancy import EMPTY, SEEN, VoxelMap
+from nbv.occupancy import VoxelMap
 from nbv.prospect import Experience, Prospect
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
+from nbv.standpoints import standpoints
 from nbv.viewpoints import Candidates
-from nbv.zones import EVERYWHERE, Box, Zones
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -237,14 +238,15 @@ def next_view(
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
     targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain, knowledge)
-    targets = _of_concern(voxels, targets, options.zones)
+    of_concern = concern(voxels, options.zones)
+    targets = targets.some(of_concern[targets.voxel])
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
-    free = _free_candidates(candidates, voxels, here, options)
+    free = standpoints(
+        candidates, voxels, here, options.clearance_m, on_floor=options.on_floor, zones=options.zones
+    )
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
-    sought = attempts[1] < options.gain.max_attempts
-    if options.zones.region is not None and _is_reached(voxels, options.zones.region):
-        sought &= options.zones.concern(voxels.grid.centres(), voxels.grid.voxel_m)
+    sought = of_concern & (attempts[1] < options.gain.max_attempts)
     prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge, trust)
     best = best_view(
         voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
@@ -256,38 +258,10 @@ def next_view(
     return best
 
 
-def _of_concern(voxels: VoxelMap, targets: Targets, zones: Zones) -> Targets:
-    """Return the targets in the region; all of them until known space has reached it."""
-    if zones.region is None or not _is_reached(voxels, zones.region):
-        return targets
-    return targets.some(zones.concern(voxels.grid.centres(targets.voxel), voxels.grid.voxel_m))
-
-
-def _is_reached(voxels: VoxelMap, region: Box) -> bool:
-    """Tell whether known space has reached a region."""
-    known = np.flatnonzero((voxels.labels == EMPTY) | (voxels.labels == SEEN))
-    return bool(region.holds(voxels.grid.centres(known)).any())
-
-
 def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
     """Cosine at which a predicted view counts: the required one, with the margin."""
     angle = np.arccos(requirement.min_cosine) - np.radians(gain.angle_margin_deg)
     return float(np.cos(max(angle, 0.0)))
-
-
-def _free_candidates(
-    candidates: Candidates, voxels: VoxelMap, here: Pose, options: PlannerOptions
-) -> Candidates:
-    """Return the candidates where the sensor can stand; where it stands it may also turn."""
-    allowed = voxels.is_free(candidates.positions, options.clearance_m)
-    if options.on_floor and not voxels.outside_is_empty:
-        allowed &= has_footing(voxels, candidates.positions)
-    free = candidates.at(allowed & options.zones.allow(candidates.positions))
-    if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
-        return free
-    if not options.zones.allow(here.translation[None]).all():
-        return free
-    return replace(free, positions=np.vstack([free.positions, here.translation]))
 
 
 def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:

@@ -120,7 +120,14 @@ class Study:
         task, tally = self.task, self.tally
         knowledge = Knowledge.of(scans, task.requirement.max_sd_m, n_threads=task.n_threads)
         self.classes = classify(task.samples, tally.met, tally.n_views > 0, knowledge)
-        shares = shares_of(self.classes, task.samples, knowledge, task.scene.mesh, len(self.views))
+        shares = shares_of(
+            self.classes,
+            task.samples,
+            self.reachability.including(tally.met).reachable,
+            knowledge,
+            task.scene.mesh,
+            len(self.views),
+        )
         self.shares.append(shares)
         return knowledge
 
