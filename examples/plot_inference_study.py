@@ -122,6 +122,7 @@ def draw(results: Mapping[str, Sequence[Run]], path: Path) -> None:
 
 def draw_run(axes: Axes, run: Run, name: str) -> None:
     """Draw one start: the three ways to know, and what (c) claims and what of it is right."""
+    known = [[one.reached * run.reachable for one in shares] for shares in (run.after, run.aware)]
     lines: tuple[tuple[Sequence[float], Sequence[float], str, str, str], ...] = (
         (range(1, len(run.plain) + 1), run.plain, MEASURED, "-", "(a) measured as required"),
         (
