@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The page docs/inference-study.md: how many views completion saves, after them and while they are planned.
 
-Run it with `python examples/plot_inference_study.py [--docs FOLDER] [--starts N] [--scenes NAME ...]`: it
+Run it with `python examples/plot_inference_study.py [--docs FOLDER] [--starts N] [--cases NAME ...]`: it
 measures all anew, draws FOLDER/pictures/inference_study.png and puts its tables between the marks of
 FOLDER/inference-study.md (default: docs), whose text a person writes.
 """
@@ -27,10 +27,16 @@ from nbv.planner import RENEWED
 from nbv.planning import plan_views
 from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from scenes import RangeImage, Scene, builtin_scene
 
 PAGE, PICTURE = "inference-study.md", "inference_study.png"
-SCENES = ("two_occluders", "office")
+CASES = {
+    "two_occluders": ("two_occluders", "generic60"),
+    "office": ("office", "generic60"),
+    "two_occluders, panorama": ("two_occluders", "panorama"),
+}
 TARGETS = (0.95, 0.99)
 MOST_VIEWS = 80
 MEASURED, MODELLED, INFERRED = "#4A5A63", "#9AA7AD", "#2E7ACC"
@@ -59,10 +65,10 @@ class Run:
         return next((one for one in shares if one.reached >= target - 1e-9), None)
 
 
-def study(scene: Scene, seed: int) -> Run:
+def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
     """Plan from one start, plainly and with completion."""
-    plain = plan_views(scene, rng=seed, views=MOST_VIEWS, target=max(TARGETS))
-    aware = plan_views(scene, rng=seed, views=MOST_VIEWS, target=max(TARGETS), infer=True)
+    plain = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS))
+    aware = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS), infer=True)
     samples, caster = sample_surface(scene.mesh), scene.ray_caster()
     tally = CoverageTally.start(caster, samples, plain.requirement)
     scans, after = list[RangeImage](), list[Shares]()
@@ -165,11 +171,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--docs", type=Path, default=DOCS)
     parser.add_argument("--starts", type=int, default=3)
-    parser.add_argument("--scenes", nargs="+", default=SCENES)
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     options = parser.parse_args(arguments)
     results = {}
-    for name in options.scenes:
-        results[name] = [study(builtin_scene(name), seed) for seed in range(options.starts)]
+    for name in options.cases:
+        scene, sensor = CASES[name]
+        results[name] = [
+            study(builtin_scene(scene), load_sensor(sensor), seed) for seed in range(options.starts)
+        ]
         print(f"{name}\n{table(results[name])}", flush=True)
     (options.docs / "pictures").mkdir(parents=True, exist_ok=True)
     draw(results, options.docs / "pictures" / PICTURE)
