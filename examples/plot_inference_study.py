@@ -131,20 +131,8 @@ def draw_run(axes: Axes, run: Run, name: str) -> None:
     known = [[one.reached * run.reachable for one in shares] for shares in (run.after, run.aware)]
     lines: tuple[tuple[Sequence[float], Sequence[float], str, str, str], ...] = (
         (range(1, len(run.plain) + 1), run.plain, MEASURED, "-", "(a) measured as required"),
-        (
-            _views(run.after),
-            [one.reached * run.reachable for one in run.after],
-            INK,
-            "--",
-            "(b) plain, completed afterwards",
-        ),
-        (
-            _views(run.aware),
-            [one.reached * run.reachable for one in run.aware],
-            INFERRED,
-            "-",
-            "(c) planned with completion",
-        ),
+        (_views(run.after), known[0], INK, "--", "(b) plain, completed afterwards"),
+        (_views(run.aware), known[1], INFERRED, "-", "(c) planned with completion"),
         (_views(run.aware), [one.met for one in run.aware], INFERRED, ":", "(c) of it measured as required"),
     )
     for views, shares, colour, style, label in lines:
