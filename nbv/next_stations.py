@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nbv.knowledge import Knowledge
 from nbv.plan import Plan, Resumption
 from nbv.planner import PlannerOptions, next_view
 from nbv.requirement import Requirement
@@ -25,6 +26,7 @@ def plan_next_stations(
     views: int = 1,
     candidates: Candidates | None = None,
     options: PlannerOptions | None = None,
+    infer: bool = False,
     n_threads: int | None = None,
 ) -> Plan:
     """Plan where to scan next, by what the scans so far say of the place.
@@ -47,6 +49,9 @@ def plan_next_stations(
         Where the sensor may go; the survey's own when not given.
     options : PlannerOptions, optional
         Clearance, stopping, weights, zones.
+    infer : bool
+        Whether what completion makes of the scans counts less than what is unknown (`nbv.planner.explore`).
+        The scans are completed once: of predicted views there is nothing to complete.
     n_threads : int, optional
         Threads; the plan does not depend on it.
 
@@ -70,8 +75,13 @@ def plan_next_stations(
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     planned, reason = list[View](), f"the limit of {views} views is reached"
     here = survey.scans[-1].world_from_sensor
+    knowledge = None
+    if infer:
+        knowledge = Knowledge.of(survey.scans, requirement.max_sd_m, n_threads=n_threads)
     while len(planned) < views:
-        best = next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
+        best = next_view(
+            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
+        )
         if isinstance(best, str):
             reason = best
             break

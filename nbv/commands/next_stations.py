@@ -44,6 +44,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
             views=request.views or 1,
             candidates=candidates,
             options=options,
+            infer=request.infer,
             n_threads=shared.threads,
         )
         run.watch.enter("coverage")
