@@ -98,8 +98,8 @@ def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
         "#predicted gain, m\u00b2",
     )
     gain = (
-        "area that is likely to be news beyond the unknown's boundary, inferred surface counting by its doubt, "
-        "and of surface that was measured worse than required, little where a fitted surface is exact there,"
+        "area that is likely to be news beyond the unknown's boundary, inferred surface by its doubt alone, "
+        "and of surface measured worse than required, which counts little where a fitted surface is exact,"
         if infers
         else "area of the unknown's boundary and of surface that was measured worse than required,"
     )
