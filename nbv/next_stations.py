@@ -26,7 +26,7 @@ def plan_next_stations(
     views: int = 1,
     candidates: Candidates | None = None,
     options: PlannerOptions | None = None,
-    infer: bool = False,
+    knowledge: Knowledge | None = None,
     n_threads: int | None = None,
 ) -> Plan:
     """Plan where to scan next, by what the scans so far say of the place.
@@ -49,9 +49,9 @@ def plan_next_stations(
         Where the sensor may go; the survey's own when not given.
     options : PlannerOptions, optional
         Clearance, stopping, weights, zones.
-    infer : bool
-        Whether what completion makes of the scans counts less than what is unknown (`nbv.planner.explore`).
-        The scans are completed once: of predicted views there is nothing to complete.
+    knowledge : Knowledge, optional
+        What completion makes of the scans; it counts less than what is unknown (`nbv.planner.explore`), also
+        for the later views, whose scans nobody has to complete.
     n_threads : int, optional
         Threads; the plan does not depend on it.
 
@@ -75,9 +75,6 @@ def plan_next_stations(
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     planned, reason = list[View](), f"the limit of {views} views is reached"
     here = survey.scans[-1].world_from_sensor
-    knowledge = None
-    if infer:
-        knowledge = Knowledge.of(survey.scans, requirement.max_sd_m, n_threads=n_threads)
     while len(planned) < views:
         best = next_view(
             voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge

@@ -12,6 +12,7 @@ from PIL import Image
 from nbv.baselines import Baseline
 from nbv.classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
 from nbv.commands.plan import lines_of, summary_of
+from nbv.knowledge import Knowledge
 from nbv.next_stations import plan_next_stations
 from nbv.planner import PlannerOptions
 from nbv.planning import plan_views
@@ -208,10 +209,11 @@ def test_next_stations_know_what_completion_makes_of_the_scans():
     ]
     survey = Survey.of([scan_scene(ROOM, pose, SENSOR, rng=0) for pose in poses], SENSOR, options=COARSE)
     fixed = {"views": 2, "candidates": CANDIDATES, "options": COARSE, "n_threads": 1}
-    plain, knowing = (plan_next_stations(survey, SENSOR, infer=infer, **fixed) for infer in (False, True))
+    knowledge = Knowledge.of(survey.scans, n_threads=1)
+    plain, knowing = (plan_next_stations(survey, SENSOR, knowledge=one, **fixed) for one in (None, knowledge))
     assert plain.views[0].predicted_gain_m2 != knowing.views[0].predicted_gain_m2
     assert len(knowing.views) == 2
-    again = plan_next_stations(survey, SENSOR, infer=True, **{**fixed, "n_threads": 2})
+    again = plan_next_stations(survey, SENSOR, knowledge=knowledge, **{**fixed, "n_threads": 2})
     assert [view.to_json() for view in again.views] == [view.to_json() for view in knowing.views]
     notes = [stations_table(knowing, infers=infers)[-1].text for infers in (False, True)]
     assert "likely to be news" not in notes[0]
@@ -236,7 +238,10 @@ def test_the_command_line_takes_infer(where, tmp_path):
     assert summary["views"] == 2
     html = contents(out)["report.html"].decode()
     assert ("What counts as what" if where == "scene" else "likely to be news") in html
-    if where == "scene":
+    if where == "scans":
+        assert summary["surface"]["inferred_m2"] > 0
+        assert "inferred surface" in html
+    else:
         written = json.loads((out / "plan.json").read_text())
         assert written["inference"][-1] == summary["inference"]
         assert {"right_m2", "inferred_m2", "modelled"} <= set(summary["inference"])

@@ -34,13 +34,8 @@ def next_stations_page(
     options: Mapping[str, Any],
     seed: int,
     n_threads: int | None = None,
-    *,
-    infers: bool = False,
 ) -> Page:
-    """Return the report of a plan that continues scans in a place without a model.
-
-    With `infers` completion stood in for views.
-    """
+    """Return the report of a plan that continues scans in a place without a model."""
     survey = coverage.survey
     poses = [view.world_from_sensor for view in plan.views]
     stations = Headline(str(len(poses)), "", "next stations" if len(poses) != 1 else "next station")
@@ -56,7 +51,7 @@ def next_stations_page(
                 "Where to stand next",
                 (
                     Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 2),
-                    *stations_table(plan, infers=infers),
+                    *stations_table(plan, infers=coverage.completion is not None),
                 ),
             ),
             Section(
