@@ -31,7 +31,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from nbv.survey import Survey
 from nbv.viewpoints import Candidates
-from nbv.zones import EVERYWHERE
+from nbv.zones import EVERYWHERE, Box, Zones
 from scenes.builtin import builtin_scene
 from scenes.pose import Pose
 from tests.test_cli import contents, succeed
@@ -109,11 +109,21 @@ def test_the_report_names_the_classes_and_how_much_of_the_inferred_is_right(plan
     assert html == plan_page(ROOM, plan, plan.coverage, {}, 0, 2).to_html()
     wrong = replace(shares, inferred_m2=8.0, right_m2=6.0)
     page = plan_page(ROOM, replace(plan, shares=(wrong,)), plan.coverage, {}, 0, 1)
-    assert "Of 8.00 m\u00b2 that it infers, 75.0 % lies within 2 cm" in page.summary
+    assert "Of 8.00 m\u00b2 that it infers in all, 75.0 % lies within 2 cm" in page.summary
+    assert "75.0 % lies within 2 cm of the true surface and 2.00 m\u00b2 elsewhere" in note_of(page)
+    assert "beyond it" not in note_of(page)
     nothing = replace(shares, inferred_m2=0.0, right_m2=0.0)
     page = plan_page(ROOM, replace(plan, shares=(nothing,)), plan.coverage, {}, 0, 1)
     assert "Nothing was inferred." in page.summary
+    assert note_of(page).endswith("Nothing was inferred.")
     assert len(page.headlines) == 5
+    zones = Zones(Box((0, 0, 0), (3, 5, 2.7)))
+    page = plan_page(ROOM, replace(plan, zones=zones), plan.coverage, {}, 0, 1)
+    assert "in the region and beyond it" in note_of(page)
+
+
+def note_of(page):
+    return page.sections[0].blocks[-1].text
 
 
 def test_a_plan_by_views_alone_is_reported_as_before(plan):

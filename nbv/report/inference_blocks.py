@@ -99,22 +99,7 @@ def class_bar(shares: Shares, total_m2: float) -> Bar:
 
 def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
     """What each class means and how much there is of it; what the truth says of what was inferred."""
-    shares, close = plan.shares[-1], f"{100 * CLOSE_M:g} cm"
-    sd = 1000 * (plan.requirement.max_sd_m or CompletionOptions().max_sd_m)
-    texts = (
-        ("measured as required", f"A view measured it at {plan.requirement.describe()}."),
-        (
-            "modelled",
-            f"Seen, but not as required; it lies within {close} of a surface fitted to all that was measured "
-            f"of it, whose standard deviation there is {sd:g} mm or less.",
-        ),
-        (
-            "inferred",
-            f"Seen too little or not at all; it lies within {close} of where completion continues a surface "
-            "behind what hides it.",
-        ),
-        ("unknown", "None of these."),
-    )
+    shares = plan.shares[-1]
     rows = tuple(
         (
             Cell(name, swatch=_SWATCHES[state]),
@@ -122,30 +107,57 @@ def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
             Cell(percent(amount), share=amount, state=state),
             Cell(square_metres(amount * coverage.total_m2)),
         )
-        for (name, text), state, amount in zip(texts, _STATES, _amounts(shares), strict=True)
+        for (name, text), state, amount in zip(_class_texts(plan), _STATES, _amounts(shares), strict=True)
     )
     note = (
         "Each place of the true surface has the first class that holds. The planner knows neither the truth "
         "nor these figures: the study counts a place that some candidate could measure towards the target "
-        f"once it is measured, modelled or inferred. {_right(shares, at_length=True)}"
+        "once it is measured, modelled or inferred. "
     )
-    return Table(("Class", "What it means", "#% of the area", "#area, m\u00b2"), rows), Text(
-        note, is_note=True
+    note += _held_against_truth(shares, in_region=plan.zones.region is not None)
+    columns = ("Class", "What it means", "#% of the area", "#area, m\u00b2")
+    return Table(columns, rows), Text(note, is_note=True)
+
+
+def _class_texts(plan: Plan) -> tuple[tuple[str, str], ...]:
+    """Name and meaning of each class."""
+    close = f"within {100 * CLOSE_M:g} cm of"
+    sd = 1000 * (plan.requirement.max_sd_m or CompletionOptions().max_sd_m)
+    return (
+        ("measured as required", f"A view measured it at {plan.requirement.describe()}."),
+        (
+            "modelled",
+            f"Seen, but not as required; it lies {close} a surface fitted to all that was measured of it, "
+            f"whose standard deviation there is {sd:g} mm or less.",
+        ),
+        (
+            "inferred",
+            f"Seen too little or not at all; it lies {close} where completion continues a surface behind "
+            "what hides it.",
+        ),
+        ("unknown", "None of these."),
     )
 
 
-def _right(shares: Shares, *, at_length: bool = False) -> str:
+def _right(shares: Shares) -> str:
     """How much of what completion infers lies where the true surface is."""
     if not shares.inferred_m2:
         return "Nothing was inferred."
     claimed, right = square_metres(shares.inferred_m2), percent(shares.right_m2 / shares.inferred_m2)
-    if not at_length:
-        return f"Of {claimed} m\u00b2 that it infers, {right} % lies within 2 cm of the true surface."
+    return f"Of {claimed} m\u00b2 that it infers in all, {right} % lies within 2 cm of the true surface."
+
+
+def _held_against_truth(shares: Shares, *, in_region: bool) -> str:
+    """How much of what was inferred is right and wrong, and why its area is not that of its class."""
+    if not shares.inferred_m2:
+        return _right(shares)
     wrong = square_metres(shares.inferred_m2 - shares.right_m2)
+    right, claimed = percent(shares.right_m2 / shares.inferred_m2), square_metres(shares.inferred_m2)
+    where = ", in the region and beyond it," if in_region else ","
     return (
-        f"Held against the truth: completion infers {claimed} m\u00b2 of surface, of which {right} % lies "
-        f"within 2 cm of the true surface and {wrong} m\u00b2 elsewhere. (It need not be as much as the area "
-        "of its class: one inferred surface stands for both where a box's bottom lies on the floor.)"
+        f"Held against the truth: completion infers {claimed} m\u00b2 of surface{where} of which {right} % "
+        f"lies within 2 cm of the true surface and {wrong} m\u00b2 elsewhere. (It need not be as much as the "
+        "area of its class: one inferred surface stands for both where a box's bottom lies on the floor.)"
     )
 
 
