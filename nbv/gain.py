@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.accumulator import Accumulator
+from nbv.glimpse import Glimpse
 from nbv.knowledge import Knowledge
 from nbv.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
 from nbv.prospect import Prospect
@@ -121,47 +122,13 @@ class BestView:
         Where to scan from.
     gain_m2 : float
         Weighted square metres.
-    voxel : (n,) int64
-        Voxels of the targets that it sees.
-    is_unknown : (n,) bool
-        Whether for their unknown faces, or for badly seen surface.
+    sees : Glimpse
+        The targets that it sees.
     """
 
     pose: Pose
     gain_m2: float
-    voxel: NDArray[np.int64]
-    is_unknown: BoolArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Glimpse:
-    """What a position sees of the targets, in any direction.
-
-    Attributes
-    ----------
-    offsets : (n, 3) float
-        From the position, metres along the world's axes.
-    worth_m2 : (n,) float
-        What each is worth from there.
-    voxel : (n,) int64
-        Voxel of each.
-    is_unknown : (n,) bool
-        Unknown faces, or badly seen surface.
-    """
-
-    offsets: FloatArray
-    worth_m2: FloatArray
-    voxel: NDArray[np.int64]
-    is_unknown: BoolArray
-
-    def joined(self, other: Glimpse) -> Glimpse:
-        """Return both together."""
-        return Glimpse(
-            *(
-                np.concatenate([getattr(self, name), getattr(other, name)])
-                for name in ("offsets", "worth_m2", "voxel", "is_unknown")
-            )
-        )
+    sees: Glimpse
 
 
 def find_targets(
@@ -258,7 +225,7 @@ def best_view(
     there = _seen_from(caster, targets, required_cosine, sensor, prospect, pose.translation)
     inside = sensor.sees(there.offsets @ pose.rotation)
     gain = float(there.worth_m2[inside].sum())
-    return BestView(pose, gain, there.voxel[inside], there.is_unknown[inside])
+    return BestView(pose, gain, there.some(inside))
 
 
 def _seen_from(
@@ -271,7 +238,7 @@ def _seen_from(
 ) -> Glimpse:
     """Return what a position sees in any direction, and what each is worth from there."""
     if prospect is not None:
-        news = Glimpse(*prospect.look(position, sensor.max_range_m))
+        news = prospect.look(position, sensor.max_range_m)
         known = targets.some(~targets.is_unknown)
         return news.joined(_seen_from(caster, known, required_cosine, sensor, None, position))
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
@@ -285,7 +252,7 @@ def _seen_from(
         index = index[~caster.blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
     worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
-    return Glimpse(-towards[index], worth, targets.voxel[index], unknown)
+    return Glimpse(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
 
 
 def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:

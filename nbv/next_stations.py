@@ -82,7 +82,7 @@ def plan_next_stations(
         if isinstance(best, str):
             reason = best
             break
-        attempts[best.is_unknown.astype(np.int64), best.voxel] = options.gain.max_attempts
+        attempts[best.sees.is_unknown.astype(np.int64), best.sees.voxel] = options.gain.max_attempts
         planned.append(View(best.pose, sensor, predicted_gain_m2=best.gain_m2))
     return Plan(
         method="nbv",

@@ -20,6 +20,7 @@ from nbv.stations import Overlap, Stations
 from nbv.task import Study, Task
 from nbv.tour import plan_tour
 from nbv.visibility import orient, visible_from_positions
+from nbv.wording import count
 from scenes.checks import BoolArray, InputError
 
 _MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
@@ -65,12 +66,12 @@ def plan_offline(
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     for number in cover.chosen:
         study.add(task.candidates.pose(number))
-    stations = _stations(task, graph, cover)
+    stations = plan_stations(task, graph, list(cover.chosen))
     reason = study.why_finished() or _why_not(task, views, cover)
     if task.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
-            reason += f", and yet {stations.n_groups} groups of scans that no candidate joins"
+            reason += f", and yet {count(stations.n_groups, 'group')} of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
     bound = cover.bound
@@ -112,7 +113,7 @@ def cover_instance(task: Task, met: BoolArray | None = None) -> CoverInstance:
 
     Samples that are `met` (n,) already have no weight, and the target is what is left of it.
     """
-    matrix, areas = _seen(task, task.requirement.limits(task.sensor)), task.samples.areas
+    matrix, areas = seen_by_candidates(task, task.requirement.limits(task.sensor)), task.samples.areas
     if met is None or not met.any():
         return CoverInstance(matrix, areas, task.target, task.requirement.k)
     whole = CoverInstance(matrix, np.where(met, 0.0, areas), 1.0, task.requirement.k)
@@ -126,10 +127,10 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
     """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
     seen = task.requirement.visibility(task.sensor)
     limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
-    return OverlapGraph.of(_seen(task, limits), task.samples, options)
+    return OverlapGraph.of(seen_by_candidates(task, limits), task.samples, options)
 
 
-def _seen(task: Task, limits: SightLimits) -> csr_array:
+def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
     """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
     candidates, samples = task.candidates, task.samples
     seen = visible_from_positions(
@@ -143,9 +144,8 @@ def _seen(task: Task, limits: SightLimits) -> csr_array:
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 
-def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
+def plan_stations(task: Task, graph: OverlapGraph, chosen: list[int]) -> Stations:
     """Return the tour of the chosen, and their overlaps."""
-    chosen = list(cover.chosen)
     links = [graph.links(candidate) for candidate in chosen]
     pairs = []
     for first, own in enumerate(links):
@@ -166,4 +166,4 @@ def _why_not(task: Task, views: int | None, cover: Cover) -> str:
         return "what is left is seen only by views that cannot be registered"
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"
-    return f"the limit of {views} views is reached"
+    return f"the limit of {count(views or 0, 'view')} is reached"

@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nbv.knowledge import Knowledge
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions, explore
-from nbv.scanning.scanner import scan_scene
 from nbv.task import Study, Task
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -43,20 +40,11 @@ def plan_online(
     rng = np.random.default_rng(rng)
     start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
     study = Study.begin(task)
-    scans: list[RangeImage] = []
+    scans = list(task.scans)
 
     def scan(pose: Pose) -> RangeImage:
-        study.add(pose)
-        name, stream = f"view {len(study.views)}", rng.spawn(1)[0]
-        scans.append(
-            scan_scene(task.scene, study.views[-1], noise=noise, rng=stream, caster=task.caster, name=name)
-        )
+        scans.append(study.scan(pose, noise, rng))
         return scans[-1]
-
-    def infer(so_far: Sequence[RangeImage]) -> Knowledge:
-        knowledge = Knowledge.of(so_far, task.requirement.max_sd_m, n_threads=task.n_threads)
-        study.learn(knowledge)
-        return knowledge
 
     found = explore(
         scan,
@@ -68,11 +56,11 @@ def plan_online(
         replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
         given=task.scans,
         from_outside=task.from_outside,
-        infer=infer if task.infer else None,
+        infer=study.complete if task.infer else None,
         finished=study.why_finished,
         n_threads=task.n_threads,
         progress=task.progress,
     )
-    if task.infer and study.shares[-1].views < len(scans):
-        infer([*task.scans, *scans])
+    if task.infer and study.shares[-1].views < len(study.views):
+        study.complete(scans)
     return study.plan("nbv", seed, None, found.stopped_because)

@@ -26,7 +26,7 @@ from nbv.footing import has_footing
 from nbv.gain import BestView, GainOptions, Targets, best_view, find_targets
 from nbv.knowledge import Knowledge
 from nbv.occupancy import EMPTY, SEEN, VoxelMap
-from nbv.prospect import Prospect
+from nbv.prospect import Experience, Prospect
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
@@ -35,7 +35,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
-_RENEWED = 1.1  # growth of the number of scans after which they are completed anew
+RENEWED = 1.1  # growth of the number of scans after which they are completed anew
 Progress = Callable[[str, int, int], None]
 
 
@@ -164,11 +164,15 @@ def explore(
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     steps = [] if start is None else [Step(start, None)]
     scans, knowledge, n_known = list(given), None, 0
+    best: BestView | None = None
+    experience = Experience.none()
     while True:
         if steps:
             scans.append(scan(steps[-1].world_from_sensor))
             voxels = _learn(voxels, scans[-1], sensor, options)
-        if infer is not None and len(scans) >= _RENEWED * n_known:
+            if best is not None:
+                experience = experience.after(scans[-1], best.sees, voxels.grid)
+        if infer is not None and len(scans) >= RENEWED * n_known:
             knowledge, n_known = infer(scans), len(scans)
         if progress is not None:
             progress("views", len(steps), options.max_views)
@@ -178,11 +182,21 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        best = next_view(
-            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
+        found = next_view(
+            voxels,
+            attempts,
+            candidates,
+            here,
+            sensor,
+            requirement,
+            options,
+            n_threads,
+            knowledge,
+            experience.trust,
         )
-        if isinstance(best, str):
-            return Exploration(tuple(steps), voxels, best)
+        if isinstance(found, str):
+            return Exploration(tuple(steps), voxels, found)
+        best = found
         _count_attempts(attempts, best)
         steps.append(Step(best.pose, best.gain_m2))
 
@@ -218,6 +232,7 @@ def next_view(
     options: PlannerOptions,
     n_threads: int | None,
     knowledge: Knowledge | None = None,
+    trust: FloatArray | None = None,
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
@@ -230,7 +245,7 @@ def next_view(
     sought = attempts[1] < options.gain.max_attempts
     if options.zones.region is not None and _is_reached(voxels, options.zones.region):
         sought &= options.zones.concern(voxels.grid.centres(), voxels.grid.voxel_m)
-    prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge)
+    prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge, trust)
     best = best_view(
         voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
     )
@@ -282,4 +297,4 @@ def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
 
 def _count_attempts(attempts: NDArray[np.int32], best: BestView) -> None:
     """Remember what the chosen view should settle, so that it is not sought for ever."""
-    np.add.at(attempts, (best.is_unknown.astype(np.int64), best.voxel), 1)
+    np.add.at(attempts, (best.sees.is_unknown.astype(np.int64), best.sees.voxel), 1)

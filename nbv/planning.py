@@ -19,6 +19,7 @@ from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.stand_in import plan_with_completion
 from nbv.task import Task
 from nbv.viewpoints import Candidates, allowed
 from nbv.visibility import Progress
@@ -126,6 +127,8 @@ def plan_views(
         raise InputError(f"target must be a fraction of the reachable area, 0 < target <= 1, got {target}")
     if views is not None and views < 1:
         raise InputError(f"views must be at least 1, got {views}")
+    if infer and overlap is not None:
+        raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
@@ -157,6 +160,8 @@ def plan_views(
         scans=tuple(scans),
         zones=zones,
     )
+    if method == "cover" and infer:
+        return plan_with_completion(task, views, noise, rng)
     if method == "cover":
         return plan_offline(task, views, budgets or CoverOptions(), rng)
     return plan_online(task, views, noise, options or PlannerOptions(), rng)

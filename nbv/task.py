@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from nbv.plan import Plan, Resumption
 from nbv.reachability import Reachability, find_reachable
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
+from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import Sensor
 from nbv.stations import Stations
 from nbv.view import View
@@ -106,12 +108,21 @@ class Study:
         met = self.tally.met_m2() / self.task.samples.total_m2
         self.views.append(View(pose, self.task.sensor, gain, met))
 
-    def learn(self, knowledge: Knowledge) -> None:
-        """Let completion stand in for views: `knowledge` is what it makes of their scans."""
-        tally, samples = self.tally, self.task.samples
-        self.classes = classify(samples, tally.met, tally.n_views > 0, knowledge)
-        mesh = self.task.scene.mesh
-        self.shares.append(shares_of(self.classes, samples, knowledge, mesh, len(self.views)))
+    def scan(self, pose: Pose, noise: str, rng: np.random.Generator) -> RangeImage:
+        """Add the view from `pose` and return its simulated scan."""
+        self.add(pose)
+        task, view, stream = self.task, self.views[-1], rng.spawn(1)[0]
+        name = f"view {len(self.views)}"
+        return scan_scene(task.scene, view, noise=noise, rng=stream, caster=task.caster, name=name)
+
+    def complete(self, scans: Sequence[RangeImage]) -> Knowledge:
+        """Let completion of `scans`, those of all views so far, stand in for further views."""
+        task, tally = self.task, self.tally
+        knowledge = Knowledge.of(scans, task.requirement.max_sd_m, n_threads=task.n_threads)
+        self.classes = classify(task.samples, tally.met, tally.n_views > 0, knowledge)
+        shares = shares_of(self.classes, task.samples, knowledge, task.scene.mesh, len(self.views))
+        self.shares.append(shares)
+        return knowledge
 
     def why_finished(self) -> str | None:
         """Return why it is enough, or None."""

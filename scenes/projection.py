@@ -42,10 +42,6 @@ class Projection(Protocol):
         """Row and column (n, 2) that see sensor-frame `points` (n, 3); NaN outside the field of view."""
         ...
 
-    def every(self, step: int) -> Projection:
-        """Return the projection that has every `step`-th row and column alone, from the first on."""
-        ...
-
 
 def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Set rows of `pixels` that are more than half a pixel outside the image to NaN."""
@@ -122,12 +118,6 @@ class PinholeProjection:
             column = self.fx * points[:, 0] * scale + self.cx
             row = self.fy * points[:, 1] * scale + self.cy
         return _mark_outside(np.stack([row, column], axis=1), self.shape)
-
-    def every(self, step: int) -> PinholeProjection:
-        """Return the camera with every `step`-th row and column alone."""
-        width, height = -(-self.width // step), -(-self.height // step)
-        focal, centre = (self.fx / step, self.fy / step), (self.cx / step, self.cy / step)
-        return PinholeProjection(width, height, *focal, *centre)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,10 +197,6 @@ class SphericalProjection:
         elevation = np.arctan2(-points[:, 1], np.hypot(points[:, 0], points[:, 2]))
         row = _index(self.elevations, elevation, self.pixel_angle)
         return np.stack([row, _index(self.azimuths, azimuth, self.pixel_angle)], axis=1)
-
-    def every(self, step: int) -> SphericalProjection:
-        """Return the scanner with every `step`-th row and column alone."""
-        return SphericalProjection(self.azimuths[::step], self.elevations[::step])
 
 
 def _index(angles: FloatArray, wanted: FloatArray, only_step: float) -> FloatArray:

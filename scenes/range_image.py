@@ -223,19 +223,6 @@ class RangeImage:
         """Return the same scan in a world moved by `pose`."""
         return replace(self, world_from_sensor=pose @ self.world_from_sensor)
 
-    def every(self, step: int) -> RangeImage:
-        """Return the scan with every `step`-th row and column alone, without truth."""
-        if step < 1:
-            raise InputError(f"every step-th pixel: step must be at least 1, got {step}")
-        taken = (slice(None, None, step), slice(None, None, step))
-        kept = {
-            name: None if getattr(self, name) is None else getattr(self, name)[taken]
-            for name in ("colour", "sensor_points", "intensity")
-        }
-        return replace(
-            self, ranges=self.ranges[taken], projection=self.projection.every(step), truth=None, **kept
-        )
-
 
 def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:
     """Return colours that are finite and, where something came back, in 0..1."""

@@ -117,6 +117,8 @@ def test_the_report_names_the_classes_and_how_much_of_the_inferred_is_right(plan
     assert "Nothing was inferred." in page.summary
     assert note_of(page).endswith("Nothing was inferred.")
     assert len(page.headlines) == 5
+    knowing = plan_page(ROOM, replace(plan, method="cover"), plan.coverage, {}, 0, 1)
+    assert "knows the scene, but not beforehand" in note_of(knowing)
     zones = Zones(Box((0, 0, 0), (3, 5, 2.7)))
     page = plan_page(ROOM, replace(plan, zones=zones), plan.coverage, {}, 0, 1)
     assert "in the region and beyond it" in note_of(page)

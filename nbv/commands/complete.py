@@ -17,6 +17,7 @@ from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
+from nbv.wording import count
 from scenes.range_image import RangeImage
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
@@ -129,7 +130,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
     lines = [
-        f"measured  {square_metres(observed)} m2 on {len(completion.patches)} surfaces",
+        f"measured  {square_metres(observed)} m2 on {count(len(completion.patches), 'surface')}",
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]

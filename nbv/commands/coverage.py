@@ -29,6 +29,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.unreachable import unreachable_patches
 from nbv.view import View
+from nbv.wording import count
 from scenes.atomic import write_json, write_text
 from scenes.files import Units
 from scenes.formats.ply import write_mesh_ply
@@ -113,7 +114,8 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             "unreachable_because": coverage.reasons(),
         }
         line = (
-            f"{len(measured.poses)} stations measure {percent(coverage.met)} % of the area, "
+            f"{count(len(measured.poses), 'station measures', 'stations measure')} "
+            f"{percent(coverage.met)} % of the area, "
             f"{percent(coverage.met_of_reachable)} % of what can be reached"
         )
         run.finish([scene, request.sensor, *files], resolved, summary, [line])

@@ -15,11 +15,12 @@ from nbv.plan import Plan
 from nbv.planner import PlannerOptions
 from nbv.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
-from nbv.report.page import count, square_metres
+from nbv.report.page import square_metres
 from nbv.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.survey import Survey
 from nbv.viewpoints import allowed, load_candidates
+from nbv.wording import count
 from scenes.atomic import write_json
 from scenes.orientation import Axis, world_from_file_up
 from scenes.range_image import RangeImage

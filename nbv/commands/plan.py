@@ -26,6 +26,7 @@ from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
+from nbv.wording import count
 from nbv.zones import Box, Zones
 from scenes.atomic import write_json
 from scenes.files import Units
@@ -186,7 +187,8 @@ def lines_of(plan: Plan) -> list[str]:
     after = "" if before is None else f" after {len(before.poses)} scans"
     of_reachable = f", {percent(coverage.met_of_reachable)} % of what can be reached"
     lines = [
-        f"{len(plan.views)} views{after} measure {percent(coverage.met)} % of the area"
+        f"{count(len(plan.views), 'view')}{after} {'measures' if len(plan.views) == 1 else 'measure'} "
+        f"{percent(coverage.met)} % of the area"
         f"{_classes_line(plan.shares[-1]) if plan.shares else of_reachable}",
         f"stopped because: {plan.stopped_because}",
     ]

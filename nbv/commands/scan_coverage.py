@@ -15,13 +15,14 @@ from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
-from nbv.report.page import count, square_metres
+from nbv.report.page import square_metres
 from nbv.report.scan_coverage_report import scan_coverage_page
 from nbv.requirement import Requirement
 from nbv.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.state_mesh import STATES, StateMesh
 from nbv.survey import Survey
+from nbv.wording import count
 from scenes.atomic import write_json, write_text
 from scenes.formats.ply import write_mesh_ply
 

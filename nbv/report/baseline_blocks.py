@@ -9,7 +9,8 @@ import numpy as np
 
 from nbv.baselines import PLAN, Baseline
 from nbv.plan import Plan
-from nbv.report.page import Cell, Section, Table, Text, count, percent
+from nbv.report.page import Cell, Section, Table, Text, percent
+from nbv.wording import count
 
 
 def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, ...]:

@@ -27,7 +27,6 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     percent,
     square_metres,
 )
@@ -36,6 +35,7 @@ from nbv.report.state_pictures import state_pictures
 from nbv.report.station_plots import curve, stations
 from nbv.scanning.sensor import Sensor
 from nbv.unreachable import unreachable_patches
+from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
@@ -121,7 +121,7 @@ def coverage_page(
     """Return the report of stations that are given; `met` is the measured share after each of them."""
     requirement = coverage.requirement
     summary = (
-        f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
+        f"{count(len(poses), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()

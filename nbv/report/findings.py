@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from nbv.coverage import Coverage
 from nbv.plan import Plan
-from nbv.report.page import Bar, Headline, Section, Table, count, percent, square_metres
+from nbv.report.page import Bar, Headline, Section, Table, percent, square_metres
 from nbv.report.picture import Picture
+from nbv.wording import count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +48,8 @@ def measured_sentence(plan: Plan, coverage: Coverage) -> str:
     where = " in the region" if plan.zones.region else ""
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
     return (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} measure "
+        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} "
+        f"{'measures' if len(plan.views) == 1 else 'measure'} "
         f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
         f"{plan.requirement.describe()}."
     )

@@ -41,6 +41,10 @@ _COLOURS = {
     UNKNOWN: picture.UNKNOWN,
 }
 _STATES: tuple[State, ...] = ("measured", "modelled", "inferred", "unknown")
+_KNOWS = {
+    "nbv": "knows neither the truth nor these figures",
+    "cover": "knows the scene, but not beforehand what completion makes of its scans",
+}
 _SWATCHES = {
     "measured": "var(--measured)",
     "modelled": "var(--dots)",
@@ -110,9 +114,9 @@ def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
         for (name, text), state, amount in zip(_class_texts(plan), _STATES, _amounts(shares), strict=True)
     )
     note = (
-        "Each place of the true surface has the first class that holds. The planner knows neither the truth "
-        "nor these figures: the study counts a place that some candidate could measure towards the target "
-        "once it is measured, modelled or inferred. "
+        f"Each place of the true surface has the first class that holds. The planner {_KNOWS[plan.method]}: "
+        "the study counts a place that some candidate could measure towards the target once it is measured, "
+        "modelled or inferred. "
     )
     note += _held_against_truth(shares, in_region=plan.zones.region is not None)
     columns = ("Class", "What it means", "#% of the area", "#area, m\u00b2")

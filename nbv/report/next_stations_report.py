@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nbv.plan import Plan
-from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, count, square_metres
+from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
 from nbv.report.scan_coverage_blocks import (
     area_bar,
     area_headlines,
@@ -20,6 +20,7 @@ from nbv.report.scan_coverage_blocks import (
 from nbv.report.scan_coverage_report import summary
 from nbv.scan_coverage import ScanCoverage
 from nbv.state_mesh import StateMesh
+from nbv.wording import count
 
 _NO_FLOOR = (
     "No floor was seen below the scanners, so stations are wherever space is known to be free; "

@@ -198,17 +198,6 @@ def square_metres(area: float) -> str:
     return f"{area:.1f}" if area >= 100 else f"{area:.2f}" if area >= 1 else small
 
 
-def count(n: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> count(1, "view"), count(25, "view")
-    ('1 view', '25 views')
-    """
-    return f"{n} {noun if n == 1 else plural or noun + 's'}"
-
-
 def _colours() -> dict[str, str]:
     pairs = (
         ("measured", MEASURED),

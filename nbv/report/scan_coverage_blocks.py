@@ -21,7 +21,6 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     square_metres,
 )
 from nbv.report.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
@@ -31,6 +30,7 @@ from nbv.scan_coverage import ScanCoverage
 from nbv.scanning.sensor import Sensor
 from nbv.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
 from nbv.survey import Survey
+from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nbv.report.page import Gallery, Page, Section, count, square_metres
+from nbv.report.page import Gallery, Page, Section, square_metres
 from nbv.report.scan_coverage_blocks import (
     area_bar,
     area_headlines,
@@ -18,6 +18,7 @@ from nbv.report.scan_coverage_blocks import (
 from nbv.scan_coverage import ScanCoverage
 from nbv.scanning.sensor import Sensor
 from nbv.state_mesh import StateMesh
+from nbv.wording import count
 
 
 def scan_coverage_page(

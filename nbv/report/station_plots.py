@@ -11,10 +11,10 @@ import trimesh
 from nbv.coverage import Coverage
 from nbv.floor_plan import FloorPlan
 from nbv.plots import Plot, coverage_curve
-from nbv.report.page import count
 from nbv.report.picture import Picture
 from nbv.scanning.sensor import Sensor
 from nbv.tour import Tour
+from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
