@@ -29,6 +29,9 @@ class SurfaceCoverage:
     met: float
     reachable: float
     unreachable: float
+    inferred: float
+    modelled: float
+    unknown: float
     mean_cosine: float
 
 
@@ -136,12 +139,12 @@ class Coverage:
     @property
     def inferred(self) -> float:
         """Fraction of the area, not measured, that completion infers; 0 for coverage by views alone."""
-        return 0.0 if self.classes is None else self._fraction(self.classes == INFERRED)
+        return self._fraction(self._is(INFERRED))
 
     @property
     def modelled(self) -> float:
         """Fraction of the area, not measured as required, that completion models; 0 by views alone."""
-        return 0.0 if self.classes is None else self._fraction(self.classes == MODELLED)
+        return self._fraction(self._is(MODELLED))
 
     @property
     def unknown(self) -> float:
@@ -161,17 +164,27 @@ class Coverage:
 
     def by_surface(self) -> tuple[SurfaceCoverage, ...]:
         """Coverage of each surface that has area, by surface id."""
-        ids = self.samples.surface
-        table = []
+        ids, table = self.samples.surface, []
+        kinds = self.state == MET, self.state != UNREACHABLE, self._is(INFERRED), self._is(MODELLED)
         for surface in np.unique(ids):
             here = ids == surface
             area = self.samples.areas[here]
             total = float(area.sum())
-            met = float(area[self.state[here] == MET].sum()) / total
-            reachable = float(area[self.state[here] != UNREACHABLE].sum()) / total
-            cosine = float(area @ self.best_cosine[here]) / total
-            name = self.surface_names[surface]
-            table.append(SurfaceCoverage(int(surface), name, total, met, reachable, 1 - reachable, cosine))
+            met, reachable, inferred, modelled = (float(area[kind[here]].sum()) / total for kind in kinds)
+            table.append(
+                SurfaceCoverage(
+                    surface=int(surface),
+                    name=self.surface_names[surface],
+                    area_m2=total,
+                    met=met,
+                    reachable=reachable,
+                    unreachable=1 - reachable,
+                    inferred=inferred,
+                    modelled=modelled,
+                    unknown=max(1 - met - modelled - inferred, 0.0),
+                    mean_cosine=float(area @ self.best_cosine[here]) / total,
+                )
+            )
         return tuple(table)
 
     def by_face(self) -> FaceCoverage:
@@ -201,6 +214,9 @@ class Coverage:
                 "met": row.met,
                 "reachable": row.reachable,
                 "unreachable": row.unreachable,
+                "inferred": row.inferred,
+                "modelled": row.modelled,
+                "unknown": row.unknown,
                 "mean_best_cosine": row.mean_cosine,
             }
             for row in self.by_surface()
@@ -212,6 +228,11 @@ class Coverage:
             "unreachable_because": self.reasons(),
             "surfaces": surfaces,
         }
+
+    def _is(self, kind: int) -> BoolArray:
+        """Samples of a class; none where completion does not stand in for views."""
+        classes = np.full(len(self.samples), -1, np.int8) if self.classes is None else self.classes
+        return np.asarray(classes == kind, dtype=np.bool_)
 
     def _fraction(self, where: BoolArray) -> float:
         total = self.total_m2

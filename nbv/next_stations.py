@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nbv.knowledge import Knowledge
 from nbv.plan import Plan, Resumption
 from nbv.planner import PlannerOptions, next_view
 from nbv.requirement import Requirement
@@ -25,6 +26,7 @@ def plan_next_stations(
     views: int = 1,
     candidates: Candidates | None = None,
     options: PlannerOptions | None = None,
+    knowledge: Knowledge | None = None,
     n_threads: int | None = None,
 ) -> Plan:
     """Plan where to scan next, by what the scans so far say of the place.
@@ -47,6 +49,9 @@ def plan_next_stations(
         Where the sensor may go; the survey's own when not given.
     options : PlannerOptions, optional
         Clearance, stopping, weights, zones.
+    knowledge : Knowledge, optional
+        What completion makes of the scans; it counts less than what is unknown (`nbv.planner.explore`), also
+        for the later views, whose scans nobody has to complete.
     n_threads : int, optional
         Threads; the plan does not depend on it.
 
@@ -71,7 +76,9 @@ def plan_next_stations(
     planned, reason = list[View](), f"the limit of {views} views is reached"
     here = survey.scans[-1].world_from_sensor
     while len(planned) < views:
-        best = next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
+        best = next_view(
+            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
+        )
         if isinstance(best, str):
             reason = best
             break

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from scenes.checks import FloatArray
 
 _DPI = 180
+_LAST_STEP = 0.6  # views that the last of stacked steps is wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +28,20 @@ class Theme:
     line: str
     accent: str
     fill: str
+    measured: str
+    modelled: str
+    dot: str
     inferred: str
 
 
 _LIGHT = Theme(
-    ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0", inferred="#2e7acc"
-)
+    ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0",
+    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#2e7acc",
+)  # fmt: skip
 _DARK = Theme(
-    ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a", inferred="#5aa2ea"
-)
+    ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a",
+    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#5aa2ea",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +112,49 @@ def coverage_curve(
         axes.set_xlabel("views")
         axes.set_ylabel("measured as required, % of the area")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+    return drawn_plot(draw, (5.4, 4.1))
+
+
+def class_curve(tops: FloatArray, reachable: float, target: float | None) -> Plot:
+    """Plot the shares of the area that are measured as required, modelled and inferred, as stacked steps.
+
+    Parameters
+    ----------
+    tops : (3, n + 1) float
+        Share that is measured; measured or modelled; measured, modelled or inferred: before the first view
+        and after each.
+    reachable : float
+        Share that any view could measure.
+    target : float, optional
+        Share of the reachable area that was wanted.
+    """
+
+    def draw(axes: Axes, theme: Theme) -> None:
+        n = tops.shape[1] - 1
+        views = np.append(np.arange(n + 1), n + _LAST_STEP)
+        levels = 100 * np.vstack([np.zeros(n + 1), tops])
+        levels = np.hstack([levels, levels[:, -1:]])
+        styles = (
+            ("measured as required", theme.measured, None),
+            ("modelled", theme.modelled, "...."),
+            ("inferred", theme.inferred, None),
+        )
+        for below, above, (name, colour, pattern) in zip(levels, levels[1:], styles, strict=False):
+            label = f"{name} {above[-1] - below[-1]:.1f} %"
+            axes.fill_between(views, below, above, step="post", facecolor=colour, hatch=pattern, linewidth=0,
+                              edgecolor=theme.dot, label=label)  # fmt: skip
+        axes.step(views, levels[1], where="post", color=theme.line, linewidth=2)
+        _level(axes, 100 * reachable, "reachable", theme)
+        if target is not None and target < 1:
+            _level(axes, 100 * reachable * target, f"target {100 * target:g} % of it", theme, below=True)
+        axes.set_xlim(0, n + _LAST_STEP)
+        axes.set_ylim(0, 106)
+        axes.set_xlabel("views")
+        axes.set_ylabel("% of the area")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8,
+                    handlelength=1.4, columnspacing=1.2, borderaxespad=0.2)  # fmt: skip
 
     return drawn_plot(draw, (5.4, 4.1))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from completion.export import display_mesh
 from completion.model import CompletedModel
-from completion.pipeline import Completion, CompletionOptions, Progress, complete
+from completion.pipeline import Completion
 from nbv.measured_area import MeasuredArea, PixelQuality, measure_area
 from nbv.requirement import Requirement
 from nbv.shadow import Shadow
@@ -104,11 +104,8 @@ def cover_by_scans(
     survey: Survey,
     requirement: Requirement | None = None,
     *,
-    completion: CompletionOptions | None = None,
+    completion: Completion | None = None,
     zones: Zones = EVERYWHERE,
-    rng: np.random.Generator | int | None = None,
-    n_threads: int | None = None,
-    progress: Progress | None = None,
 ) -> ScanCoverage:
     """Report what scans have measured, what completion infers, and where the unknown begins.
 
@@ -118,23 +115,20 @@ def cover_by_scans(
         The scans and their voxels.
     requirement : Requirement, optional
         What counts as measured well enough.
-    completion : CompletionOptions, optional
-        How to continue the surfaces; None leaves inferring out.
+    completion : Completion, optional
+        What completion makes of the survey's scans; None leaves inferring out.
     zones : Zones
         Measured surface and boundary count within their region alone; what is inferred counts everywhere.
-    rng, n_threads, progress
-        As for `complete`.
     """
     requirement, grid = requirement or Requirement(), survey.voxels.grid
     measured = measure_area(survey.scans, requirement, grid, zones)
-    model = None
-    if completion is not None:
-        model = complete(survey.scans, completion, rng=rng, n_threads=n_threads, progress=progress)
-    surface = None if model is None else display_mesh(model)
+    surface = None if completion is None else display_mesh(completion)
     stood = np.array([scan.origin for scan in survey.scans])
     shadow = Shadow.of(survey.voxels, surface, zones, stood, survey.clearance_m)
-    surfaces = () if model is None else _recognised(model, survey.scans, requirement, grid.voxel_m / 2)
-    return ScanCoverage(survey, requirement, zones, measured, shadow, model, surfaces)
+    surfaces: tuple[RecognisedSurface, ...] = ()
+    if completion is not None:
+        surfaces = _recognised(completion, survey.scans, requirement, grid.voxel_m / 2)
+    return ScanCoverage(survey, requirement, zones, measured, shadow, completion, surfaces)
 
 
 def _recognised(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.pipeline import CompletionOptions
+from completion.pipeline import CompletionOptions, complete
 from nbv.grid import VoxelGrid
 from nbv.measured_area import measure_area
 from nbv.measurement import CoverageTally
@@ -47,7 +47,8 @@ def room_scans(noise="none"):
 @pytest.fixture(scope="module")
 def coverage():
     survey = Survey.of(room_scans()[:2], SENSOR)
-    return cover_by_scans(survey, AT_60, completion=CompletionOptions(texture=False), rng=0, n_threads=2)
+    model = complete(survey.scans, CompletionOptions(texture=False), rng=0, n_threads=2)
+    return cover_by_scans(survey, AT_60, completion=model)
 
 
 @pytest.mark.parametrize("noise", ["none", "gaussian-5mm"])

@@ -9,6 +9,7 @@ from typing import Any
 from nbv.commands.plan import PlanRequest
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.knowledge import Knowledge
 from nbv.next_stations import check_aperture, plan_next_stations
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
@@ -37,6 +38,10 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         options = PlannerOptions(zones=zones)
         survey = Survey.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
         candidates = allowed(candidates or survey.candidates(sensor, options.clearance_m), zones)
+        knowledge = None
+        if request.infer:
+            run.watch.enter("complete")
+            knowledge = Knowledge.of(survey.scans, requirement.max_sd_m, n_threads=shared.threads)
         run.watch.enter("plan")
         plan = plan_next_stations(
             survey,
@@ -45,10 +50,12 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
             views=request.views or 1,
             candidates=candidates,
             options=options,
+            knowledge=knowledge,
             n_threads=shared.threads,
         )
         run.watch.enter("coverage")
-        coverage = cover_by_scans(survey, requirement, zones=zones)
+        model = None if knowledge is None else knowledge.completion
+        coverage = cover_by_scans(survey, requirement, completion=model, zones=zones)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
         write_json(run.path("coverage.json"), coverage.to_json())
@@ -85,9 +92,11 @@ def summary_of(plan: Plan, coverage: ScanCoverage) -> dict[str, Any]:
 def lines_of(plan: Plan, coverage: ScanCoverage) -> list[str]:
     """Return the headline numbers for people."""
     area, shadow = coverage.measured, coverage.shadow
+    model = coverage.completion
+    inferred = "" if model is None else f"; {square_metres(model.hypothesised_m2)} m2 more are inferred"
     lines = [
         f"{count(len(coverage.survey.scans), 'scan')} measured {square_metres(area.total_m2)} m2 of surface, "
-        f"{square_metres(area.met_m2)} m2 of it as required",
+        f"{square_metres(area.met_m2)} m2 of it as required{inferred}",
         f"shadows begin on {square_metres(shadow.occluded_m2)} m2, fields of view end on "
         f"{square_metres(shadow.frontier_m2)} m2 (areas of boundary, not of surface)",
         *_stations(plan),

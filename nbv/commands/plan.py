@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from nbv.baselines import Baseline, compare_with_baselines
+from nbv.classes import Shares
 from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, read_request
@@ -20,7 +21,7 @@ from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
-from nbv.report.page import percent
+from nbv.report.page import percent, square_metres
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
@@ -51,6 +52,7 @@ class PlanRequest:
     polish_steps: int = CoverOptions().polish_steps
     time_budget_s: float | None = None
     overlap: float | None = None
+    infer: bool = False
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -114,6 +116,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             noise=request.noise,
             budgets=request.budgets(),
             overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
+            infer=request.infer,
             scans=scans,
             zones=zones,
             rng=shared.seed,
@@ -172,6 +175,7 @@ def summary_of(plan: Plan) -> dict[str, Any]:
         "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
         "coverage": coverage.summary().to_json(),
         "met_of_reachable": coverage.met_of_reachable,
+        "inference": plan.shares[-1].to_json() if plan.shares else None,
         "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
         "stopped_because": plan.stopped_because,
     }
@@ -181,10 +185,11 @@ def lines_of(plan: Plan) -> list[str]:
     """Return the headline numbers for people."""
     coverage, before = coverage_of(plan), plan.resumed_from
     after = "" if before is None else f" after {len(before.poses)} scans"
+    of_reachable = f", {percent(coverage.met_of_reachable)} % of what can be reached"
     lines = [
         f"{count(len(plan.views), 'view')}{after} {'measures' if len(plan.views) == 1 else 'measure'} "
-        f"{percent(coverage.met)} % of the area, "
-        f"{percent(coverage.met_of_reachable)} % of what can be reached",
+        f"{percent(coverage.met)} % of the area"
+        f"{_classes_line(plan.shares[-1]) if plan.shares else of_reachable}",
         f"stopped because: {plan.stopped_because}",
     ]
     if plan.stations is not None:
@@ -192,3 +197,16 @@ def lines_of(plan: Plan) -> list[str]:
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines
+
+
+def _classes_line(shares: Shares) -> str:
+    """What completion adds to what was measured as required, and how much of what it infers is right."""
+    text = (
+        f"; modelled {percent(shares.modelled)} %, inferred {percent(shares.inferred)} %, "
+        f"unknown {percent(shares.unknown)} %"
+    )
+    if not shares.inferred_m2:
+        return text
+    right = percent(shares.right_m2 / shares.inferred_m2)
+    claimed = square_metres(shares.inferred_m2)
+    return f"{text}; {right} % of {claimed} m2 inferred lies within 2 cm of the true surface"

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.pipeline import CompletionOptions
+from completion.pipeline import CompletionOptions, complete
 from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.run import Shared, running
@@ -42,14 +42,11 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         scans = upright_scans(request.scans, request.up)
         run.watch.enter("voxels")
         survey = Survey.of(scans, sensor, mode=request.mode or "room")
-        coverage = cover_by_scans(
-            survey,
-            requirement,
-            completion=CompletionOptions(mode=request.inference, texture=False),
-            rng=shared.seed,
-            n_threads=shared.threads,
-            progress=run.progress,
+        options = CompletionOptions(mode=request.inference, texture=False)
+        model = complete(
+            survey.scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
         )
+        coverage = cover_by_scans(survey, requirement, completion=model)
         run.watch.enter("report")
         write_json(run.path("coverage.json"), coverage.to_json())
         write_text(run.path("coverage.csv"), csv_of(coverage))

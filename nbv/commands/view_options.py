@@ -81,6 +81,7 @@ KeepOut = Annotated[
         show_default=False,
     ),
 ]
+Infer = Annotated[bool, typer.Option("--infer", help="Let completion stand in for views.")]
 PlanFile = Annotated[
     str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
 ]

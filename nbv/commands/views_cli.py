@@ -22,6 +22,7 @@ from nbv.commands.view_options import (
     CandidatesFile,
     CompletionMode,
     Incidence,
+    Infer,
     KeepOut,
     KnownScene,
     KViews,
@@ -69,6 +70,7 @@ def plan(
     polish_steps: PolishSteps = 100_000,
     time_budget: TimeBudget = None,
     overlap: OverlapShare = None,
+    infer: Infer = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
@@ -97,6 +99,7 @@ def plan(
         polish_steps=polish_steps,
         time_budget_s=time_budget,
         overlap=overlap,
+        infer=infer,
         target=target,
         views=views,
         mode=mode,

@@ -32,6 +32,11 @@ def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, .
         "Random and farthest-point are medians of 30 runs. Visibility-only takes what sees most new surface "
         "at any angle, greedy what measures most new surface as required."
     )
+    if plan.shares:
+        note += (
+            " All are compared by what views measure as required alone: what completion models or infers "
+            "counts for none of them, this plan included."
+        )
     return (Section("Beside other planners", (Table(columns, rows), Text(note, is_note=True))),)
 
 

@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.baselines import Baseline
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.plan import Plan
 from nbv.report.baseline_blocks import baselines_section
-from nbv.report.camera import overview_cameras
-from nbv.report.drawing import Canvas, blend, mark_unknown
+from nbv.report.findings import Findings, measured_sentence, met_before
+from nbv.report.inference_blocks import with_inference
 from nbv.report.page import (
     Bar,
     Block,
@@ -31,10 +30,9 @@ from nbv.report.page import (
     percent,
     square_metres,
 )
-from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
+from nbv.report.picture import MEASURED, UNKNOWN
+from nbv.report.state_pictures import state_pictures
 from nbv.report.station_plots import curve, stations
-from nbv.report.surface_values import nearest_samples
-from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.unreachable import unreachable_patches
 from nbv.wording import count
@@ -42,8 +40,6 @@ from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
 
-_WIDTH = 760
-_OUTSIDE, _PALE, _AT_FACES_M = -2, (0.86, 0.86, 0.84), 1e-3  # of the region
 _MOST_PATCHES = 30  # in the report; coverage.json has all
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
@@ -66,63 +62,49 @@ def plan_page(
     baselines: Sequence[Baseline] = (),
 ) -> Page:
     """Return the report of a plan, with what simple planners reach beside it."""
-    met = [view.met_fraction or 0.0 for view in plan.views]
-    before, where = plan.resumed_from, " in the region" if plan.zones.region else ""
-    bound = plan.lower_bound.views if plan.lower_bound else None
-    how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
-    summary = (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} "
-        f"{'measures' if len(plan.views) == 1 else 'measure'} "
-        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
-        f"{plan.requirement.describe()}. {_rest(coverage)}"
-    )
+    found = (with_inference if plan.shares else by_views)(scene, plan, coverage, n_threads)
     ended = f"The plan ends because: {plan.stopped_because}."
     if plan.lower_bound:
         ended += f" {plan.lower_bound.describe().capitalize()}."
-    views = Headline(str(len(plan.views)), "", "views")
+    before = plan.resumed_from.poses if plan.resumed_from else ()
+    tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
+    where = stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)
     return Page(
         title=scene.name,
         kicker="View plan",
-        summary=summary,
-        headlines=(views, *coverage_headlines(coverage)),
-        bar=coverage_bar(coverage),
+        summary=found.summary,
+        headlines=(Headline(str(len(plan.views)), "", "views"), *found.headlines),
+        bar=found.bar,
         sections=(
+            *found.meanings,
             Section(
                 "Views",
-                (
-                    Gallery(
-                        (
-                            curve(
-                                met,
-                                coverage,
-                                plan.target,
-                                bound,
-                                start=(before.met_fraction if before else None) or 0.0,
-                            ),
-                            stations(
-                                scene,
-                                poses,
-                                plan.sensor,
-                                given=before.poses if before else (),
-                                tour=plan.stations.tour if plan.stations else None,
-                                zones=plan.zones,
-                            ),
-                        ),
-                        2,
-                    ),
-                    Text(ended, is_note=True),
-                    views_table(plan),
-                ),
+                (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan)),
             ),
             *baselines_section(plan, baselines),
-            Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
+            found.overview,
             Section("What cannot be reached, and why", reasons(coverage)),
-            Section("Surface by surface", (surfaces_table(coverage),)),
+            Section("Surface by surface", (found.surfaces,)),
         ),
         options=options,
         seed=seed,
         warnings=scene.warnings,
+    )
+
+
+def by_views(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None) -> Findings:
+    """Return what views alone achieve."""
+    met = [view.met_fraction or 0.0 for view in plan.views]
+    bound = plan.lower_bound.views if plan.lower_bound else None
+    return Findings(
+        summary=f"{measured_sentence(plan, coverage)} {_rest(coverage)}",
+        headlines=coverage_headlines(coverage),
+        bar=coverage_bar(coverage),
+        meanings=(),
+        curve=curve(met, coverage, plan.target, bound, start=met_before(plan)),
+        overview=Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
+        surfaces=surfaces_table(coverage),
     )
 
 
@@ -159,14 +141,6 @@ def coverage_page(
         seed=seed,
         warnings=scene.warnings,
     )
-
-
-def _after(plan: Plan) -> str:
-    """What had been measured before the plan's views."""
-    if plan.resumed_from is None:
-        return ""
-    n, met = len(plan.resumed_from.poses), plan.resumed_from.met_fraction or 0.0
-    return f" after {count(n, 'scan')} that measured {percent(met)} % of it,"
 
 
 def _rest(coverage: Coverage) -> str:
@@ -227,36 +201,6 @@ def overview(
         Gallery(pictures, 2),
         Text(f"{note} Unknown here means reachable, but not measured as required.", is_note=True),
     )
-
-
-def state_pictures(
-    scene: Scene,
-    samples: SurfaceSamples,
-    state: NDArray[np.int8],
-    colours: Mapping[int, tuple[float, ...]],
-    hatched: int,
-    title: str,
-    n_threads: int | None = None,
-    zones: Zones = EVERYWHERE,
-) -> tuple[Picture, ...]:
-    """The scene from two opposite sides, each point in the colour of its nearest sample's state."""
-    canvas = Canvas(scene.mesh, n_threads=n_threads)
-    cameras = overview_cameras(scene.mesh.bounds())
-    pictures = []
-    for side, camera in (("one side", cameras[0]), ("the other side", cameras[len(cameras) // 2])):
-        layer = canvas.look(camera, camera.shape(_WIDTH))
-        hit, shade = layer.hit, canvas.shade(layer)
-        found = np.full(hit.shape, -1, np.int64)
-        found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
-        found[hit] = np.where(zones.concern(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
-        image = np.zeros((*hit.shape, 4))
-        for value, colour in {**colours, _OUTSIDE: _PALE}.items():
-            here = found == value
-            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
-            image[here, 3] = 1.0
-        image = blend(mark_unknown(image, found == hatched), found == hatched)
-        pictures.append(picture_of(image, f"{title}: from {side}."))
-    return tuple(pictures)
 
 
 def reasons(coverage: Coverage) -> tuple[Block, ...]:

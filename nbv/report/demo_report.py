@@ -13,7 +13,7 @@ from nbv.coverage import Coverage
 from nbv.plan import Plan
 from nbv.report import picture
 from nbv.report.completion_report import before_and_after, scan_pictures, surface_blocks
-from nbv.report.coverage_report import reasons, state_pictures, views_table
+from nbv.report.coverage_report import reasons, views_table
 from nbv.report.page import (
     Bar,
     Block,
@@ -30,6 +30,7 @@ from nbv.report.page import (
     percent,
     square_metres,
 )
+from nbv.report.state_pictures import state_pictures
 from nbv.report.station_plots import curve, stations
 from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
 from nbv.wording import count

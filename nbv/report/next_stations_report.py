@@ -52,7 +52,7 @@ def next_stations_page(
                 "Where to stand next",
                 (
                     Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 2),
-                    *stations_table(plan),
+                    *stations_table(plan, infers=coverage.completion is not None),
                 ),
             ),
             Section(
@@ -75,7 +75,7 @@ def _where(plan: Plan) -> str:
     return f"The next station with {plan.sensor.name} is at ({x:.2f}, {y:.2f}, {z:.2f}) m."
 
 
-def stations_table(plan: Plan) -> tuple[Block, ...]:
+def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
     """A row for each station, and why there are no more."""
     rows = []
     for number, view in enumerate(plan.views, start=1):
@@ -93,9 +93,15 @@ def stations_table(plan: Plan) -> tuple[Block, ...]:
         "#elevation, \u00b0",
         "#predicted gain, m\u00b2",
     )
+    gain = (
+        "area that is likely to be news beyond the unknown's boundary, inferred surface by its doubt alone, "
+        "and of surface measured worse than required, which counts little where a fitted surface is exact,"
+        if infers
+        else "area of the unknown's boundary and of surface that was measured worse than required,"
+    )
     note = (
         f"Chosen among {count(plan.n_candidates, 'pose')}, of which those count that stand in known free "
-        "space. Gain: area of the unknown's boundary and of surface that was measured worse than required, "
+        f"space. Gain: {gain} "
         "as far as the voxels say that the station sees it. It is a prediction; from the second station on "
         "it supposes that the ones before have seen what was predicted. The list ends because: "
         f"{plan.stopped_because}."

@@ -11,10 +11,10 @@ from typing import Any, ClassVar, Literal
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from nbv.manifest import versions
-from nbv.report.picture import INFERRED, MEASURED, UNKNOWN, Picture
+from nbv.report.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
 from scenes.atomic import write_text
 
-State = Literal["", "measured", "inferred", "unknown", "unreachable"]
+State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,12 @@ def square_metres(area: float) -> str:
 
 
 def _colours() -> dict[str, str]:
-    pairs = (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN))
+    pairs = (
+        ("measured", MEASURED),
+        ("modelled", MODELLED),
+        ("inferred", INFERRED),
+        ("unknown", UNKNOWN),
+    )
     return {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
 
 
