@@ -115,6 +115,8 @@ class Coverage:
             ("reason", np.int8),
         ):
             object.__setattr__(self, name, frozen_copy(getattr(self, name), dtype))
+        if self.classes is not None:
+            object.__setattr__(self, "classes", frozen_copy(self.classes, np.int8))
 
     @property
     def total_m2(self) -> float:
