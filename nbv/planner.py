@@ -36,7 +36,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
-RENEWED = 1.1  # growth of the number of scans after which they are completed anew
+RENEWED = 1.04  # growth of the number of scans after which they are completed anew: each of the first 25
 Progress = Callable[[str, int, int], None]
 
 
