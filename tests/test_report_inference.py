@@ -90,7 +90,7 @@ def test_layers_are_the_shares_where_scans_were_completed_and_never_below_what_i
 
 
 def test_between_completions_layers_keep_what_was_known(plan):
-    early = replace(plan, shares=(Shares(1, 0.02, 0.03, 0.05, 0.9, 4.0, 3.0),))
+    early = replace(plan, shares=(Shares(1, 0.02, 0.03, 0.05, 0.9, 0.1, 4.0, 3.0),))
     tops = layers(early)
     met = [view.met_fraction for view in plan.views]
     assert tops[:, 0].tolist() == [0, 0, 0]
