@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from shapely import MultiPoint, contains_xy
+from shapely.geometry.base import BaseGeometry
 
 from completion.merging.pipeline import MergedSurface
 from completion.observation import Observation
@@ -53,7 +54,7 @@ def _may_enclose(surface: Surface) -> bool:
 def _holds(merged: MergedSurface, observations: Sequence[Observation], scale: float) -> bool:
     """Tell whether nearly all points that were not seen through a surface lie on its inner side."""
     surface, slack = merged.fit.surface, 3 * max(scale, merged.fit.rms)
-    outline = surface.to_uv(merged.points(observations))
+    outline = MultiPoint(surface.to_uv(merged.points(observations))).convex_hull
     stride = max(1, sum(int(seen.valid.sum()) for seen in observations) // _N_BEAMS)
     n_inner = n_outer = 0
     for seen in observations:
@@ -66,11 +67,11 @@ def _holds(merged: MergedSurface, observations: Sequence[Observation], scale: fl
     return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)
 
 
-def _passes_inside(plane: Plane, outline: FloatArray, origin: FloatArray, rays: FloatArray) -> BoolArray:
-    """Tell which rays (n, 3) meet the plane inside the convex hull of chart coordinates (m, 2)."""
+def _passes_inside(plane: Plane, outline: BaseGeometry, origin: FloatArray, rays: FloatArray) -> BoolArray:
+    """Tell which rays (n, 3) meet the plane inside an outline in its chart."""
     reach = plane.ray_ranges(origin, rays)
     meets = np.isfinite(reach)
     inside = np.zeros(len(rays), dtype=np.bool_)
     u, v = plane.to_uv(origin + reach[meets, None] * rays[meets]).T
-    inside[meets] = contains_xy(MultiPoint(outline).convex_hull, u, v)
+    inside[meets] = contains_xy(outline, u, v)
     return inside

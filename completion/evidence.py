@@ -84,7 +84,7 @@ class PointLabels:
     pixel : (n,) int64
         Flat pixel that sees each point, -1 outside the field of view.
     cosine : (n,) float
-        Of the incidence angle, without sign.
+        Of the incidence angle, without sign; 1 outside the field of view.
     sure : (n,) bool
         Whether the tolerance was small enough to tell surfaces apart.
     through : (n,) bool
@@ -181,29 +181,31 @@ def label_points(
 ) -> PointLabels:
     """Label points of a surface by one scan."""
     scan = observation.scan
-    said = np.full(len(points), Label.OUT, np.int8)
-    pixels = np.full(len(points), -1, np.int64)
+    n = len(points)
+    said, pixels = np.full(n, Label.OUT, np.int8), np.full(n, -1, np.int64)
+    cosines, is_sure, goes_through = np.ones(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     position = scan.pixels(points)
-    inside = np.isfinite(position).all(axis=1)
-    nearest = np.rint(position[inside]).astype(np.int64)
-    pixels[inside] = np.ravel_multi_index((nearest[:, 0], nearest[:, 1]), scan.shape)
+    inside = np.flatnonzero(np.isfinite(position[:, 0] + position[:, 1]))
+    row, column = np.rint(position[inside]).astype(np.int64).T
+    pixel = row * scan.shape[1] + column
+    points = points[inside]
     ray = points - scan.origin
-    distance = np.linalg.norm(ray, axis=1)
+    distance = np.sqrt(np.einsum("ij,ij->i", ray, ray))
     cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(points))) / np.maximum(distance, 1e-12)
-    measured = scan.ranges.ravel()[pixels[inside]]
-    sigma = np.nan_to_num(observation.sigma.ravel()[pixels[inside]])
-    oblique = distance[inside] * scan.projection.pixel_angle * _tangent(cosine[inside]) / 2
-    tolerance = ray_tolerance(sigma, spread[inside], cosine[inside], options) + oblique
-    behind = distance[inside] - measured  # positive where something stands before the surface
+    measured = scan.ranges.ravel()[pixel]
+    sigma = np.nan_to_num(observation.sigma.ravel()[pixel])
+    oblique = distance * scan.projection.pixel_angle * _tangent(cosine) / 2
+    tolerance = ray_tolerance(sigma, spread[inside], cosine, options) + oblique
+    behind = distance - measured  # positive where something stands before the surface
     word = np.where(
         behind > tolerance, Label.OCCLUDED, np.where(behind < -tolerance, Label.FREE, Label.VISIBLE)
     )
     # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
     said[inside] = np.where(~np.isfinite(measured) | (word == Label.FREE), Label.NO_RETURN, word)
-    sure, through = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
-    sure[inside] = tolerance <= options.max_tolerance_m
-    through[inside] = np.isfinite(measured) & (word == Label.FREE)
-    return PointLabels(said, pixels, cosine, sure, through)
+    pixels[inside], cosines[inside] = pixel, cosine
+    is_sure[inside] = tolerance <= options.max_tolerance_m
+    goes_through[inside] = np.isfinite(measured) & (word == Label.FREE)
+    return PointLabels(said, pixels, cosines, is_sure, goes_through)
 
 
 def limb_cosine(

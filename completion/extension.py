@@ -126,7 +126,7 @@ def extend(
     FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode; or where a
     person accepts it, who may not overrule the beams.
     """
-    grid = lay_grid(surface, limits, observations)
+    grid = lay_grid(surface, limits, observations, options.max_cells)
     spread = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, spread, observations, owners, owner, options)
     edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))

@@ -14,11 +14,11 @@ from completion.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces import Plane
 
-_MAX_CELLS = 200_000
 
-
-def lay_grid(surface: MergedSurface, limits: Limits, observations: Sequence[Observation]) -> ChartGrid:
-    """Cells as small as the finer quarter of the pixels' footprints on the surface, within a bound."""
+def lay_grid(
+    surface: MergedSurface, limits: Limits, observations: Sequence[Observation], max_cells: int
+) -> ChartGrid:
+    """Cells as small as the finer quarter of the pixels' footprints on the surface, at most `max_cells`."""
     footprint = np.concatenate([
         observation.scan.ranges[mask] * observation.scan.projection.pixel_angle
         for observation, mask in zip(observations, surface.masks, strict=True)
@@ -27,7 +27,7 @@ def lay_grid(surface: MergedSurface, limits: Limits, observations: Sequence[Obse
     low, high = _extent(limits, observations)
     low, high = low - 2 * cell, high + 2 * cell
     width = limits.chart.period if limits.full_turn else high[0] - low[0]
-    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / _MAX_CELLS)))
+    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / max_cells)))
     if np.isfinite(limits.chart.period):
         cell = min(cell, limits.chart.period / 48)
     return ChartGrid.over(limits.chart, low, high, cell, full_turn=limits.full_turn)

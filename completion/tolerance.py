@@ -12,7 +12,7 @@ from scenes.checks import FloatArray, check_options
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EvidenceOptions:
-    """Tolerances along the ray.
+    """Tolerances along the ray, and how finely places are told apart.
 
     Attributes
     ----------
@@ -24,16 +24,19 @@ class EvidenceOptions:
         Error of the poses when there are several scans, metres.
     max_tolerance_m : float
         Where the tolerance is larger, only the surface's own pixels make it visible, and no beam is a veto.
+    max_cells : int
+        In how many cells at most a surface's chart is weighed; of large ones the cells are larger then.
     """
 
     n_sigma: float = 4.0
     flatness_m: float = 0.001
     registration_m: float = 0.0
     max_tolerance_m: float = 0.1
+    max_cells: int = 200_000
 
     def __post_init__(self) -> None:
         lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), max_cells=(1, np.inf))
 
 
 def ray_tolerance(

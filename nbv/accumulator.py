@@ -31,10 +31,8 @@ class Accumulator:
         The positions and their directions.
     sensor : Sensor
         Its aperture.
-    points : (n, 3) float
-        What is seen, world coordinates in metres.
-    seen : tuple of (k,) int
-        For each position the points that it sees in any direction.
+    offsets : tuple of (k, 3) float
+        For each position what it sees in any direction, from there, metres along the world's axes.
     cells : (sum of k,) int
         Cell of the accumulator in which each of them is seen.
     apertures : (n_cells, n_directions) csr or None
@@ -43,24 +41,20 @@ class Accumulator:
 
     candidates: Candidates
     sensor: Sensor
-    points: FloatArray
-    seen: tuple[NDArray[np.int64], ...]
+    offsets: tuple[FloatArray, ...]
     cells: NDArray[np.int64]
     apertures: csr_array | None
 
     @classmethod
-    def of(
-        cls, seen: Sequence[NDArray[np.int64]], points: FloatArray, candidates: Candidates, sensor: Sensor
-    ) -> Accumulator:
+    def of(cls, offsets: Sequence[FloatArray], candidates: Candidates, sensor: Sensor) -> Accumulator:
         """Return the accumulator of what each position sees."""
-        position = np.repeat(candidates.positions, [len(index) for index in seen], axis=0)
-        cells = cell_of(points[np.concatenate(seen)] - position)
+        cells = cell_of(np.concatenate(offsets))
         if candidates.directions.ndim == 3:
-            return cls(candidates, sensor, points, tuple(seen), cells, None)
+            return cls(candidates, sensor, tuple(offsets), cells, None)
         middles = cell_directions()
         inside = [sensor.sees(middles @ rotation) for rotation in candidates.rotations()]
         apertures = csr_array(np.array(inside, dtype=np.float64).T)
-        return cls(candidates, sensor, points, tuple(seen), cells, apertures)
+        return cls(candidates, sensor, tuple(offsets), cells, apertures)
 
     def best(self, worth: Sequence[FloatArray]) -> int | None:
         """Return the number of the pose that sees the largest worth, the first of equals; None without any.
@@ -68,13 +62,12 @@ class Accumulator:
         Parameters
         ----------
         worth : sequence of (k,) float
-            For each position what each of its points is worth from there.
+            For each position what each that it sees is worth from there.
         """
         best, most = None, 0.0
         for number in self._promising(worth):
             i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
-            offsets = self.points[self.seen[i]] - pose.translation
-            gain = float(worth[i][self.sensor.sees(offsets @ pose.rotation)].sum())
+            gain = float(worth[i][self.sensor.sees(self.offsets[i] @ pose.rotation)].sum())
             if gain > most:
                 best, most = number, gain
         return best
@@ -83,8 +76,8 @@ class Accumulator:
         """Numbers of the few poses that see most by whole cells; of all where directions differ."""
         if self.apertures is None:
             return list(range(self.candidates.n_poses))
-        ends = np.cumsum([0] + [len(index) for index in self.seen])
-        shape = (len(self.seen), 6 * _CELLS**2)
+        ends = np.cumsum([0] + [len(offsets) for offsets in self.offsets])
+        shape = (len(self.offsets), 6 * _CELLS**2)
         gains = csr_array((np.concatenate(worth), self.cells, ends), shape=shape) @ self.apertures
         numbers = np.argsort(-gains.toarray().ravel(), kind="stable")[:_REFINED]
         return sorted(numbers.tolist())
@@ -101,12 +94,12 @@ def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
     return np.asarray((side * _CELLS + i) * _CELLS + j, dtype=np.int64)
 
 
-def cell_directions() -> FloatArray:
-    """Unit directions (6 * 16 * 16, 3) of the middles of the accumulator's cells."""
-    side, i, j = np.unravel_index(np.arange(6 * _CELLS**2), (6, _CELLS, _CELLS))
+def cell_directions(n: int = _CELLS) -> FloatArray:
+    """Unit directions (6 n^2, 3) of the middles of a cube map's cells; by default the accumulator's."""
+    side, i, j = np.unravel_index(np.arange(6 * n**2), (6, n, n))
     rows, axis = np.arange(len(side)), side % 3
     directions = np.zeros((len(side), 3))
     directions[rows, axis] = np.where(side < 3, 1.0, -1.0)
-    directions[rows, (axis + 1) % 3] = (i + 0.5) / _CELLS * 2 - 1
-    directions[rows, (axis + 2) % 3] = (j + 0.5) / _CELLS * 2 - 1
+    directions[rows, (axis + 1) % 3] = (i + 0.5) / n * 2 - 1
+    directions[rows, (axis + 2) % 3] = (j + 0.5) / n * 2 - 1
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))

@@ -8,8 +8,9 @@ requirement on most new area. The last two know the scene. All are measured on t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.visibility import visible_from_positions
 from scenes.checks import FloatArray, InputError
+from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 
 PLAN = "this plan"
@@ -50,6 +52,11 @@ class Baseline:
     knows_scene: bool
     met: FloatArray
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`: medians over the runs, shares of the area."""
+        curve = np.median(self.met, axis=0).tolist()
+        return {"knows_scene": self.knows_scene, "runs": len(self.met), "met": curve[-1], "curve": curve}
+
     def views_to(self, share: float) -> FloatArray:
         """Views (n_runs,) after which `share` is met; inf where it is not."""
         reached = self.met >= share - 1e-9
@@ -64,6 +71,8 @@ class Instance:
     ----------
     candidates, sensor, requirement, samples
         The instance; samples are thinned to about 4,000.
+    before : CoverageTally
+        What scans have measured that were taken before.
     visible : (n_positions, n_samples) csr
         Cosines of what each position sees, in any direction.
     """
@@ -72,6 +81,7 @@ class Instance:
     sensor: Sensor
     requirement: Requirement
     samples: SurfaceSamples
+    before: CoverageTally
     visible: csr_array
 
     def seen(self, number: int) -> tuple[NDArray[np.int64], FloatArray]:
@@ -88,10 +98,14 @@ class Instance:
 
     def met_by(self, numbers: Iterable[int]) -> list[float]:
         """Share of the area that meets the requirement after each of the poses."""
-        met, curve = np.zeros(len(self.samples), np.bool_), []
+        times, curve = self.before.n_met.copy(), []
+        limits = self.requirement.limits(self.sensor)
         for number in numbers:
             index, cosine = self.seen(number)
-            met[index[cosine >= self.requirement.min_cosine - 1e-12]] = True
+            origin = self.candidates.positions[number // self.candidates.n_directions]
+            distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
+            times[index[limits.hold(distance, cosine)]] += 1
+            met = times >= self.requirement.k
             curve.append(float(self.samples.areas[met].sum()) / self.samples.total_m2)
         return curve
 
@@ -104,6 +118,7 @@ def compare_with_baselines(
     requirement: Requirement,
     views: tuple[View, ...],
     *,
+    scans: Sequence[RangeImage] = (),
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
 ) -> tuple[Baseline, ...]:
@@ -121,6 +136,8 @@ def compare_with_baselines(
         What scans, and what counts.
     views : tuple of View
         The plan.
+    scans : sequence of RangeImage
+        Scans that were taken before; all planners begin with what they have measured.
     rng : Generator, int or None
         For the 30 random runs, and the starts of the 30 farthest-point runs.
     n_threads : int, optional
@@ -143,8 +160,8 @@ def compare_with_baselines(
     samples = thinned(samples, _MOST_SAMPLES)
     limits = requirement.visibility(sensor)
     visible = visible_from_positions(caster, candidates.positions, samples, limits, n_threads=n_threads)
-    instance = Instance(candidates, sensor, requirement, samples, visible)
-    tally, mine = CoverageTally.start(caster, samples, requirement), []
+    before, tally = (_tally_of(caster, samples, requirement, scans) for _ in range(2))
+    instance, mine = Instance(candidates, sensor, requirement, samples, before, visible), []
     for view in views:
         tally.add(view)
         mine.append(tally.met_m2() / samples.total_m2)
@@ -165,6 +182,16 @@ def compare_with_baselines(
     )
 
 
+def _tally_of(
+    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, scans: Sequence[RangeImage]
+) -> CoverageTally:
+    """Return what scans have measured."""
+    tally = CoverageTally.start(caster, samples, requirement)
+    for scan in scans:
+        tally.add_scan(scan)
+    return tally
+
+
 def greedy_poses(instance: Instance, min_cosine: float, n: int) -> list[int]:
     """Numbers of `n` poses, each of which sees most new area at `min_cosine` or better.
 
@@ -173,14 +200,17 @@ def greedy_poses(instance: Instance, min_cosine: float, n: int) -> list[int]:
     areas = instance.samples.areas
     rows = [instance.row(i) for i in range(instance.candidates.n_positions)]
     good = [index[cosine >= min_cosine - 1e-12] for index, cosine in rows]
-    accumulator = Accumulator.of(good, instance.samples.points, instance.candidates, instance.sensor)
-    left, chosen = areas.copy(), list[int]()
+    points = instance.samples.points
+    offsets = [points[index] - instance.candidates.positions[i] for i, index in enumerate(good)]
+    accumulator = Accumulator.of(offsets, instance.candidates, instance.sensor)
+    worth = np.where(instance.before.best_cosine >= min_cosine - 1e-12, 0.0, areas)
+    left, chosen = worth.copy(), list[int]()
     while len(chosen) < n:
         number = accumulator.best([left[index] for index in good])
-        if number is None and (left == areas).all():
+        if number is None and (left == worth).all():
             return chosen + [0] * (n - len(chosen))  # no pose sees anything
         if number is None:
-            left = areas.copy()
+            left = worth.copy()
             continue
         index, cosine = instance.seen(number)
         left[index[cosine >= min_cosine - 1e-12]] = 0.0

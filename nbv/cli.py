@@ -3,46 +3,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from nbv.commands.arguments import parse_bytes, parse_numbers, parse_shape
+from nbv.commands.arguments import parse_numbers, parse_shape
 from nbv.commands.options import (
-    AsJson,
-    AveragingRadius,
-    CandidatesFile,
     DepthScale,
-    Incidence,
     Intrinsics,
-    KViews,
-    MaxMemory,
-    MaxRange,
-    MaxSd,
-    Method,
-    MinDensity,
-    ModeOption,
-    MostViews,
     NoiseOption,
-    Out,
-    OverlapShare,
-    PlanFile,
-    PolishSteps,
     Poses,
-    Quiet,
-    RegistrationSd,
-    ScanFiles,
     SceneArgument,
-    Seed,
     SensorOption,
-    Target,
-    Threads,
-    TimeBudget,
     UnitsOption,
     UpOption,
+    with_shared,
 )
 from nbv.commands.run import Shared
+from nbv.commands.views_cli import coverage, plan
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
@@ -65,19 +43,6 @@ app = typer.Typer(
 )
 
 
-def _shared(
-    out: Path | None, seed: int, as_json: bool, quiet: bool, threads: int | None, max_memory: str | None
-) -> Shared:
-    return Shared(
-        out=out,
-        seed=seed,
-        as_json=as_json,
-        quiet=quiet,
-        threads=threads,
-        max_memory=None if max_memory is None else parse_bytes(max_memory, "--max-memory"),
-    )
-
-
 @app.callback(invoke_without_command=True)
 def _jobs(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
@@ -85,23 +50,18 @@ def _jobs(context: typer.Context) -> None:
 
 
 @app.command()
-def demo(
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
-) -> None:
+@with_shared
+def demo(shared: Shared) -> None:
     """Plan, scan, complete, texture and report on a built-in room with two occluders."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     from nbv.demo import run_demo
 
     run_demo(shared)
 
 
 @app.command()
+@with_shared
 def scan(
+    shared: Shared,
     scene: SceneArgument,
     at: Annotated[str, typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.")],
     look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
@@ -110,15 +70,8 @@ def scan(
     no_truth: Annotated[bool, typer.Option("--no-truth", help="Leave out what was really met.")] = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
 ) -> None:
     """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx or .e57."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
     from nbv.commands.scan import run_scan
 
@@ -135,102 +88,14 @@ def scan(
     )
 
 
-@app.command()
-def plan(
-    scene: SceneArgument,
-    method: Method = "nbv",
-    sensor: SensorOption = "generic60",
-    max_incidence: Incidence = 60.0,
-    max_range: MaxRange = None,
-    min_density: MinDensity = None,
-    max_sd: MaxSd = None,
-    registration_sd: RegistrationSd = 0.0,
-    averaging_radius: AveragingRadius = 0.0,
-    k: KViews = 1,
-    target: Target = 0.99,
-    views: MostViews = None,
-    mode: ModeOption = None,
-    candidates: CandidatesFile = None,
-    noise: NoiseOption = "none",
-    polish_steps: PolishSteps = 100_000,
-    time_budget: TimeBudget = None,
-    overlap: OverlapShare = None,
-    up: UpOption = "z",
-    units: UnitsOption = "m",
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
-) -> None:
-    """Plan views of a scene: plan.json, coverage.json, report.html; of cover also stations.json."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
-    from nbv.commands.plan import PlanRequest, run_plan
-
-    request = PlanRequest(
-        method=method,
-        sensor=sensor,
-        max_incidence_deg=max_incidence,
-        max_range_m=max_range,
-        min_density_per_m2=min_density,
-        max_sd_m=max_sd,
-        registration_sd_m=registration_sd,
-        averaging_radius_m=averaging_radius,
-        k=k,
-        polish_steps=polish_steps,
-        time_budget_s=time_budget,
-        overlap=overlap,
-        target=target,
-        views=views,
-        mode=mode,
-        candidates=candidates,
-        noise=noise,
-        up=up,
-        units=units,
-    )
-    run_plan(shared, scene, request)
+app.command()(plan)
+app.command()(coverage)
 
 
 @app.command()
-def coverage(
-    scene: SceneArgument,
-    plan: PlanFile = None,
-    scans: ScanFiles = None,
-    sensor: SensorOption = "generic60",
-    max_incidence: Incidence = 60.0,
-    max_range: MaxRange = None,
-    mode: ModeOption = None,
-    up: UpOption = "z",
-    units: UnitsOption = "m",
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
-) -> None:
-    """Report which surface was measured well enough: coverage.json, .csv, .ply and report.html."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
-    if (plan is None) == (not scans):
-        raise typer.BadParameter("give either --plan plan.json or --scans FILE, one or more times")
-    from nbv.commands.coverage import CoverageRequest, run_coverage
-
-    request = CoverageRequest(
-        plan=plan,
-        scans=tuple(scans or ()),
-        sensor=sensor,
-        max_incidence_deg=max_incidence,
-        max_range_m=max_range,
-        mode=mode,
-        up=up,
-        units=units,
-    )
-    run_coverage(shared, scene, request)
-
-
-@app.command()
+@with_shared
 def complete(
+    shared: Shared,
     scans: Annotated[list[str], typer.Argument(metavar="SCAN...", help="Files or RGB-D folders; PATH#k.")],
     mode: Annotated[
         Literal["conservative", "standard", "bold"], typer.Option("--mode", help="How far to continue.")
@@ -265,15 +130,8 @@ def complete(
     depth_scale: DepthScale = None,
     poses: Poses = None,
     units: UnitsOption = "m",
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
@@ -292,7 +150,9 @@ def complete(
 
 
 @app.command()
+@with_shared
 def texture(
+    shared: Shared,
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="PNG, JPEG, WebP or TIFF.")],
     mask: Annotated[
         str | None,
@@ -312,15 +172,8 @@ def texture(
     surface: Annotated[
         bool, typer.Option("--surface", help="With --mask: shading apart, plain areas as such.")
     ] = False,
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
 ) -> None:
     """Fill a hole in an image, or grow a texture from it, by Efros-Leung sampling."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     if (mask is None) == (grow is None):
         raise typer.BadParameter("give either --mask MASK or --grow HxW")
     if surface and mask is None:
@@ -332,7 +185,9 @@ def texture(
 
 
 @app.command()
+@with_shared
 def fit(
+    shared: Shared,
     points: Annotated[str, typer.Argument(metavar="POINTS", help="A file of points or scans; PATH#k.")],
     shape: Annotated[
         Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"],
@@ -359,15 +214,8 @@ def fit(
         ),
     ] = None,
     units: UnitsOption = "m",
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
 ) -> None:
     """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     stood = None if origin is None else parse_numbers(origin, 3, "--origin")
     from nbv.commands.fit import run_fit
 
@@ -375,21 +223,16 @@ def fit(
 
 
 @app.command()
+@with_shared
 def info(
+    shared: Shared,
     file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
     up: UpOption = "z",
     units: UnitsOption = "m",
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
-    out: Out = None,
-    seed: Seed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    threads: Threads = None,
-    max_memory: MaxMemory = None,
 ) -> None:
     """Tell what a scene or scan holds, with warnings; -o FILE.json keeps it."""
-    shared = _shared(out, seed, as_json, quiet, threads, max_memory)
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     from nbv.commands.info import run_info
 

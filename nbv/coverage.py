@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.classes import INFERRED, MODELLED
 from nbv.reachability import REASONS
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
@@ -28,6 +29,9 @@ class SurfaceCoverage:
     met: float
     reachable: float
     unreachable: float
+    inferred: float
+    modelled: float
+    unknown: float
     mean_cosine: float
 
 
@@ -59,8 +63,10 @@ class CoverageSummary:
     reachable: float
     unreachable: float
     inferred: float
+    modelled: float = 0.0
+    unknown: float | None = None
 
-    def to_json(self) -> dict[str, float]:
+    def to_json(self) -> dict[str, float | None]:
         """Return the entry."""
         return asdict(self)
 
@@ -87,6 +93,8 @@ class Coverage:
         Names of the surfaces that the samples refer to.
     n_faces : int
         Faces of the mesh.
+    classes : (n,) int8, optional
+        Where completion stands in for views: index into `nbv.classes.CLASSES`.
     """
 
     samples: SurfaceSamples
@@ -97,6 +105,7 @@ class Coverage:
     reason: NDArray[np.int8]
     surface_names: tuple[str, ...]
     n_faces: int
+    classes: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -106,6 +115,8 @@ class Coverage:
             ("reason", np.int8),
         ):
             object.__setattr__(self, name, frozen_copy(getattr(self, name), dtype))
+        if self.classes is not None:
+            object.__setattr__(self, "classes", frozen_copy(self.classes, np.int8))
 
     @property
     def total_m2(self) -> float:
@@ -129,8 +140,18 @@ class Coverage:
 
     @property
     def inferred(self) -> float:
-        """Fraction of the area that completion stands in for; 0 for coverage by views alone."""
-        return 0.0
+        """Fraction of the area, not measured, that completion infers; 0 for coverage by views alone."""
+        return self._fraction(self._is(INFERRED))
+
+    @property
+    def modelled(self) -> float:
+        """Fraction of the area, not measured as required, that completion models; 0 by views alone."""
+        return self._fraction(self._is(MODELLED))
+
+    @property
+    def unknown(self) -> float:
+        """Fraction of the area that is neither met nor modelled nor inferred."""
+        return max(1.0 - self.met - self.modelled - self.inferred, 0.0)
 
     @property
     def met_of_reachable(self) -> float:
@@ -145,17 +166,27 @@ class Coverage:
 
     def by_surface(self) -> tuple[SurfaceCoverage, ...]:
         """Coverage of each surface that has area, by surface id."""
-        ids = self.samples.surface
-        table = []
+        ids, table = self.samples.surface, []
+        kinds = self.state == MET, self.state != UNREACHABLE, self._is(INFERRED), self._is(MODELLED)
         for surface in np.unique(ids):
             here = ids == surface
             area = self.samples.areas[here]
             total = float(area.sum())
-            met = float(area[self.state[here] == MET].sum()) / total
-            reachable = float(area[self.state[here] != UNREACHABLE].sum()) / total
-            cosine = float(area @ self.best_cosine[here]) / total
-            name = self.surface_names[surface]
-            table.append(SurfaceCoverage(int(surface), name, total, met, reachable, 1 - reachable, cosine))
+            met, reachable, inferred, modelled = (float(area[kind[here]].sum()) / total for kind in kinds)
+            table.append(
+                SurfaceCoverage(
+                    surface=int(surface),
+                    name=self.surface_names[surface],
+                    area_m2=total,
+                    met=met,
+                    reachable=reachable,
+                    unreachable=1 - reachable,
+                    inferred=inferred,
+                    modelled=modelled,
+                    unknown=max(1 - met - modelled - inferred, 0.0),
+                    mean_cosine=float(area @ self.best_cosine[here]) / total,
+                )
+            )
         return tuple(table)
 
     def by_face(self) -> FaceCoverage:
@@ -172,7 +203,8 @@ class Coverage:
 
     def summary(self) -> CoverageSummary:
         """Return the `coverage` entry of `plan.json`."""
-        return CoverageSummary(self.total_m2, self.met, self.reachable, self.unreachable, self.inferred)
+        shares = (self.met, self.reachable, self.unreachable, self.inferred, self.modelled, self.unknown)
+        return CoverageSummary(self.total_m2, *shares)
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `coverage.json`: fractions are of area."""
@@ -184,6 +216,9 @@ class Coverage:
                 "met": row.met,
                 "reachable": row.reachable,
                 "unreachable": row.unreachable,
+                "inferred": row.inferred,
+                "modelled": row.modelled,
+                "unknown": row.unknown,
                 "mean_best_cosine": row.mean_cosine,
             }
             for row in self.by_surface()
@@ -195,6 +230,11 @@ class Coverage:
             "unreachable_because": self.reasons(),
             "surfaces": surfaces,
         }
+
+    def _is(self, kind: int) -> BoolArray:
+        """Samples of a class; none where completion does not stand in for views."""
+        classes = np.full(len(self.samples), -1, np.int8) if self.classes is None else self.classes
+        return np.asarray(classes == kind, dtype=np.bool_)
 
     def _fraction(self, where: BoolArray) -> float:
         total = self.total_m2

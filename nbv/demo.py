@@ -21,6 +21,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.view import View
 from nbv.visibility import visible_from_view
+from nbv.wording import count
 from scenes.atomic import write_json
 from scenes.builtin import builtin_scene
 from scenes.raycast import RayCaster
@@ -76,7 +77,8 @@ def run_demo(shared: Shared) -> None:
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
         lines = [
-            f"the scanner alone: {len(plan.views)} views measure {percent(coverage.met)} % at "
+            f"the scanner alone: {count(len(plan.views), 'view measures', 'views measure')} "
+            f"{percent(coverage.met)} % at "
             f"{MAX_INCIDENCE_DEG:g} deg or less; no view reaches {percent(coverage.unreachable)} %",
             f"{len(chosen)} of these scans: measured {percent(shares[MEASURED])} %, "
             f"inferred {percent(shares[INFERRED])} %, unknown {percent(shares[UNKNOWN])} %",

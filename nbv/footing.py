@@ -34,18 +34,24 @@ def has_footing(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
 
 def _floor_voxels(voxels: VoxelMap) -> NDArray[np.int64]:
     """Voxels that hold seen floor."""
+    surfels, level = voxels.surfels, floor_level(voxels)
+    if level is None:
+        return np.zeros(0, np.int64)
+    at_level = np.abs(surfels.points[:, 2] - level) <= _LEVEL * voxels.grid.voxel_m
+    floor: NDArray[np.int64] = surfels.voxels[(surfels.sides == UPWARD) & at_level]
+    return floor
+
+
+def floor_level(voxels: VoxelMap) -> float | None:
+    """Height at which the largest area of seen surface faces upwards, metres; None where none does."""
     surfels = voxels.surfels
     upward = surfels.sides == UPWARD
     if not upward.any():
-        return np.zeros(0, np.int64)
-    side = voxels.grid.voxel_m
+        return None
     height = surfels.points[upward, 2]
-    layer = np.floor((height - voxels.grid.origin[2]) / side).astype(np.int64)
+    layer = np.floor((height - voxels.grid.origin[2]) / voxels.grid.voxel_m).astype(np.int64)
     area = np.bincount(layer, surfels.areas[upward])
-    largest = layer == int(np.argmax(area))
-    level = float(np.median(height[largest]))
-    floor: NDArray[np.int64] = surfels.voxels[upward][np.abs(height - level) <= _LEVEL * side]
-    return floor
+    return float(np.median(height[layer == int(np.argmax(area))]))
 
 
 def _first_below(voxels: VoxelMap) -> NDArray[np.int64]:

@@ -19,7 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.accumulator import Accumulator
+from nbv.glimpse import Glimpse
+from nbv.knowledge import Knowledge
 from nbv.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
+from nbv.prospect import Prospect
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -39,6 +42,8 @@ class GainOptions:
         w_v, for unknown faces.
     quality_weight : float
         w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
+    modelled_weight : float
+        By what w_q is multiplied where completion knows the surface well enough without a better view.
     angle_margin_deg : float
         By how many degrees a predicted view must be better than required: voxels know normals roughly.
     max_attempts : int
@@ -54,12 +59,14 @@ class GainOptions:
 
     occplane_weight: float = 1.0
     quality_weight: float = 1.0
+    modelled_weight: float = 0.05
     angle_margin_deg: float = 2.0
     max_attempts: int = 2
     max_targets: int = 2000
 
     def __post_init__(self) -> None:
-        if min(self.occplane_weight, self.quality_weight, self.angle_margin_deg) < 0:
+        least = min(self.occplane_weight, self.quality_weight, self.modelled_weight, self.angle_margin_deg)
+        if least < 0:
             raise InputError(f"weights and margin of the gain must not be negative, got {self}")
         if self.occplane_weight == 0 and self.quality_weight == 0:
             raise InputError("with both weights 0 no view has any gain; give one a positive weight")
@@ -107,11 +114,21 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BestView:
-    """The best candidate: its pose, its gain in weighted square metres, and the targets it should settle."""
+    """The best candidate: its pose, its gain in weighted square metres, and what it should settle.
+
+    Attributes
+    ----------
+    pose : Pose
+        Where to scan from.
+    gain_m2 : float
+        Weighted square metres.
+    sees : Glimpse
+        The targets that it sees.
+    """
 
     pose: Pose
     gain_m2: float
-    targets: Targets
+    sees: Glimpse
 
 
 def find_targets(
@@ -120,6 +137,7 @@ def find_targets(
     required_cosine: float,
     attempts: NDArray[np.int32],
     options: GainOptions,
+    knowledge: Knowledge | None = None,
 ) -> Targets:
     """List what is worth seeing.
 
@@ -133,19 +151,25 @@ def find_targets(
         How many views should have settled a voxel's badly seen surface (0) and unknown faces (1).
     options : GainOptions
         Weights.
+    knowledge : Knowledge, optional
+        What completion makes of the scans: badly seen surface that it knows is worth little.
     """
     side = voxels.grid.voxel_m
     label = voxels.labels[faces.voxel]
     unknown = ((label == OCCPLANE) | (label == UNSEEN)) & (attempts[1, faces.voxel] < options.max_attempts)
     surfels = voxels.surfels
     poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
+    worse = np.full(len(surfels.keys), options.quality_weight)
+    if knowledge is not None:
+        known = knowledge.modelled(surfels.points, surfels.normals, side / 2)
+        worse[known] *= options.modelled_weight
     before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
     before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
     slope = voxels.towards_empty(faces.voxel[unknown])
     flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
     worth = [
         options.occplane_weight * side**2 * flatter,
-        options.quality_weight * surfels.areas[poor],
+        worse[poor] * surfels.areas[poor],
     ]
     targets = Targets(
         points=np.concatenate([before_faces, before_surface]),
@@ -165,6 +189,7 @@ def best_view(
     sensor: Sensor,
     required_cosine: float,
     *,
+    prospect: Prospect | None = None,
     n_most: int = 2000,
     n_threads: int | None = None,
 ) -> BestView | None:
@@ -186,38 +211,48 @@ def best_view(
     n_threads : int, optional
         Threads; the result does not depend on it.
     """
-    if not len(targets) or not candidates.n_poses:
+    if not candidates.n_poses or not (len(targets) or prospect):
         return None
     caster = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1)
-    some = targets.thinned(n_most)
     with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
-        look = partial(_seen_from, caster, some, required_cosine, sensor)
+        look = partial(_seen_from, caster, targets.thinned(n_most), required_cosine, sensor, prospect)
         seen = list(pool.map(look, candidates.positions))
-    index, worth = zip(*seen, strict=True)
-    number = Accumulator.of(index, some.points, candidates, sensor).best(worth)
+    accumulator = Accumulator.of([glimpse.offsets for glimpse in seen], candidates, sensor)
+    number = accumulator.best([glimpse.worth_m2 for glimpse in seen])
     if number is None:
         return None
     pose = candidates.pose(number)
-    there, gains = _seen_from(caster, targets, required_cosine, sensor, pose.translation)
-    inside = sensor.sees((targets.points[there] - pose.translation) @ pose.rotation)
-    return BestView(pose, float(gains[inside].sum()), targets.some(there[inside]))
+    there = _seen_from(caster, targets, required_cosine, sensor, prospect, pose.translation)
+    inside = sensor.sees(there.offsets @ pose.rotation)
+    gain = float(there.worth_m2[inside].sum())
+    return BestView(pose, gain, there.some(inside))
 
 
 def _seen_from(
-    caster: RayCaster, targets: Targets, required_cosine: float, sensor: Sensor, position: FloatArray
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the targets that a position sees in any direction, and what each is worth from there."""
+    caster: RayCaster,
+    targets: Targets,
+    required_cosine: float,
+    sensor: Sensor,
+    prospect: Prospect | None,
+    position: FloatArray,
+) -> Glimpse:
+    """Return what a position sees in any direction, and what each is worth from there."""
+    if prospect is not None:
+        news = prospect.look(position, sensor.max_range_m)
+        known = targets.some(~targets.is_unknown)
+        return news.joined(_seen_from(caster, known, required_cosine, sensor, None, position))
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
     towards = position - targets.points
     distance = np.linalg.norm(towards, axis=1)
     slope = np.einsum("ij,ij->i", towards, targets.normals)
     near = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m) & (distance > 0)
     index = np.flatnonzero(near & (slope >= floor * distance))
-    if not len(index):
-        return index, np.zeros(0)
-    index = index[~caster.blocked(targets.points[index], np.broadcast_to(position, (len(index), 3)))]
-    cosine = slope[index] / distance[index]
-    return index, targets.worth_m2[index] * np.where(targets.is_unknown[index], cosine, 1.0)
+    if len(index):
+        origins = np.broadcast_to(position, (len(index), 3))
+        index = index[~caster.blocked(targets.points[index], origins)]
+    unknown = targets.is_unknown[index]
+    worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
+    return Glimpse(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
 
 
 def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:

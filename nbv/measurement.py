@@ -54,13 +54,21 @@ class CoverageTally:
         self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
         return float(self.samples.areas[self.met & ~before].sum())
 
-    def add_scan(self, scan: RangeImage) -> None:
-        """Add what a scan has measured; of the requirement's range limits only its own holds."""
+    def add_scan(self, scan: RangeImage) -> int:
+        """Add what a scan has measured; of the requirement's range limits only its own holds.
+
+        Returns
+        -------
+        int
+            How many samples it has measured, at any incidence.
+        """
         farthest = self.requirement.max_range_m or np.inf
         noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
         gate = (0.0, farthest)
         limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
-        self._add_seen(*measured_samples(scan, self.samples, farthest), scan.origin, limits)
+        index, cosine = measured_samples(scan, self.samples, farthest)
+        self._add_seen(index, cosine, scan.origin, limits)
+        return len(index)
 
     def _add_seen(
         self, index: NDArray[np.int64], cosine: FloatArray, origin: FloatArray, limits: SightLimits

@@ -94,7 +94,7 @@ class VoxelMap:
         labels, votes = np.full(grid.n_voxels, UNSEEN, np.int8), np.zeros(grid.n_voxels, np.int16)
         return cls(grid, labels, Surfels.none(), votes, outside_is_empty)
 
-    def integrated(self, scan: RangeImage, sensor: Sensor) -> VoxelMap:
+    def integrated(self, scan: RangeImage, sensor: Sensor | None) -> VoxelMap:
         """Return the map after one more scan.
 
         Every voxel centre is looked up in the pixel that sees it: nearer than the measured range by more
@@ -107,8 +107,9 @@ class VoxelMap:
         ----------
         scan : RangeImage
             The scan; without a known `sigma_m` it counts as exact.
-        sensor : Sensor
-            What took it: its aperture tells pixels without return from pixels that never looked.
+        sensor : Sensor or None
+            What took it: its aperture tells pixels without return from pixels that never looked. None where
+            that is not known: then a pixel without return says nothing.
         """
         surfels = self.surfels.merged(Surfels.of_scan(scan, self.grid))
         behind, before = self._sides_of(scan, sensor)
@@ -151,13 +152,22 @@ class VoxelMap:
 
     def boundary(self) -> BoundaryFaces:
         """Return the faces between empty voxels and all others."""
+        return self.faces_between(self.labels != EMPTY, self.labels == EMPTY, self.outside_is_empty)
+
+    def faces_between(
+        self, inside: BoolArray, outside: BoolArray, beyond_grid: bool = False
+    ) -> BoundaryFaces:
+        """Return the faces between voxels `inside` (n_voxels,) and those `outside`.
+
+        `beyond_grid` tells whether what lies around the volume counts as outside too.
+        """
         shape = self.grid.shape
-        empty = self._padded_empty()
-        solid = (self.labels != EMPTY).reshape(shape)
+        open_ = np.pad(outside.reshape(shape), 1, constant_values=beyond_grid)
+        closed = inside.reshape(shape)
         voxels, steps = [], []
         for axis in range(3):
             for step in (1, -1):
-                number = np.flatnonzero(solid & _neighbour(empty, axis, step))
+                number = np.flatnonzero(closed & _neighbour(open_, axis, step))
                 voxels.append(number)
                 steps.append(np.broadcast_to(step * np.eye(3)[axis], (len(number), 3)))
         voxel, outward = np.concatenate(voxels), np.concatenate(steps)
@@ -174,10 +184,12 @@ class VoxelMap:
         unit: FloatArray = np.divide(around, length, out=np.zeros(around.shape), where=length > 0)
         return unit
 
-    def _sides_of(self, scan: RangeImage, sensor: Sensor) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _sides_of(
+        self, scan: RangeImage, sensor: Sensor | None
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the voxels behind what the scan has met, and those before it."""
         local = self.grid.centres_in(scan.world_from_sensor.inverse())
-        looked = np.flatnonzero(sensor.sees(local))
+        looked = np.arange(len(local)) if sensor is None else np.flatnonzero(sensor.sees(local))
         local = local[looked]
         pixels = scan.projection.pixels(local)
         inside = np.isfinite(pixels).all(axis=1)
@@ -187,7 +199,8 @@ class VoxelMap:
         measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         distance = np.linalg.norm(local, axis=1)
         margin = _HALF_DIAGONAL * self.grid.voxel_m + _SURE * (scan.sigma_m or 0.0)
-        reach = np.where(np.isfinite(measured), measured, sensor.max_range_m)
+        nothing_to = -np.inf if sensor is None else sensor.max_range_m
+        reach = np.where(np.isfinite(measured), measured, nothing_to)
         behind = np.isfinite(measured) & (distance > measured + margin)
         return looked[behind], looked[distance < reach - margin]
 

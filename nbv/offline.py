@@ -20,6 +20,8 @@ from nbv.stations import Overlap, Stations
 from nbv.task import Study, Task
 from nbv.tour import plan_tour
 from nbv.visibility import orient, visible_from_positions
+from nbv.wording import count
+from scenes.checks import BoolArray, InputError
 
 _MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
 _REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this nothing helps registration
@@ -43,26 +45,39 @@ def plan_offline(
         Budgets.
     rng : Generator, int or None
         Drives the search for a smaller plan.
+
+    Raises
+    ------
+    InputError
+        Scans that were taken before where each point is to be seen by more than one view.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
-    instance = cover_instance(task)
+    if task.scans and task.requirement.k > 1:
+        raise InputError(
+            f"cover cannot count what scans have met towards k = {task.requirement.k} views of each point; "
+            "resume with k = 1, or with method nbv"
+        )
+    study = Study.begin(task)
+    instance = cover_instance(task, study.tally.met)
     graph = overlap_graph(task, task.overlap or OverlapOptions())
     if task.overlap is None:
         cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
     else:
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
-    study = Study.begin(task)
     for number in cover.chosen:
         study.add(task.candidates.pose(number))
-    stations = _stations(task, graph, cover)
+    stations = plan_stations(task, graph, list(cover.chosen))
     reason = study.why_finished() or _why_not(task, views, cover)
     if task.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
-            reason += f", and yet {stations.n_groups} groups of scans that no candidate joins"
+            reason += f", and yet {count(stations.n_groups, 'group')} of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
-    return study.plan("cover", seed, cover.bound, reason, stations)
+    bound = cover.bound
+    if task.scans:
+        bound = LowerBound(bound.views, f"{bound.kind}, beyond the scans that were given")
+    return study.plan("cover", seed, bound, reason, stations)
 
 
 def _connected_cover(
@@ -93,20 +108,29 @@ def _connected_cover(
     return replace(cover, chosen=tuple(ordered), bound=bound), joined.n_added
 
 
-def cover_instance(task: Task) -> CoverInstance:
-    """Return which candidate pose meets the requirement on which sample."""
-    matrix = _seen(task, task.requirement.limits(task.sensor))
-    return CoverInstance(matrix, task.samples.areas, task.target, task.requirement.k)
+def cover_instance(task: Task, met: BoolArray | None = None) -> CoverInstance:
+    """Return which candidate pose meets the requirement on which sample.
+
+    Samples that are `met` (n,) already have no weight, and the target is what is left of it.
+    """
+    matrix, areas = seen_by_candidates(task, task.requirement.limits(task.sensor)), task.samples.areas
+    if met is None or not met.any():
+        return CoverInstance(matrix, areas, task.target, task.requirement.k)
+    whole = CoverInstance(matrix, np.where(met, 0.0, areas), 1.0, task.requirement.k)
+    left, done = whole.coverable_weight, float(areas[met].sum())
+    if left == 0 or task.target == 1:
+        return whole
+    return replace(whole, target=max(0.0, task.target - (1 - task.target) * done / left))
 
 
 def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
     """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
     seen = task.requirement.visibility(task.sensor)
     limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
-    return OverlapGraph.of(_seen(task, limits), task.samples, options)
+    return OverlapGraph.of(seen_by_candidates(task, limits), task.samples, options)
 
 
-def _seen(task: Task, limits: SightLimits) -> csr_array:
+def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
     """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
     candidates, samples = task.candidates, task.samples
     seen = visible_from_positions(
@@ -120,9 +144,8 @@ def _seen(task: Task, limits: SightLimits) -> csr_array:
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 
-def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
+def plan_stations(task: Task, graph: OverlapGraph, chosen: list[int]) -> Stations:
     """Return the tour of the chosen, and their overlaps."""
-    chosen = list(cover.chosen)
     links = [graph.links(candidate) for candidate in chosen]
     pairs = []
     for first, own in enumerate(links):
@@ -133,7 +156,7 @@ def _stations(task: Task, graph: OverlapGraph, cover: Cover) -> Stations:
     linked = np.array([own.linked for own in links]).reshape(len(chosen), task.candidates.n_poses)
     positions = [task.candidates.pose(candidate).translation for candidate in chosen]
     places = np.array(positions).reshape(-1, 3)
-    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside)
+    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside, keep_out=task.zones.keep_out)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
 
@@ -143,4 +166,4 @@ def _why_not(task: Task, views: int | None, cover: Cover) -> str:
         return "what is left is seen only by views that cannot be registered"
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"
-    return f"the limit of {views} views is reached"
+    return f"the limit of {count(views or 0, 'view')} is reached"

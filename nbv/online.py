@@ -9,7 +9,6 @@ import numpy as np
 
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions, explore
-from nbv.scanning.scanner import scan_scene
 from nbv.task import Study, Task
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -35,19 +34,17 @@ def plan_online(
     options : PlannerOptions
         The planner's.
     rng : Generator, int or None
-        Chooses the start (any candidate) and drives the noise.
+        Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    start = task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
+    start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
     study = Study.begin(task)
+    scans = list(task.scans)
 
     def scan(pose: Pose) -> RangeImage:
-        study.add(pose)
-        name = f"view {len(study.views)}"
-        return scan_scene(
-            task.scene, study.views[-1], noise=noise, rng=rng.spawn(1)[0], caster=task.caster, name=name
-        )
+        scans.append(study.scan(pose, noise, rng))
+        return scans[-1]
 
     found = explore(
         scan,
@@ -56,10 +53,14 @@ def plan_online(
         task.proposals,
         task.sensor,
         task.requirement,
-        replace(options, max_views=min(views or options.max_views, options.max_views)),
+        replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
+        given=task.scans,
         from_outside=task.from_outside,
+        infer=study.complete if task.infer else None,
         finished=study.why_finished,
         n_threads=task.n_threads,
         progress=task.progress,
     )
+    if task.infer and study.shares[-1].views < len(study.views):
+        study.complete(scans)
     return study.plan("nbv", seed, None, found.stopped_because)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nbv.classes import Shares
 from nbv.cover.result import LowerBound
 from nbv.coverage import Coverage, CoverageSummary
 from nbv.requirement import Requirement
@@ -16,8 +17,33 @@ from nbv.scanning.sensor_profile import sensor_from_profile
 from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
+from nbv.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError
 from scenes.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resumption:
+    """What a plan was resumed from.
+
+    Attributes
+    ----------
+    poses : tuple of Pose
+        Where the scans that were given have been taken.
+    met_fraction : float or None
+        Share of the scene's area that they meet the requirement on; None where the scene is not known.
+    """
+
+    poses: tuple[Pose, ...]
+    met_fraction: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        return {**self.summary(), "world_from_sensor": [pose.matrix.tolist() for pose in self.poses]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many scans there were, and what they had met."""
+        return {"scans": len(self.poses), "met": self.met_fraction}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,16 +58,17 @@ class Plan:
         What scans.
     requirement : Requirement
         What counts as met.
-    target : float
-        Fraction of the reachable area that was to be met.
+    target : float or None
+        Fraction of the reachable area that was to be met; None where the scene is not known.
     seed : int or None
         Seed of its randomness, None where it was not given as a number.
     n_candidates : int
         Poses that could be chosen.
     views : tuple of View
-        The views in order.
-    coverage : Coverage or CoverageSummary
-        What they cover; a plan read from a file holds the summary.
+        The views in order, those not counted that the plan was resumed from.
+    coverage : Coverage, CoverageSummary or None
+        What they cover, with the scans that the plan was resumed from; a plan read from a file holds the
+        summary. None where the scene is not known.
     lower_bound : LowerBound or None
         How many views any plan with these candidates and samples needs, where known.
     stopped_because : str
@@ -50,20 +77,30 @@ class Plan:
         In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
     candidates : Candidates or None
         The poses that could be chosen; None for a plan read from a file.
+    shares : tuple of Shares
+        Of a plan in which completion stood in for views: how the area parts into met, modelled, inferred and
+        unknown whenever the scans were completed.
+    resumed_from : Resumption or None
+        The scans that had been taken before.
+    zones : Zones
+        Where surface counts, and where no station may be.
     """
 
     method: str
     sensor: Sensor
     requirement: Requirement
-    target: float
+    target: float | None
     seed: int | None
     n_candidates: int
     views: tuple[View, ...]
-    coverage: Coverage | CoverageSummary
+    coverage: Coverage | CoverageSummary | None
     lower_bound: LowerBound | None
     stopped_because: str
     stations: Stations | None = None
     candidates: Candidates | None = None
+    shares: tuple[Shares, ...] = ()
+    resumed_from: Resumption | None = None
+    zones: Zones = EVERYWHERE
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -75,9 +112,12 @@ class Plan:
             "seed": self.seed,
             "n_candidates": self.n_candidates,
             "views": [view.to_json() for view in self.views],
-            "coverage": coverage.to_json(),
+            "coverage": coverage.to_json() if coverage else None,
             "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
             "stopped_because": self.stopped_because,
+            "inference": [shares.to_json() for shares in self.shares],
+            "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
+            **self.zones.to_json(),
         }
 
 
@@ -104,21 +144,35 @@ def read_plan(path: str | Path) -> Plan:
 def _plan_of(content: dict[str, Any]) -> Plan:
     sensor = sensor_from_profile(content["sensor"])
     required = dict(content["requirement"])
-    target = float(required.pop("target"))
-    bound = content["lower_bound"]
-    seed = content["seed"]
+    target, bound, coverage = required.pop("target"), content["lower_bound"], content["coverage"]
+    seed, resumed = content["seed"], content.get("resumed_from")
     return Plan(
         method=str(content["method"]),
         sensor=sensor,
         requirement=Requirement(**required),
-        target=target,
+        target=None if target is None else float(target),
         seed=None if seed is None else int(seed),
         n_candidates=int(content["n_candidates"]),
         views=tuple(
-            View(Pose(view["world_from_sensor"]), sensor, view["gain_m2"], view["met_fraction"])
+            View(
+                Pose(view["world_from_sensor"]),
+                sensor,
+                view["gain_m2"],
+                view["met_fraction"],
+                view.get("predicted_gain_m2"),
+            )
             for view in content["views"]
         ),
-        coverage=CoverageSummary(**content["coverage"]),
+        coverage=None if coverage is None else CoverageSummary(**coverage),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
+        shares=tuple(Shares(**shares) for shares in content.get("inference", ())),
+        resumed_from=_resumption_of(resumed) if resumed else None,
+        zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
     )
+
+
+def _resumption_of(content: dict[str, Any]) -> Resumption:
+    met = content["met"]
+    poses = tuple(Pose(matrix) for matrix in content["world_from_sensor"])
+    return Resumption(poses, None if met is None else float(met))

@@ -16,22 +16,27 @@ Their idea is followed, not their weights and thresholds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.footing import has_footing
+from nbv.concern import concern
 from nbv.gain import BestView, GainOptions, best_view, find_targets
+from nbv.knowledge import Knowledge
 from nbv.occupancy import VoxelMap
+from nbv.prospect import Experience, Prospect
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import Sensor
+from nbv.standpoints import standpoints
 from nbv.viewpoints import Candidates
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
+RENEWED = 1.04  # growth of the number of scans after which they are completed anew: each of the first 25
 Progress = Callable[[str, int, int], None]
 
 
@@ -54,6 +59,9 @@ class PlannerOptions:
         Stop after so many views.
     gain : GainOptions
         Weights of the gain.
+    zones : Zones
+        Only what lies in the region is worth seeing (anything, until known space reaches it), and no station
+        lies in what is to be kept out of.
 
     Raises
     ------
@@ -67,6 +75,7 @@ class PlannerOptions:
     epsilon_m2: float | None = None
     max_views: int = 200
     gain: GainOptions = field(default_factory=GainOptions)
+    zones: Zones = EVERYWHERE
 
     def __post_init__(self) -> None:
         if self.clearance_m < 0 or (self.epsilon_m2 or 0.0) < 0:
@@ -97,13 +106,15 @@ class Exploration:
 def explore(
     scan: Callable[[Pose], RangeImage],
     volume: FloatArray,
-    start: Pose,
+    start: Pose | None,
     candidates: Candidates,
     sensor: Sensor,
     requirement: Requirement | None = None,
     options: PlannerOptions | None = None,
     *,
+    given: Sequence[RangeImage] = (),
     from_outside: bool = False,
+    infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
     finished: Callable[[], str | None] | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -116,8 +127,8 @@ def explore(
         Takes a scan from a pose: a simulated scanner, or a person with a tripod.
     volume : (2, 3) float
         Smallest and largest coordinates of the volume to explore, metres.
-    start : Pose
-        The first view.
+    start : Pose or None
+        The first view; None to choose it like the others, by what the `given` scans say.
     candidates : Candidates
         Where the sensor may go; positions not yet known to be free, or without footing, are left out.
     sensor : Sensor
@@ -126,8 +137,13 @@ def explore(
         What counts as seen well; 60 deg incidence when not given.
     options : PlannerOptions, optional
         Voxels, clearance, stopping, weights.
+    given : sequence of RangeImage
+        Scans that were taken before, by this sensor or by others, in the same world.
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
+    infer : callable, optional
+        Completes all scans so far. What it knows counts less than what is unknown: badly seen surface that is
+        modelled well, and shadows in which nothing but inferred surface is expected.
     finished : callable, optional
         Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
         stopping rule here; the planner itself decides by its voxels alone.
@@ -135,13 +151,30 @@ def explore(
         Threads; the result does not depend on it.
     progress : callable, optional
         Called with ("views", done, most).
+
+    Raises
+    ------
+    InputError
+        Neither a start nor scans that are given.
     """
+    if start is None and not given:
+        raise InputError("without a scan that is given, exploring needs a pose to start from")
     requirement, options = requirement or Requirement(), options or PlannerOptions()
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
+    voxels = recall(voxels, given, sensor, options)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
-    steps = [Step(start, None)]
+    steps = [] if start is None else [Step(start, None)]
+    scans, knowledge, n_known = list(given), None, 0
+    best: BestView | None = None
+    experience = Experience.none()
     while True:
-        voxels = _learn(voxels, scan(steps[-1].world_from_sensor), sensor, options)
+        if steps:
+            scans.append(scan(steps[-1].world_from_sensor))
+            voxels = _learn(voxels, scans[-1], sensor, options)
+            if best is not None:
+                experience = experience.after(scans[-1], best.sees, voxels.grid)
+        if infer is not None and len(scans) >= RENEWED * n_known:
+            knowledge, n_known = infer(scans), len(scans)
         if progress is not None:
             progress("views", len(steps), options.max_views)
         reason = finished() if finished is not None else None
@@ -149,15 +182,40 @@ def explore(
             reason = f"the limit of {options.max_views} views is reached"
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
-        here = steps[-1].world_from_sensor
-        best = _next_view(voxels, attempts, candidates, here, sensor, requirement, options, n_threads)
-        if isinstance(best, str):
-            return Exploration(tuple(steps), voxels, best)
+        here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
+        found = next_view(
+            voxels,
+            attempts,
+            candidates,
+            here,
+            sensor,
+            requirement,
+            options,
+            n_threads,
+            knowledge,
+            experience.trust,
+        )
+        if isinstance(found, str):
+            return Exploration(tuple(steps), voxels, found)
+        best = found
         _count_attempts(attempts, best)
         steps.append(Step(best.pose, best.gain_m2))
 
 
-def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerOptions) -> VoxelMap:
+def recall(
+    voxels: VoxelMap, given: Sequence[RangeImage], sensor: Sensor, options: PlannerOptions
+) -> VoxelMap:
+    """Write scans that were taken before into the voxels.
+
+    Pixels without return of a scan by another instrument than `sensor` say nothing: what they would have met,
+    and how far away, nobody knows.
+    """
+    for scan in given:
+        voxels = _learn(voxels, scan, sensor if scan.sensor == sensor.name else None, options)
+    return voxels
+
+
+def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor | None, options: PlannerOptions) -> VoxelMap:
     """Write a scan into the voxels; within a room, the place where the sensor stands is free too."""
     voxels = voxels.integrated(scan, sensor)
     if voxels.outside_is_empty:
@@ -165,7 +223,7 @@ def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor, options: PlannerO
     return voxels.cleared(scan.origin, options.clearance_m + voxels.grid.voxel_m)
 
 
-def _next_view(
+def next_view(
     voxels: VoxelMap,
     attempts: NDArray[np.int32],
     candidates: Candidates,
@@ -174,15 +232,25 @@ def _next_view(
     requirement: Requirement,
     options: PlannerOptions,
     n_threads: int | None,
+    knowledge: Knowledge | None = None,
+    trust: FloatArray | None = None,
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
-    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain)
+    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain, knowledge)
+    of_concern = concern(voxels, options.zones)
+    targets = targets.some(of_concern[targets.voxel])
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
-    free = _free_candidates(candidates, voxels, here, options)
+    free = standpoints(
+        candidates, voxels, here, options.clearance_m, on_floor=options.on_floor, zones=options.zones
+    )
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
-    best = best_view(voxels, faces, targets, free, sensor, wanted, n_most=n_most, n_threads=n_threads)
+    sought = of_concern & (attempts[1] < options.gain.max_attempts)
+    prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge, trust)
+    best = best_view(
+        voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
+    )
     if best is None:
         return "no candidate in known free space sees what is left to see"
     if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
@@ -196,19 +264,6 @@ def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
     return float(np.cos(max(angle, 0.0)))
 
 
-def _free_candidates(
-    candidates: Candidates, voxels: VoxelMap, here: Pose, options: PlannerOptions
-) -> Candidates:
-    """Return the candidates where the sensor can stand; where it stands it may also turn."""
-    allowed = voxels.is_free(candidates.positions, options.clearance_m)
-    if options.on_floor and not voxels.outside_is_empty:
-        allowed &= has_footing(voxels, candidates.positions)
-    free = candidates.at(allowed)
-    if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
-        return free
-    return replace(free, positions=np.vstack([free.positions, here.translation]))
-
-
 def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
     """Gain below which no further view pays."""
     return options.epsilon_m2 if options.epsilon_m2 is not None else voxels.grid.voxel_m**2
@@ -216,4 +271,4 @@ def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
 
 def _count_attempts(attempts: NDArray[np.int32], best: BestView) -> None:
     """Remember what the chosen view should settle, so that it is not sought for ever."""
-    np.add.at(attempts, (best.targets.is_unknown.astype(np.int64), best.targets.voxel), 1)
+    np.add.at(attempts, (best.sees.is_unknown.astype(np.int64), best.sees.voxel), 1)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -13,20 +14,24 @@ from nbv.online import plan_online
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
-from nbv.reachability import scene_candidates
+from nbv.reachability import scene_candidates, scene_lattice
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.stand_in import plan_with_completion
 from nbv.task import Task
-from nbv.viewpoints import Candidates, room_lattice
+from nbv.viewpoints import Candidates, allowed
 from nbv.visibility import Progress
+from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
+from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
 Method = Literal["nbv", "cover"]
 _PATCH_TOLERANCE_M = 0.01
+_ROUNDING_M = 1e-6  # a surface may lie on the region's faces
 _MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
 
 
@@ -47,6 +52,9 @@ def plan_views(
     options: PlannerOptions | None = None,
     budgets: CoverOptions | None = None,
     overlap: OverlapOptions | None = None,
+    infer: bool = False,
+    scans: Sequence[RangeImage] = (),
+    zones: Zones = EVERYWHERE,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -91,6 +99,15 @@ def plan_views(
         For "cover".
     overlap : OverlapOptions, optional
         For "cover": how scans must overlap so that all can be registered with one another.
+    infer : bool
+        Whether surface that completion models or infers from the scans so far counts towards the target
+        (`nbv.classes`), outranked by unknown surface. Such a plan has no lower bound.
+    scans : sequence of RangeImage
+        Scans that were taken before, in the scene's coordinates: what they have measured as required counts,
+        and "nbv" knows what they saw. They are not views of the plan.
+    zones : Zones
+        Only surface in the region counts, and no station lies in, and no tour leads through, what is to be
+        kept out of.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -101,7 +118,8 @@ def plan_views(
     Raises
     ------
     InputError
-        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene.
+        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene,
+        scans that measure nothing of it, a region without surface, no candidate that need not keep out.
     """
     if method not in ("nbv", "cover"):
         raise InputError(f"method must be nbv or cover, got {method!r}")
@@ -109,33 +127,41 @@ def plan_views(
         raise InputError(f"target must be a fraction of the reachable area, 0 < target <= 1, got {target}")
     if views is not None and views < 1:
         raise InputError(f"views must be at least 1, got {views}")
+    if infer and overlap is not None:
+        raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
-    sensor = _with_aperture(sensor or load_sensor("generic60"), candidates)
+    sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
     proposals = candidates
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
         if (mode or scene.mode) == "room":
-            proposals = Candidates(room_lattice(scene.mesh.bounds()), candidates.directions)
+            proposals = Candidates(scene_lattice(scene), candidates.directions)
     requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
     requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
+    samples = samples or patch_samples(scene, caster, candidates) or _samples(scene, method)
     task = Task(
         scene=scene,
         sensor=sensor,
         requirement=requirement,
         target=target,
-        candidates=candidates,
-        proposals=proposals or candidates,
-        samples=samples or patch_samples(scene, caster, candidates) or _samples(scene, method),
+        candidates=allowed(candidates, zones),
+        proposals=allowed(proposals or candidates, zones),
+        samples=_within(samples, zones, scene),
         caster=caster,
         from_outside=(mode or scene.mode) == "object",
         overlap=overlap,
+        infer=infer,
         n_threads=n_threads,
         progress=progress,
+        scans=tuple(scans),
+        zones=zones,
     )
+    if method == "cover" and infer:
+        return plan_with_completion(task, views, noise, rng)
     if method == "cover":
         return plan_offline(task, views, budgets or CoverOptions(), rng)
     return plan_online(task, views, noise, options or PlannerOptions(), rng)
@@ -145,6 +171,19 @@ def _samples(scene: Scene, method: Method) -> SurfaceSamples:
     """Return where coverage is measured; to plan offline no face needs a sample of its own."""
     every_face = method == "nbv" or len(scene.mesh.faces) <= _MOST_FACES
     return sample_surface(scene.mesh, every_face=every_face)
+
+
+def _within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSamples:
+    """Return the samples in the region."""
+    if zones.region is None:
+        return samples
+    inside = zones.concern(samples.points, _ROUNDING_M)
+    if not inside.any():
+        low, high = scene.mesh.bounds().round(2).tolist()
+        raise InputError(
+            f"no surface of {scene.name} lies in the region; the scene goes from {low} to {high}, metres"
+        )
+    return samples.some(inside)
 
 
 def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:
@@ -177,7 +216,7 @@ def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> Su
     return SurfaceSamples(points, normals, areas, hits.face, surface, _PATCH_TOLERANCE_M)
 
 
-def _with_aperture(sensor: Sensor, candidates: Candidates | None) -> Sensor:
+def with_aperture(sensor: Sensor, candidates: Candidates | None) -> Sensor:
     """Return the sensor, with the conical aperture that the candidates ask for."""
     if candidates is None or candidates.half_angle_deg is None:
         return sensor

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Plots: coverage curve, floor plan and range images; the only file that knows matplotlib."""
+"""Plots: coverage curve and range images, in both themes."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from scenes.checks import FloatArray
 
 _DPI = 180
+_LAST_STEP = 0.6  # views that the last of stacked steps is wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +28,20 @@ class Theme:
     line: str
     accent: str
     fill: str
+    measured: str
+    modelled: str
+    dot: str
     inferred: str
 
 
 _LIGHT = Theme(
-    ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0", inferred="#2e7acc"
-)
+    ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0",
+    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#2e7acc",
+)  # fmt: skip
 _DARK = Theme(
-    ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a", inferred="#5aa2ea"
-)
+    ink="#dfe6ea", faint="#7d8a92", line="#b4c2c9", accent="#f0ad3d", fill="#26323a",
+    measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#5aa2ea",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,7 @@ def coverage_curve(
     target: float | None,
     bound: int | None,
     inferred: tuple[int, float, float] | None = None,
+    start: float = 0.0,
 ) -> Plot:
     """Plot the measured share of the area against the number of views.
 
@@ -69,11 +76,13 @@ def coverage_curve(
         Views that any plan needs at least.
     inferred : (int, float, float), optional
         Number of scans, share measured by them, and share after what was inferred from them.
+    start : float
+        Share before the first view.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
         views = np.arange(len(met) + 1)
-        share = 100 * np.array([0.0, *met])
+        share = 100 * np.array([start, *met])
         axes.fill_between(views, share, step="post", color=theme.line, alpha=0.14, linewidth=0)
         axes.step(views, share, where="post", color=theme.line, linewidth=2)
         axes.plot(views[1:], share[1:], "o", color=theme.line, markersize=3.2 if len(met) <= 60 else 0)
@@ -107,67 +116,47 @@ def coverage_curve(
     return drawn_plot(draw, (5.4, 4.1))
 
 
-def floor_plan(
-    outline: FloatArray,
-    positions: FloatArray,
-    directions: FloatArray | None,
-    bounds: FloatArray,
-    highlighted: Sequence[int] = (),
-    ways: Sequence[FloatArray] = (),
-) -> Plot:
-    """Plot stations from above.
+def class_curve(tops: FloatArray, reachable: float, target: float | None) -> Plot:
+    """Plot the shares of the area that are measured as required, modelled and inferred, as stacked steps.
 
     Parameters
     ----------
-    outline : (k, 2, 2) float
-        Segments of walls and objects at the height of the cut, metres.
-    positions : (n, 3) float
-        Stations in order.
-    directions : (n, 3) float, optional
-        Where each looks; None for scanners that look all round.
-    bounds : (2, 3) float
-        What to show, metres.
-    highlighted : sequence of int
-        Stations to show in the colour of what is inferred, counted from 0.
-    ways : sequence of (k, 3) float
-        Ways from station to station.
+    tops : (3, n + 1) float
+        Share that is measured; measured or modelled; measured, modelled or inferred: before the first view
+        and after each.
+    reachable : float
+        Share that any view could measure.
+    target : float, optional
+        Share of the reachable area that was wanted.
     """
-    colour_of = [k in set(highlighted) for k in range(len(positions))]
-    low, high = (
-        np.minimum(bounds[0], positions.min(axis=0, initial=np.inf))[:2],
-        np.maximum(bounds[1], positions.max(axis=0, initial=-np.inf))[:2],
-    )
-    extent = np.maximum(high - low, 1e-6)
-    width = 4.9 if extent[0] >= extent[1] else 4.2
-    height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
 
     def draw(axes: Axes, theme: Theme) -> None:
-        for segment in outline:
-            axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
-        for way in ways:
-            axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
-        size = 0.07 * float(extent.max())
-        colours = [theme.inferred if special else theme.line for special in colour_of]
-        if directions is not None:
-            axes.quiver(
-                positions[:, 0], positions[:, 1], directions[:, 0] * size, directions[:, 1] * size,
-                angles="xy", scale_units="xy", scale=1, width=0.0055, color=colours, zorder=3,
-            )  # fmt: skip
-        axes.scatter(positions[:, 0], positions[:, 1], s=22, color=colours, zorder=4, linewidths=0)
-        for place, numbers in _numbers_by_place(positions).items():
-            axes.annotate(
-                numbers, place, xytext=(5, 5), textcoords="offset points", fontsize=7.5,
-                color=theme.accent, zorder=5,
-            )  # fmt: skip
-        axes.set_aspect("equal")
-        pad = 0.06 * float(extent.max())
-        axes.set_xlim(low[0] - pad, high[0] + pad)
-        axes.set_ylim(low[1] - pad, high[1] + pad)
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
-        axes.grid(visible=False)
+        n = tops.shape[1] - 1
+        views = np.append(np.arange(n + 1), n + _LAST_STEP)
+        levels = 100 * np.vstack([np.zeros(n + 1), tops])
+        levels = np.hstack([levels, levels[:, -1:]])
+        styles = (
+            ("measured as required", theme.measured, None),
+            ("modelled", theme.modelled, "...."),
+            ("inferred", theme.inferred, None),
+        )
+        for below, above, (name, colour, pattern) in zip(levels, levels[1:], styles, strict=False):
+            label = f"{name} {above[-1] - below[-1]:.1f} %"
+            axes.fill_between(views, below, above, step="post", facecolor=colour, hatch=pattern, linewidth=0,
+                              edgecolor=theme.dot, label=label)  # fmt: skip
+        axes.step(views, levels[1], where="post", color=theme.line, linewidth=2)
+        _level(axes, 100 * reachable, "reachable", theme)
+        if target is not None and target < 1:
+            _level(axes, 100 * reachable * target, f"target {100 * target:g} % of it", theme, below=True)
+        axes.set_xlim(0, n + _LAST_STEP)
+        axes.set_ylim(0, 106)
+        axes.set_xlabel("views")
+        axes.set_ylabel("% of the area")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8,
+                    handlelength=1.4, columnspacing=1.2, borderaxespad=0.2)  # fmt: skip
 
-    return drawn_plot(draw, (width + 0.5, height + 0.4))
+    return drawn_plot(draw, (5.4, 4.1))
 
 
 def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
@@ -181,17 +170,6 @@ def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
     colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
     colours[..., 3] = valid
     return colours, float(low), float(high)
-
-
-def _numbers_by_place(positions: FloatArray) -> dict[tuple[float, float], str]:
-    """Numbers of the views at each place of the plan, from 1; no more than six are spelled out."""
-    places: dict[tuple[float, float], list[int]] = {}
-    for number, (x, y) in enumerate(positions[:, :2].round(3).tolist(), start=1):
-        places.setdefault((x, y), []).append(number)
-    return {
-        place: ",".join(map(str, numbers[:6])) + (" ..." if len(numbers) > 6 else "")
-        for place, numbers in places.items()
-    }
 
 
 def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool = False) -> None:

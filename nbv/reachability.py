@@ -11,6 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.floor import floor_level, stand_on
 from nbv.free_space import FreeSpace
 from nbv.requirement import Requirement, SightLimits
 from nbv.samples import SurfaceSamples
@@ -47,8 +48,9 @@ def scene_candidates(
 ) -> Candidates:
     """Return the candidates of a known scene.
 
-    Room mode: the free positions of a lattice at tripod heights, each with the sensor's directions all
-    round (42 for a camera at 1 subdivision of the icosahedron, 162 at 2). Object mode: a viewing sphere.
+    Room mode: the free positions of a lattice at tripod heights above the floor (anywhere, in a scene
+    without floor), each with the sensor's directions all round (42 for a camera at 1 subdivision of the
+    icosahedron, 162 at 2). Object mode: a viewing sphere.
 
     Raises
     ------
@@ -60,14 +62,25 @@ def scene_candidates(
         return viewing_sphere(scene.mesh.bounds(), sensor)
     if mode != "room":
         raise InputError(f"mode must be room or object, got {mode!r}")
-    lattice = room_lattice(scene.mesh.bounds(), clearance_m=clearance_m)
+    lattice = scene_lattice(scene, clearance_m)
     free = FreeSpace.of(scene.mesh).holds(lattice, clearance_m)
     if not free.any():
         raise InputError(
             f"none of {len(lattice)} positions in {scene.name} is free with {clearance_m} m clearance; "
             "is it an object (mode object), or not in metres?"
         )
+    level = floor_level(scene.mesh)
+    if level is not None and (footed := free & stand_on(scene.ray_caster(), level, lattice)).any():
+        free = footed
     return Candidates(lattice[free], sensor_directions(sensor, subdivisions))
+
+
+def scene_lattice(scene: Scene, clearance_m: float = CLEARANCE_M) -> FloatArray:
+    """Return positions (p, 3) over a scene's floor at tripod heights, free or not, metres."""
+    bounds = scene.mesh.bounds()
+    level = floor_level(scene.mesh)
+    bounds[0, 2] = bounds[0, 2] if level is None else level
+    return room_lattice(bounds, clearance_m=clearance_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
 from scenes.mesh import LabelledMesh
 from scenes.morton import morton_order
 
@@ -53,6 +53,17 @@ class SurfaceSamples:
         lengths = {len(self.normals), len(self.areas), len(self.face), len(self.surface)}
         if lengths != {n} or self.points.shape != (n, 3) or self.normals.shape != (n, 3):
             raise InputError(f"{n} samples, but normals, areas, faces and surfaces number {sorted(lengths)}")
+
+    def some(self, chosen: BoolArray) -> SurfaceSamples:
+        """Return the chosen (n,) samples."""
+        return replace(
+            self,
+            points=self.points[chosen],
+            normals=self.normals[chosen],
+            areas=self.areas[chosen],
+            face=self.face[chosen],
+            surface=self.surface[chosen],
+        )
 
     def __len__(self) -> int:
         return len(self.points)

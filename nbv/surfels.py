@@ -56,7 +56,7 @@ class Surfels:
         usable = (voxel >= 0) & (local.cosine.ravel() >= _FLATTEST)
         normals = local.normals.reshape(-1, 3)[usable]
         weight, cosine = local.areas.ravel()[usable], local.cosine.ravel()[usable]
-        keys, which = np.unique(voxel[usable] * _SIDES + _side_of(normals), return_inverse=True)
+        keys, which = np.unique(voxel[usable] * _SIDES + sides_of(normals), return_inverse=True)
         total = np.asarray(np.bincount(which, weight, len(keys)), dtype=np.float64)
         mean_normal = _means(which, normals, weight, total)
         mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
@@ -89,7 +89,7 @@ class Surfels:
         return Surfels(keys, points, normals, quality, areas)
 
 
-def _side_of(normals: FloatArray) -> NDArray[np.int64]:
+def sides_of(normals: FloatArray) -> NDArray[np.int64]:
     """Axis direction 0..5 (+x, +y, +z, -x, -y, -z) that each normal (n, 3) leans to most."""
     axis = np.argmax(
         np.abs(normals) + np.array([2e-6, 1e-6, 0.0]), axis=1

@@ -9,6 +9,7 @@ the sensor is in the way, so that nobody climbs through a window.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -20,13 +21,14 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from nbv.samples import sample_surface
+from nbv.visiting_order import short_order
+from nbv.zones import Box
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.mesh import LabelledMesh
 
 BODY_M = 0.15  # radius of the sensor's head, which is carried
 _MOST_NODES = 60_000
 _STEP_M = 0.15
-_MOST_STARTS = 8
 _STEP_OVER_M = 0.1  # what lies lower on the floor is stepped over
 _SAMPLES_A_BODY = 4.0  # samples of the surface along a body's radius
 
@@ -69,9 +71,16 @@ class Tour:
 
 
 def plan_tour(
-    mesh: LabelledMesh, stations: FloatArray, *, body_m: float = BODY_M, on_foot: bool = False
+    mesh: LabelledMesh,
+    stations: FloatArray,
+    *,
+    body_m: float = BODY_M,
+    on_foot: bool = False,
+    keep_out: Sequence[Box] = (),
 ) -> Tour:
     """Return a short open tour of `stations` (n, 3), metres, that keeps `body_m` clear of the mesh.
+
+    No leg leads through the boxes `keep_out`; on foot they count where they reach lower than the sensor.
 
     Nearest neighbours from several starts, then 2-opt and the moving of short stretches (Or 1976) until
     neither helps. Legs between stations that no way joins come out as such. `on_foot` the ways lead over the
@@ -87,7 +96,8 @@ def plan_tour(
     stations = check_points("stations", stations)
     if len(stations) < 2:
         return Tour(tuple(range(len(stations))), ())
-    ways = _Ways.walked(mesh, stations, body_m) if on_foot else _Ways.flown(mesh, stations, body_m)
+    find = _Ways.walked if on_foot else _Ways.flown
+    ways = find(mesh, stations, body_m, keep_out)
     order = short_order(ways.lengths)
     legs = tuple(ways.leg(a, b) for a, b in pairwise(order))
     return Tour(tuple(order), legs)
@@ -102,28 +112,37 @@ class _Ways:
     before: NDArray[np.int32]
 
     @classmethod
-    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]) -> _Ways:
         """Return the ways through the air."""
         spacing = body_m / _SAMPLES_A_BODY
         obstacles = sample_surface(mesh, spacing, every_face=False).points
-        return cls._among(obstacles, stations, np.vstack([mesh.bounds(), stations]), body_m + spacing)
+        extent = np.vstack([mesh.bounds(), stations])
+        return cls._among(obstacles, stations, extent, body_m + spacing, keep_out)
 
     @classmethod
-    def walked(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float) -> _Ways:
+    def walked(
+        cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]
+    ) -> _Ways:
         """Return the ways over the floor, found in the plane; they start and end at the sensors."""
         spacing = body_m / _SAMPLES_A_BODY
         points = sample_surface(mesh, spacing, every_face=False).points
         floor, head = _floor_height(points, stations, body_m), stations[:, 2].max() + body_m
         obstacles = points[(points[:, 2] > floor + _STEP_OVER_M) & (points[:, 2] < head)]
         flat = np.vstack([mesh.bounds(), stations])[:, :2]
-        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing)
+        boxes = [box for box in keep_out if box.low[2] < head and box.high[2] > floor]
+        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing, boxes)
         height = np.full(len(ways.nodes), floor)
         height[: len(stations)] = stations[:, 2]
         return cls(np.column_stack([ways.nodes, height]), ways.lengths, ways.before)
 
     @classmethod
     def _among(
-        cls, obstacles: FloatArray, stations: FloatArray, extent: FloatArray, clearance_m: float
+        cls,
+        obstacles: FloatArray,
+        stations: FloatArray,
+        extent: FloatArray,
+        clearance_m: float,
+        keep_out: Sequence[Box],
     ) -> _Ways:
         """Return the ways among points (k, d), within the extent (m, d) of other points."""
         low, high = extent.min(axis=0), extent.max(axis=0)
@@ -135,6 +154,8 @@ class _Ways:
         room = np.full(len(nodes), np.inf)
         if len(obstacles):
             room = cKDTree(obstacles).query(nodes)[0] - clearance_m
+        for box in keep_out:
+            room = np.minimum(room, box.distance(nodes, nodes.shape[1]))
         kept = (room > 0) | (np.arange(len(nodes)) < len(stations))
         nodes, room = nodes[kept], room[kept]
         pairs = cKDTree(nodes).query_pairs(1.01 * np.sqrt(len(low)) * step, output_type="ndarray")
@@ -165,75 +186,3 @@ def _floor_height(points: FloatArray, stations: FloatArray, body_m: float) -> fl
         heights = points[near, 2]
         below.extend(np.sort(heights[heights < station[2] - body_m])[-1:])
     return float(np.median(below)) if below else float(points[:, 2].min(initial=np.inf))
-
-
-def short_order(lengths: FloatArray) -> list[int]:
-    """Return a short order in which to visit all of n places; `lengths` (n, n) may hold inf.
-
-    Examples
-    --------
-    >>> places = np.array([0.0, 5.0, 1.0, 4.0])
-    >>> short_order(np.abs(places[:, None] - places))
-    [0, 2, 3, 1]
-    """
-    finite = lengths[np.isfinite(lengths)]
-    cost = np.where(np.isfinite(lengths), lengths, 1e3 * (1 + float(finite.max(initial=0.0))) * len(lengths))
-    few = np.unique(np.linspace(0, len(cost) - 1, _MOST_STARTS).astype(int))
-    starts = [_nearest_first(cost, int(start)) for start in few]
-    return min((_improved(cost, order) for order in starts), key=lambda order: _total(cost, order))
-
-
-def _nearest_first(cost: FloatArray, start: int) -> list[int]:
-    order, left = [start], set(range(len(cost))) - {start}
-    while left:
-        order.append(min(left, key=lambda place: (cost[order[-1], place], place)))
-        left.remove(order[-1])
-    return order
-
-
-def _improved(cost: FloatArray, order: list[int]) -> list[int]:
-    """Turn and move stretches as long as that makes an open tour shorter."""
-    while True:
-        shorter = _turned(cost, order) or _moved(cost, order)
-        if shorter is None:
-            return order
-        order = shorter
-
-
-def _turned(cost: FloatArray, order: list[int]) -> list[int] | None:
-    """Return the order with the one stretch turned round that gains most, None where none does."""
-    n = len(order)
-    route = np.array(order)
-    first, last = np.triu_indices(n, 1)
-    before, after = np.maximum(first - 1, 0), np.minimum(last + 1, n - 1)
-    change = np.zeros(len(first))
-    inner, outer = first > 0, last < n - 1
-    change += inner * (cost[route[before], route[last]] - cost[route[before], route[first]])
-    change += outer * (cost[route[first], route[after]] - cost[route[last], route[after]])
-    best = int(np.argmin(change))
-    if change[best] >= -1e-9:
-        return None
-    a, b = int(first[best]), int(last[best]) + 1
-    return order[:a] + order[a:b][::-1] + order[b:]
-
-
-def _moved(cost: FloatArray, order: list[int]) -> list[int] | None:
-    """Return the order with a stretch of up to three places moved elsewhere, None where none gains."""
-    now = _total(cost, order)
-    for size in range(1, min(4, len(order))):
-        for start in range(len(order) - size + 1):
-            stretch, rest = order[start : start + size], order[:start] + order[start + size :]
-            inside = _total(cost, stretch)
-            route = np.array(rest)
-            joined = cost[route, stretch[0]], cost[stretch[-1], route]
-            between = joined[0][:-1] + joined[1][1:] - cost[route[:-1], route[1:]]
-            added = np.concatenate([joined[1][:1], between, joined[0][-1:]])
-            at = int(np.argmin(added))
-            if _total(cost, rest) + inside + added[at] < now - 1e-9:
-                return rest[:at] + stretch + rest[at:]
-    return None
-
-
-def _total(cost: FloatArray, order: list[int]) -> float:
-    route = np.array(order)
-    return float(cost[route[:-1], route[1:]].sum())

@@ -24,17 +24,24 @@ class View:
         Area that meets the requirement since this view and did not before, square metres.
     met_fraction : float, optional
         Share of the scene's area that meets the requirement after this view.
+    predicted_gain_m2 : float, optional
+        Where the scene is not known: weighted area of unknown faces and of badly seen surface that the view
+        should settle by what the voxels say, square metres.
     """
 
     world_from_sensor: Pose
     sensor: Sensor
     gain_m2: float | None = None
     met_fraction: float | None = None
+    predicted_gain_m2: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `plan.json`."""
-        return {
+        entry = {
             "world_from_sensor": self.world_from_sensor.matrix.tolist(),
             "gain_m2": self.gain_m2,
             "met_fraction": self.met_fraction,
         }
+        if self.predicted_gain_m2 is not None:
+            entry["predicted_gain_m2"] = self.predicted_gain_m2
+        return entry

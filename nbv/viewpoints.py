@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trimesh.creation import icosphere
 
 from nbv.scanning.sensor import Sensor
+from nbv.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_points, frozen_copy
 from scenes.pose import Pose
 
@@ -105,6 +106,23 @@ class Candidates:
         """Return the candidates at some of the positions."""
         own = self.directions if self.directions.ndim == 2 else self.directions[chosen]
         return replace(self, positions=self.positions[chosen], directions=own)
+
+
+def allowed(candidates: Candidates, zones: Zones) -> Candidates:
+    """Return the candidates whose positions need not be kept out of.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
+    kept = zones.allow(candidates.positions)
+    if not kept.any():
+        raise InputError(
+            f"all {candidates.n_positions} candidate positions lie in what is to be kept out of; "
+            "make the boxes smaller, or give other candidates"
+        )
+    return candidates if kept.all() else candidates.at(kept)
 
 
 def load_candidates(path: str | Path) -> Candidates:

@@ -46,7 +46,8 @@ class Projection(Protocol):
 def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Set rows of `pixels` that are more than half a pixel outside the image to NaN."""
     with np.errstate(invalid="ignore"):
-        inside = (pixels >= -0.5).all(axis=1) & (pixels < np.array(shape) - 0.5).all(axis=1)
+        row, column = pixels.T
+        inside = (row >= -0.5) & (row < shape[0] - 0.5) & (column >= -0.5) & (column < shape[1] - 0.5)
     pixels[~inside] = np.nan
     return pixels
 

@@ -233,11 +233,15 @@ def test_plan_writes_what_the_contract_names(plan):
     written = json.loads((out / "plan.json").read_text())
     assert set(written) == {
         "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",
-        "stopped_because",
+        "stopped_because", "inference", "resumed_from", "region", "keep_out", "baselines",
     }  # fmt: skip
+    assert list(written["baselines"]) == ["random", "farthest-point", "visibility-only greedy", "greedy"]
+    assert len(written["baselines"]["random"]["curve"]) == len(written["views"])
     assert written["seed"] == 0
     assert summary["views"] == len(written["views"]) <= 3
     assert summary["coverage"] == written["coverage"]
+    assert summary["inference"] is None
+    assert written["inference"] == []
     assert json.loads((out / "manifest.json").read_text())["options"]["max_incidence_deg"] == 60.0
 
 

@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 import nbv.demo
 from nbv.cli import app
-from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare, distances
+from nbv.distances import distances
+from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
 from nbv.samples import sample_surface
 from scenes.builtin import builtin_scene
 

@@ -56,6 +56,18 @@ def test_the_ablation_shows_every_weight(monkeypatch, capsys):
     assert all(len(cells) == 6 for cells in table.values())
 
 
+def test_the_whole_script_runs_to_its_end(monkeypatch, capsys):
+    script = load("score_online")
+    small = {"VOXELS_M": (0.2,), "NOISES": ("none",), "MOST_VIEWS": 2, "WEIGHTS": {"w_q = 0": (1.0, 0.0)}}
+    for name, value in small.items():
+        monkeypatch.setattr(script, name, value)
+    script.main(1, 1)
+    table = rows(capsys.readouterr().out)
+    names = ["room", "room mode, 0.1 m, noise none", "weights", "both 1", "w_q = 0"]
+    assert [name for name in table if not name.startswith("bench")] == names
+    assert table["weights"][0] == "within 60 deg, 1 view"
+
+
 def test_the_interval_of_differences_holds_their_mean():
     script = load("score_online")
     text = script.interval(np.array([0.01, 0.03]), np.random.default_rng(0))

@@ -51,6 +51,19 @@ def test_pictures_are_drawn_and_the_page_shows_them(study, tmp_path, capsys):
     assert "| 10 | 28 | 22 |" in capsys.readouterr().out
     with Image.open(tmp_path / "view_planning_patches.png") as picture:
         assert picture.size[0] > 700
+
+
+def test_the_largest_number_has_room_above_it(study, tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(study.plt, "close", figures.append)
+    study.drawn(tmp_path, "spacing", "Title", "m", [(0.5, 23, 20), (1.0, 24, 22)])
+    monkeypatch.undo()
+    (axes,) = figures[0].axes
+    assert axes.get_ylim() == pytest.approx((0, 1.1 * 24))
+    study.plt.close(figures[0])
+
+
+def test_the_page_shows_every_picture():
     page = (ROOT / "docs/view-planning.md").read_text("utf-8")
     for name in ("patches", "spacing", "occluders"):
         assert f"](pictures/view_planning_{name}.png)" in page

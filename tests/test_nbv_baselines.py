@@ -96,9 +96,9 @@ def test_a_plan_without_views_is_refused(plan):
         compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, ())
 
 
-def test_the_report_of_a_plan_shows_them(plan, tmp_path):
+def test_the_report_of_a_plan_shows_them(plan, baselines, tmp_path):
     file = tmp_path / "report.html"
-    plan_page(ROOM, plan, plan.coverage, {}, 0, 1).write(file)
+    plan_page(ROOM, plan, plan.coverage, {}, 0, 1, baselines).write(file)
     text = file.read_text("utf-8")
     assert "Beside other planners" in text
     assert all(name in text for name in ("random", "farthest-point", "visibility-only greedy"))

@@ -6,7 +6,8 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from nbv.tour import BODY_M, plan_tour, short_order
+from nbv.tour import BODY_M, plan_tour
+from nbv.visiting_order import short_order
 from scenes.builtin import builtin_scene
 from scenes.checks import InputError
 from scenes.mesh import LabelledMesh

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
+from nbv.floor import floor_level, stand_on
 from nbv.free_space import FreeSpace
-from nbv.reachability import find_reachable, scene_candidates
+from nbv.reachability import find_reachable, scene_candidates, scene_lattice
 from nbv.requirement import Requirement, SightLimits
 from nbv.samples import sample_surface
 from nbv.scanning.sensor import PinholeSensor
@@ -83,10 +84,28 @@ def test_free_space_is_clear_of_walls_and_not_inside_boxes():
     assert free.holds(asked, 0.1).tolist() == [True, False, True, True, False]
 
 
-def test_the_rooms_candidates_are_those_of_the_benchmark():
+def test_the_rooms_candidates_are_those_of_the_benchmark_that_stand_on_the_floor():
+    lattice = scene_lattice(ROOM)
+    benchmark = lattice[FreeSpace.of(ROOM.mesh).holds(lattice, 0.3)]
+    assert len(benchmark) == 354
     candidates = scene_candidates(ROOM, load_sensor("generic60"))
-    assert candidates.n_positions == 354
-    assert candidates.n_poses == 14_868
+    assert candidates.n_poses == 42 * candidates.n_positions
+    x, y, z = benchmark.T
+    over_boxes = (abs(x - 2.2) < 0.65) & (abs(y - 2.0) < 0.45) & (z > 0.9)
+    over_boxes |= (abs(x - 4.35) < 0.35) & (abs(y - 3.15) < 0.35) & (z > 1.8)
+    np.testing.assert_array_equal(candidates.positions, benchmark[~over_boxes])
+
+
+def test_the_floor_is_the_lowest_large_level_and_tables_are_not():
+    office = builtin_scene("office")
+    assert floor_level(office.mesh) == pytest.approx(0.0, abs=1e-9)
+    asked = np.array([[1.0, 1.0, 1.0], [2.9, 1.0, 1.5], [5.0, 1.0, 1.0], [2.35, 2.0, 1.5]])
+    stands = stand_on(office.ray_caster(), 0.0, asked)  # floor, over the table, outside, over the box
+    assert stands.tolist() == [True, False, False, False]
+    wall = LabelledMesh(
+        np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]]), np.zeros(1, int)
+    )
+    assert floor_level(wall) is None
 
 
 def test_reachability_does_not_depend_on_threads_and_names_the_hidden():

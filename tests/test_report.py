@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from nbv.coverage import MET, Coverage
+from nbv.floor_plan import FloorPlan
 from nbv.measurement import measure_coverage
-from nbv.plots import coverage_curve, floor_plan, range_colours
+from nbv.plots import coverage_curve, range_colours
 from nbv.report.camera import aim, aside_cameras, overview_cameras
-from nbv.report.coverage_report import coverage_page, outline_of
+from nbv.report.coverage_report import coverage_page
 from nbv.report.drawing import Canvas, passes_hidden
 from nbv.report.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text, percent
 from nbv.report.picture import hatch, picture_of, segment_pixels, surface_colour, upright
+from nbv.report.station_plots import outline_of
 from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
@@ -89,11 +91,15 @@ def test_percent_never_rounds_up_to_all():
     assert percent(1.0) == "100"
 
 
+def floor_plan(scene, **more):
+    return FloorPlan(outline=outline_of(scene), bounds=scene.mesh.bounds(), positions=np.eye(3), **more)
+
+
 def test_plots_are_the_same_bytes_again(scene):
     plots = [
         (
             coverage_curve([0.2, 0.5, 0.6], 0.9, 0.99, 2, (2, 0.4, 0.7)),
-            floor_plan(outline_of(scene), np.eye(3), np.eye(3), scene.mesh.bounds(), (1,)),
+            floor_plan(scene).plot(),
         )
         for _ in range(2)
     ]

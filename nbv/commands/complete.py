@@ -14,9 +14,10 @@ from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request
+from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
+from nbv.wording import count
 from scenes.range_image import RangeImage
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
@@ -82,7 +83,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         save(run, completion, verification)
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
-        title = _title(request.paths)
+        title = title_of(request.paths)
         page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
         page.write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
@@ -129,7 +130,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     share = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
     lines = [
-        f"measured  {square_metres(observed)} m2 on {len(completion.patches)} surfaces",
+        f"measured  {square_metres(observed)} m2 on {count(len(completion.patches), 'surface')}",
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
@@ -155,8 +156,3 @@ def _lines_of_edits(completion: Completion) -> list[str]:
     if vetoed > 0:
         lines.append(f"accepted, but empty since beams went through: {square_metres(vetoed)} m2")
     return lines
-
-
-def _title(paths: tuple[str, ...]) -> str:
-    names = [Path(path).name for path in paths]
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"

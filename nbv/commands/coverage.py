@@ -6,13 +6,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import completion.limits
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
@@ -28,6 +29,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.unreachable import unreachable_patches
 from nbv.view import View
+from nbv.wording import count
 from scenes.atomic import write_json, write_text
 from scenes.files import Units
 from scenes.formats.ply import write_mesh_ply
@@ -44,11 +46,12 @@ class CoverageRequest:
     """Which stations to judge, and by what: angles in degrees, lengths in metres."""
 
     plan: str | None = None
-    scans: tuple[str, ...] = ()
+    scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
     sensor: str = "generic60"
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
     mode: Mode | None = None
+    inference: completion.limits.Mode = "standard"
     up: Axis = "z"
     units: Units = "m"
 
@@ -56,7 +59,7 @@ class CoverageRequest:
         """Return the options for manifest and report; files by name."""
         return {
             "plan": None if self.plan is None else Path(self.plan).name,
-            "scans": [Path(scan).name for scan in self.scans],
+            **self.scans.options(),
             "sensor": Path(self.sensor).name,
             "max_incidence_deg": self.max_incidence_deg,
             "max_range_m": self.max_range_m,
@@ -102,7 +105,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             shared.threads,
         )
         page.write(run.path("report.html"))
-        files = [request.plan] if request.plan else list(request.scans)
+        files = [request.plan] if request.plan else request.scans.inputs
         resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
         summary = {
             "stations": len(measured.poses),
@@ -111,7 +114,8 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             "unreachable_because": coverage.reasons(),
         }
         line = (
-            f"{len(measured.poses)} stations measure {percent(coverage.met)} % of the area, "
+            f"{count(len(measured.poses), 'station measures', 'stations measure')} "
+            f"{percent(coverage.met)} % of the area, "
             f"{percent(coverage.met_of_reachable)} % of what can be reached"
         )
         run.finish([scene, request.sensor, *files], resolved, summary, [line])
@@ -132,7 +136,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         )  # fmt: skip
         met = _met_by_views(caster, samples, requirement, views)
         return _Measured(coverage, tuple(view.world_from_sensor for view in views), met, sensor, [])
-    scans = read_request(ScanRequest(request.scans, units="m"))
+    scans = read_request(request.scans)
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
     coverage = measure_scan_coverage(

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Options: those that several commands share, with their names and help."""
+"""Options that most commands share, with their names and help, and how each command takes them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import typer
+
+from nbv.commands.arguments import parse_bytes
+from nbv.commands.run import Shared
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder or file to write.", show_default=False)]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
@@ -27,74 +32,8 @@ SensorOption = Annotated[str, typer.Option("--sensor", help="A profile by name, 
 NoiseOption = Annotated[
     str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ..., profile: the sensor's own.")
 ]
-Incidence = Annotated[
-    float, typer.Option("--max-incidence", metavar="DEG", help="Largest angle between ray and normal.")
-]
-MaxRange = Annotated[
-    float | None, typer.Option("--max-range", metavar="M", help="Largest range.", show_default="the sensor's")
-]
-MinDensity = Annotated[
-    float | None,
-    typer.Option("--min-density", metavar="N", help="Fewest points on a square metre.", show_default=False),
-]
-MaxSd = Annotated[
-    float | None,
-    typer.Option(
-        "--max-sd", metavar="M", help="Largest predicted sd of a surface point.", show_default=False
-    ),
-]
-RegistrationSd = Annotated[
-    float, typer.Option("--registration-sd", metavar="M", help="For --max-sd: of a station's position.")
-]
-AveragingRadius = Annotated[
-    float, typer.Option("--averaging-radius", metavar="M", help="For --max-sd: points in this disc averaged.")
-]
-KViews = Annotated[int, typer.Option("--k", min=1, help="Views that must each measure a point well enough.")]
-PolishSteps = Annotated[
-    int, typer.Option("--polish-steps", min=0, help="cover: swaps tried to need fewer views.")
-]
-TimeBudget = Annotated[
-    float | None,
-    typer.Option(
-        "--time-budget",
-        min=0.0,
-        metavar="S",
-        help="cover: end the search then; not repeatable.",
-        show_default="none",
-    ),
-]
-Method = Annotated[
-    Literal["nbv", "cover"], typer.Option("--method", help="Online without the scene, or offline with it.")
-]
-Target = Annotated[float, typer.Option("--target", help="Fraction of the reachable area.")]
-MostViews = Annotated[int | None, typer.Option("--views", min=1, help="No more than so many.")]
-CandidatesFile = Annotated[
-    str | None, typer.Option("--candidates", metavar="FILE.npz", help="Fixed positions and directions.")
-]
-PlanFile = Annotated[
-    str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
-]
-ScanFiles = Annotated[
-    list[str] | None,
-    typer.Option("--scans", metavar="SCAN", help="A registered scan; repeat it.", show_default=False),
-]
-OverlapShare = Annotated[
-    float | None,
-    typer.Option(
-        "--overlap",
-        min=0.0,
-        max=1.0,
-        metavar="FRACTION",
-        help="cover: scans share so much, and can all be registered.",
-        show_default="not asked for",
-    ),
-]
 UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
 UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
-ModeOption = Annotated[
-    Literal["room", "object"] | None,
-    typer.Option("--mode", help="Scan from within, or from around.", show_default="from the scene"),
-]
 Intrinsics = Annotated[
     str | None,
     typer.Option("--intrinsics", metavar="FX,FY,CX,CY", help="Of depth images, pixels.", show_default=False),
@@ -106,3 +45,52 @@ Poses = Annotated[
     str | None,
     typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
 ]
+
+Given = Callable[..., None]
+
+
+def with_shared(command: Given) -> Given:
+    """Return a command that also has the options which all have; `command` takes them as `shared`.
+
+    Typer reads options off a function's signature; this writes one with `--out`, `--seed`, `--json`,
+    `--quiet`, `--threads` and `--max-memory` in the place of `shared`.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    del hints["shared"], hints["return"]
+    own = signature(command).parameters
+
+    def run(**given: Any) -> None:
+        command(_shared(**{name: given.pop(name) for name in _SHARED}), **given)
+
+    kept = [own[name].replace(annotation=hint) for name, hint in hints.items()]
+    added = [
+        Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=hint)
+        for name, (hint, default) in _SHARED.items()
+    ]
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__annotations__ = {**hints, **{name: hint for name, (hint, _) in _SHARED.items()}}
+    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]
+    return run
+
+
+def _shared(
+    out: Path | None, seed: int, as_json: bool, quiet: bool, threads: int | None, max_memory: str | None
+) -> Shared:
+    return Shared(
+        out=out,
+        seed=seed,
+        as_json=as_json,
+        quiet=quiet,
+        threads=threads,
+        max_memory=None if max_memory is None else parse_bytes(max_memory, "--max-memory"),
+    )
+
+
+_SHARED: dict[str, tuple[Any, Any]] = {
+    "out": (Out, None),
+    "seed": (Seed, 0),
+    "as_json": (AsJson, False),
+    "quiet": (Quiet, False),
+    "threads": (Threads, None),
+    "max_memory": (MaxMemory, None),
+}

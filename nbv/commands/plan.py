@@ -3,28 +3,37 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from nbv.baselines import Baseline, compare_with_baselines
+from nbv.classes import Shares
 from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
+from nbv.commands.scans import ScanRequest, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
-from nbv.report.page import percent
+from nbv.report.page import percent, square_metres
 from nbv.requirement import Requirement
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
+from nbv.wording import count
+from nbv.zones import Box, Zones
 from scenes.atomic import write_json
 from scenes.files import Units
 from scenes.loading import open_scene
 from scenes.orientation import Axis
-from scenes.scene import Mode
+from scenes.range_image import RangeImage
+from scenes.scene import Mode, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,17 +52,27 @@ class PlanRequest:
     polish_steps: int = CoverOptions().polish_steps
     time_budget_s: float | None = None
     overlap: float | None = None
+    infer: bool = False
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
     candidates: str | None = None
+    scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
+    region: tuple[float, ...] | None = None
+    keep_out: tuple[tuple[float, ...], ...] = ()
     noise: str = "none"
     up: Axis = "z"
     units: Units = "m"
 
     def requirement(self) -> Requirement:
         """Return what counts as measured."""
-        return Requirement(**{field.name: getattr(self, field.name) for field in fields(Requirement)})
+        return Requirement(**{one.name: getattr(self, one.name) for one in fields(Requirement)})
+
+    def zones(self) -> Zones:
+        """Return where surface counts, and where no station may be."""
+        boxes = [Box(np.array(box[:3]), np.array(box[3:])) for box in self.keep_out]
+        region = self.region
+        return Zones(None if region is None else Box(np.array(region[:3]), np.array(region[3:])), boxes)
 
     def budgets(self) -> CoverOptions:
         """Return the offline planner's budgets."""
@@ -61,20 +80,30 @@ class PlanRequest:
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
         named = {
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
+            **self.scans.options(),
+            "units": self.units,
         }
-        return {**asdict(self), **named}
+        return {**own, **named}
+
+    @property
+    def inputs(self) -> list[str]:
+        """What the manifest lists beside the scene."""
+        return [self.sensor, *([self.candidates] if self.candidates else []), *self.scans.inputs]
 
 
 def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
     """Plan views of `scene` and write plan, coverage and report."""
     with running("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
+        zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
+        scans = read_request(request.scans) if request.scans.paths else []
         plan = plan_views(
             world,
             sensor,
@@ -87,23 +116,47 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             noise=request.noise,
             budgets=request.budgets(),
             overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
+            infer=request.infer,
+            scans=scans,
+            zones=zones,
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
         )
         coverage = coverage_of(plan)
+        run.watch.enter("baselines")
+        baselines = baselines_of(world, plan, scans, shared)
         run.watch.enter("report")
-        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
+        beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
+        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads)
+        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
         page.write(run.path("report.html"))
-        inputs = [scene, request.sensor, *([request.candidates] if request.candidates else [])]
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(inputs, resolved, summary_of(plan), lines_of(plan))
+        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
+
+
+def baselines_of(
+    scene: Scene, plan: Plan, scans: Sequence[RangeImage], shared: Shared
+) -> tuple[Baseline, ...]:
+    """Return the plan and simple planners beside it; nothing for a plan without views."""
+    if plan.candidates is None or not plan.views:
+        return ()
+    return compare_with_baselines(
+        scene.ray_caster(shared.threads),
+        coverage_of(plan).samples,
+        plan.candidates,
+        plan.sensor,
+        plan.requirement,
+        plan.views,
+        scans=scans,
+        rng=shared.seed,
+        n_threads=shared.threads,
+    )
 
 
 def coverage_of(plan: Plan) -> Coverage:
@@ -119,8 +172,10 @@ def summary_of(plan: Plan) -> dict[str, Any]:
     return {
         "method": plan.method,
         "views": len(plan.views),
+        "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
         "coverage": coverage.summary().to_json(),
         "met_of_reachable": coverage.met_of_reachable,
+        "inference": plan.shares[-1].to_json() if plan.shares else None,
         "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
         "stopped_because": plan.stopped_because,
     }
@@ -128,10 +183,13 @@ def summary_of(plan: Plan) -> dict[str, Any]:
 
 def lines_of(plan: Plan) -> list[str]:
     """Return the headline numbers for people."""
-    coverage = coverage_of(plan)
+    coverage, before = coverage_of(plan), plan.resumed_from
+    after = "" if before is None else f" after {len(before.poses)} scans"
+    of_reachable = f", {percent(coverage.met_of_reachable)} % of what can be reached"
     lines = [
-        f"{len(plan.views)} views measure {percent(coverage.met)} % of the area, "
-        f"{percent(coverage.met_of_reachable)} % of what can be reached",
+        f"{count(len(plan.views), 'view')}{after} {'measures' if len(plan.views) == 1 else 'measure'} "
+        f"{percent(coverage.met)} % of the area"
+        f"{_classes_line(plan.shares[-1]) if plan.shares else of_reachable}",
         f"stopped because: {plan.stopped_because}",
     ]
     if plan.stations is not None:
@@ -139,3 +197,16 @@ def lines_of(plan: Plan) -> list[str]:
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines
+
+
+def _classes_line(shares: Shares) -> str:
+    """What completion adds to what was measured as required, and how much of what it infers is right."""
+    text = (
+        f"; modelled {percent(shares.modelled)} %, inferred {percent(shares.inferred)} %, "
+        f"unknown {percent(shares.unknown)} %"
+    )
+    if not shares.inferred_m2:
+        return text
+    right = percent(shares.right_m2 / shares.inferred_m2)
+    claimed = square_metres(shares.inferred_m2)
+    return f"{text}; {right} % of {claimed} m2 inferred lies within 2 cm of the true surface"

@@ -118,6 +118,12 @@ def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
     return sorted({text or "not known" for text in said})
 
 
+def title_of(paths: Sequence[str]) -> str:
+    """Return what a report on these scans is about."""
+    names = [Path(path).name for path in paths]
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
+
 def _poses_of_each(request: ScanRequest) -> Sequence[str | list[Pose] | None]:
     """Return what `read_scans` takes as the poses of each path."""
     if request.poses is None or len(request.paths) == 1:

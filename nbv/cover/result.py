@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nbv.cover.certificate import Certificate
+from nbv.wording import count
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +23,8 @@ class LowerBound:
     def describe(self) -> str:
         """Return the bound in words."""
         return (
-            f"at least {self.views} views are needed with these candidates and samples, registration "
-            f"constraints left aside ({self.kind})"
+            f"at least {count(self.views, 'view is', 'views are')} needed with these candidates and samples, "
+            f"registration constraints left aside ({self.kind})"
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -3,31 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from nbv.baselines import PLAN, Baseline, compare_with_baselines
-from nbv.coverage import Coverage
+from nbv.baselines import PLAN, Baseline
 from nbv.plan import Plan
-from nbv.report.page import Cell, Section, Table, Text, count, percent
-from scenes.scene import Scene
+from nbv.report.page import Cell, Section, Table, Text, percent
+from nbv.wording import count
 
 
-def baselines_section(
-    scene: Scene, plan: Plan, coverage: Coverage, seed: int, n_threads: int | None
-) -> tuple[Section, ...]:
-    """Return the plan beside simple planners; nothing for a plan without candidates or views."""
-    if plan.candidates is None or not plan.views:
+def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, ...]:
+    """Return the plan beside simple planners; nothing where none were tried."""
+    if not found:
         return ()
-    found = compare_with_baselines(
-        scene.ray_caster(n_threads),
-        coverage.samples,
-        plan.candidates,
-        plan.sensor,
-        plan.requirement,
-        plan.views,
-        rng=seed,
-        n_threads=n_threads,
-    )
     share = 0.95 * float(found[0].met[0, -1])
     rows = tuple(_baseline_row(baseline, plan.method == "cover", share) for baseline in found)
     n_views = found[0].met.shape[1]
@@ -43,6 +32,11 @@ def baselines_section(
         "Random and farthest-point are medians of 30 runs. Visibility-only takes what sees most new surface "
         "at any angle, greedy what measures most new surface as required."
     )
+    if plan.shares:
+        note += (
+            " All are compared by what views measure as required alone: what completion models or infers "
+            "counts for none of them, this plan included."
+        )
     return (Section("Beside other planners", (Table(columns, rows), Text(note, is_note=True))),)
 
 

@@ -29,12 +29,12 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     square_metres,
 )
 from nbv.report.picture import picture_of, segment_pixels, surface_colour, upright
 from nbv.report.stage import Stage, is_single_camera, solid_bounds
 from nbv.report.verification_blocks import verification_sections
+from nbv.wording import count
 
 _MOST_SCANS = 3  # of which pictures are shown
 
@@ -126,7 +126,12 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
         )
         blocks.append(Gallery(tuple(pictures), columns=len(pictures)))
     if len(pairs) > _MOST_SCANS:
-        blocks.append(Text(f"The other {len(pairs) - _MOST_SCANS} scans are not shown.", is_note=True))
+        blocks.append(
+            Text(
+                f"{count(len(pairs) - _MOST_SCANS, 'other scan is', 'other scans are')} not shown.",
+                is_note=True,
+            )
+        )
     return tuple(blocks)
 
 

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 
+from nbv.baselines import Baseline
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.plan import Plan
-from nbv.plots import Plot, coverage_curve, floor_plan
 from nbv.report.baseline_blocks import baselines_section
-from nbv.report.camera import overview_cameras
-from nbv.report.drawing import Canvas, blend, mark_unknown
+from nbv.report.findings import Findings, measured_sentence, met_before
+from nbv.report.inference_blocks import with_inference
 from nbv.report.page import (
     Bar,
     Block,
@@ -29,23 +27,20 @@ from nbv.report.page import (
     State,
     Table,
     Text,
-    count,
     percent,
     square_metres,
 )
-from nbv.report.picture import MEASURED, UNKNOWN, Picture, picture_of
-from nbv.report.surface_values import nearest_samples
-from nbv.samples import SurfaceSamples
+from nbv.report.picture import MEASURED, UNKNOWN
+from nbv.report.state_pictures import state_pictures
+from nbv.report.station_plots import curve, stations
 from nbv.scanning.sensor import Sensor
-from nbv.tour import Tour
 from nbv.unreachable import unreachable_patches
-from scenes.checks import FloatArray
+from nbv.wording import count
+from nbv.zones import EVERYWHERE, Zones
 from scenes.pose import Pose
 from scenes.scene import Scene
 
-_WIDTH = 760
 _MOST_PATCHES = 30  # in the report; coverage.json has all
-_CUT_M = 1.0  # above the floor: where the floor plan cuts walls and furniture
 REASON_TEXTS = {
     "hidden": "no candidate position has a free line of sight",
     "out_of_range": "what sees it is too near or too far",
@@ -58,53 +53,58 @@ REASON_TEXTS = {
 
 
 def plan_page(
-    scene: Scene, plan: Plan, coverage: Coverage, options: Mapping[str, Any], seed: int, n_threads: int | None
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None,
+    baselines: Sequence[Baseline] = (),
 ) -> Page:
-    """Return the report of a plan."""
-    met = [view.met_fraction or 0.0 for view in plan.views]
-    bound = plan.lower_bound.views if plan.lower_bound else None
-    how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
-    summary = (
-        f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how}, measure "
-        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2 at "
-        f"{plan.requirement.describe()}. {_rest(coverage)}"
-    )
+    """Return the report of a plan, with what simple planners reach beside it."""
+    found = (with_inference if plan.shares else by_views)(scene, plan, coverage, n_threads)
     ended = f"The plan ends because: {plan.stopped_because}."
     if plan.lower_bound:
         ended += f" {plan.lower_bound.describe().capitalize()}."
-    views = Headline(str(len(plan.views)), "", "views")
+    before = plan.resumed_from.poses if plan.resumed_from else ()
+    tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
+    where = stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)
     return Page(
         title=scene.name,
         kicker="View plan",
-        summary=summary,
-        headlines=(views, *coverage_headlines(coverage)),
-        bar=coverage_bar(coverage),
+        summary=found.summary,
+        headlines=(Headline(str(len(plan.views)), "", "views"), *found.headlines),
+        bar=found.bar,
         sections=(
+            *found.meanings,
             Section(
                 "Views",
-                (
-                    Gallery(
-                        (
-                            curve(met, coverage, plan.target, bound),
-                            stations(
-                                scene, poses, plan.sensor, tour=plan.stations.tour if plan.stations else None
-                            ),
-                        ),
-                        2,
-                    ),
-                    Text(ended, is_note=True),
-                    views_table(plan),
-                ),
+                (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan)),
             ),
-            *baselines_section(scene, plan, coverage, seed, n_threads),
-            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
+            *baselines_section(plan, baselines),
+            found.overview,
             Section("What cannot be reached, and why", reasons(coverage)),
-            Section("Surface by surface", (surfaces_table(coverage),)),
+            Section("Surface by surface", (found.surfaces,)),
         ),
         options=options,
         seed=seed,
         warnings=scene.warnings,
+    )
+
+
+def by_views(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None) -> Findings:
+    """Return what views alone achieve."""
+    met = [view.met_fraction or 0.0 for view in plan.views]
+    bound = plan.lower_bound.views if plan.lower_bound else None
+    return Findings(
+        summary=f"{measured_sentence(plan, coverage)} {_rest(coverage)}",
+        headlines=coverage_headlines(coverage),
+        bar=coverage_bar(coverage),
+        meanings=(),
+        curve=curve(met, coverage, plan.target, bound, start=met_before(plan)),
+        overview=Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
+        surfaces=surfaces_table(coverage),
     )
 
 
@@ -121,7 +121,7 @@ def coverage_page(
     """Return the report of stations that are given; `met` is the measured share after each of them."""
     requirement = coverage.requirement
     summary = (
-        f"{count(len(poses), 'station')} measure {percent(coverage.met)} % of "
+        f"{count(len(poses), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
@@ -179,64 +179,10 @@ def coverage_bar(coverage: Coverage) -> Bar:
     )
 
 
-def curve(
-    met: Sequence[float],
-    coverage: Coverage,
-    target: float | None,
-    bound: int | None,
-    inferred: tuple[int, float, float] | None = None,
-) -> Picture:
-    """The coverage curve."""
-    plot = coverage_curve(met, coverage.reachable, target, bound, inferred)
-    caption = "Share of all surface area that some view so far has measured within range and incidence."
-    if inferred:
-        caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
-    return _picture(plot, "Coverage by number of views.", caption)
-
-
-def stations(
-    scene: Scene,
-    poses: Sequence[Pose],
-    sensor: Sensor,
-    highlighted: Sequence[int] = (),
-    tour: Tour | None = None,
-) -> Picture:
-    """The floor plan."""
-    bounds = scene.mesh.bounds()
-    positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-    directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
-    plot = floor_plan(
-        outline_of(scene),
-        positions,
-        None if sensor.kind == "spherical" else directions,
-        bounds,
-        highlighted,
-        [] if tour is None else [leg.path for leg in tour.legs],
-    )
-    height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
-    caption = (
-        f"Dots are stations, numbered by view; arrows point where they look. Cut at {height:.2f} m height."
-    )
-    if highlighted:
-        caption += " Blue: the stations whose scans were completed."
-    if tour is not None:
-        n_lost = sum(not len(leg.path) for leg in tour.legs)
-        caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
-        caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
-    return _picture(plot, "Plan.", caption)
-
-
-def outline_of(scene: Scene) -> FloatArray:
-    """Segments (k, 2, 2) in which a horizontal plane cuts the scene, x and y in metres."""
-    low, high = scene.mesh.bounds()
-    height = low[2] + min(_CUT_M, (high[2] - low[2]) / 2)
-    mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
-    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height + 1e-6))
-    return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
-
-
-def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> tuple[Block, ...]:
-    """The scene from two opposite sides, by state."""
+def overview(
+    scene: Scene, coverage: Coverage, n_threads: int | None = None, zones: Zones = EVERYWHERE
+) -> tuple[Block, ...]:
+    """The scene from two opposite sides, by state; what is outside the region in one pale grey."""
     pale = tuple(0.38 * part + 0.62 for part in UNKNOWN)
     colours = {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: pale}
     pictures = state_pictures(
@@ -247,6 +193,7 @@ def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> 
         REACHABLE,
         "Measured, missed, out of reach",
         n_threads,
+        zones,
     )
     note = "The scene from outside; surfaces that face away from the eye are left out."
     return (
@@ -254,34 +201,6 @@ def overview(scene: Scene, coverage: Coverage, n_threads: int | None = None) -> 
         Gallery(pictures, 2),
         Text(f"{note} Unknown here means reachable, but not measured as required.", is_note=True),
     )
-
-
-def state_pictures(
-    scene: Scene,
-    samples: SurfaceSamples,
-    state: NDArray[np.int8],
-    colours: Mapping[int, tuple[float, ...]],
-    hatched: int,
-    title: str,
-    n_threads: int | None = None,
-) -> tuple[Picture, ...]:
-    """The scene from two opposite sides, each point in the colour of its nearest sample's state."""
-    canvas = Canvas(scene.mesh, n_threads=n_threads)
-    cameras = overview_cameras(scene.mesh.bounds())
-    pictures = []
-    for side, camera in (("one side", cameras[0]), ("the other side", cameras[len(cameras) // 2])):
-        layer = canvas.look(camera, camera.shape(_WIDTH))
-        hit, shade = layer.hit, canvas.shade(layer)
-        found = np.full(hit.shape, -1, np.int64)
-        found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
-        image = np.zeros((*hit.shape, 4))
-        for value, colour in colours.items():
-            here = found == value
-            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
-            image[here, 3] = 1.0
-        image = blend(mark_unknown(image, found == hatched), found == hatched)
-        pictures.append(picture_of(image, f"{title}: from {side}."))
-    return tuple(pictures)
 
 
 def reasons(coverage: Coverage) -> tuple[Block, ...]:
@@ -372,7 +291,3 @@ def views_table(plan: Plan) -> Table:
         "#measured, %",
     )
     return Table(columns, tuple(rows), "Every view", is_folded=True)
-
-
-def _picture(plot: Plot, title: str, caption: str) -> Picture:
-    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)

@@ -13,7 +13,7 @@ from nbv.coverage import Coverage
 from nbv.plan import Plan
 from nbv.report import picture
 from nbv.report.completion_report import before_and_after, scan_pictures, surface_blocks
-from nbv.report.coverage_report import curve, reasons, state_pictures, stations, views_table
+from nbv.report.coverage_report import reasons, views_table
 from nbv.report.page import (
     Bar,
     Block,
@@ -30,7 +30,10 @@ from nbv.report.page import (
     percent,
     square_metres,
 )
+from nbv.report.state_pictures import state_pictures
+from nbv.report.station_plots import curve, stations
 from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
+from nbv.wording import count
 from scenes.scene import Scene
 
 _STATES: tuple[tuple[State, int], ...] = (
@@ -60,8 +63,8 @@ def demo_page(
     few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
     alone, never = percent(coverage.met), percent(coverage.unreachable)
     summary = (
-        f"A scanner alone needs {len(plan.views)} views to measure {alone} % of this room well, and no view "
-        f"reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; "
+        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {alone} % of this room well, and "
+        f"no view reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; "
         f"completion infers {percent(inferred)} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )

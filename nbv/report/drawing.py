@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.report.camera import Camera
-from nbv.report.picture import INFERRED, UNKNOWN, hatch
+from nbv.report.picture import INFERRED, MEASURED, UNKNOWN, dots, hatch
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import LabelledMesh
 from scenes.range_image import RangeImage
@@ -100,6 +100,15 @@ def mark_inferred(image: FloatArray, where: BoolArray, shade: FloatArray) -> Flo
     painted = image.copy()
     painted[where, :3] = np.array(INFERRED) * (0.35 + 0.75 * shade[where, None])
     painted[where, 3] = 1.0
+    return painted
+
+
+def mark_modelled(image: FloatArray, where: BoolArray, shade: FloatArray) -> FloatArray:
+    """Dot pixels in the colour of what is measured."""
+    painted = image.copy()
+    opacity = dots(where.shape)[where][:, None]
+    dot = 0.85 * np.array(MEASURED) * shade[where, None]
+    painted[where, :3] = opacity * dot + (1 - opacity) * painted[where, :3]
     return painted
 
 

@@ -11,10 +11,10 @@ from typing import Any, ClassVar, Literal
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from nbv.manifest import versions
-from nbv.report.picture import INFERRED, MEASURED, UNKNOWN, Picture
+from nbv.report.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
 from scenes.atomic import write_text
 
-State = Literal["", "measured", "inferred", "unknown", "unreachable"]
+State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,19 +198,13 @@ def square_metres(area: float) -> str:
     return f"{area:.1f}" if area >= 100 else f"{area:.2f}" if area >= 1 else small
 
 
-def count(n: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> count(1, "view"), count(25, "view")
-    ('1 view', '25 views')
-    """
-    return f"{n} {noun if n == 1 else plural or noun + 's'}"
-
-
 def _colours() -> dict[str, str]:
-    pairs = (("measured", MEASURED), ("inferred", INFERRED), ("unknown", UNKNOWN))
+    pairs = (
+        ("measured", MEASURED),
+        ("modelled", MODELLED),
+        ("inferred", INFERRED),
+        ("unknown", UNKNOWN),
+    )
     return {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
 
 

@@ -16,7 +16,9 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.projection import Projection, SphericalProjection
 
 # Blue and orange (Okabe and Ito's palette) stay apart under all common kinds of colour blindness; unknown
-# area is hatched as well, so that it survives a grey print.
+# area is hatched as well, and modelled area, a lighter tone of measured, is dotted, so that they survive a
+# grey print.
+MODELLED = (0.82, 0.84, 0.84)
 MEASURED, INFERRED, UNKNOWN = (0.62, 0.64, 0.64), (0.18, 0.48, 0.80), (0.90, 0.62, 0.10)
 _SURFACES = (
     "#4477aa", "#ddaa33", "#228833", "#cc6677", "#66ccee", "#aa3377", "#999933", "#117733",
@@ -72,6 +74,13 @@ def hatch(shape: tuple[int, int], period: int = 9) -> FloatArray:
     row, column = np.mgrid[: shape[0], : shape[1]]
     wave = np.sin(2 * np.pi * (row + column) / period)
     opacity: FloatArray = 0.28 + 0.72 / (1 + np.exp(-6 * (wave - 0.1)))
+    return opacity
+
+
+def dots(shape: tuple[int, int], period: int = 8) -> FloatArray:
+    """Opacity (h, w) of a square lattice of dots, with soft edges."""
+    row, column = (np.cos(2 * np.pi * np.arange(side) / period) for side in shape)
+    opacity: FloatArray = 1 / (1 + np.exp(-6 * (row[:, None] + column - 0.9)))
     return opacity
 
 

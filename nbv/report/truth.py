@@ -7,20 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from completion.pipeline import Completion
+from nbv.distances import CLOSE_M, distances
 from nbv.measurement import measured_samples
 from nbv.samples import SurfaceSamples
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray
 from scenes.mesh import LabelledMesh
 from scenes.range_image import RangeImage
 
 UNKNOWN, INFERRED, MEASURED = 0, 1, 2
-CLOSE_M = 0.02  # inferred surface this near to the true one counts as right
-_NEAREST = 8  # triangles that are tried for each point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,20 +67,3 @@ def compare(
     return Comparison(
         samples, state, float(area[off <= CLOSE_M].sum() / area.sum()), float(off[order][middle])
     )
-
-
-def distances(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distance (n,) of points from triangles (m, 3, 3), of which those with the nearest centres are tried.
-
-    Up to 64 triangles are all tried, so that large ones are not missed; more should be of similar size.
-    """
-    if len(corners) <= 64:
-        tried = np.broadcast_to(np.arange(len(corners)), (len(points), len(corners)))
-    else:
-        found = cKDTree(corners.mean(axis=1)).query(points, k=min(_NEAREST, len(corners)))[1]
-        tried = found.reshape(len(points), -1)
-    nearest = np.full(len(points), np.inf)
-    for column in range(tried.shape[1]):
-        foot = trimesh.triangles.closest_point(corners[tried[:, column]], points)
-        nearest = np.minimum(nearest, np.linalg.norm(foot - points, axis=1))
-    return nearest

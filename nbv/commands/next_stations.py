@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: MIT
+"""`unseen plan --scans SCAN...` without a scene: where to put the scanner next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from nbv.commands.plan import PlanRequest
+from nbv.commands.run import Shared, running
+from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.knowledge import Knowledge
+from nbv.next_stations import check_aperture, plan_next_stations
+from nbv.plan import Plan
+from nbv.planner import PlannerOptions
+from nbv.planning import with_aperture
+from nbv.report.next_stations_report import next_stations_page
+from nbv.report.page import square_metres
+from nbv.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scanning.sensor_profile import load_sensor
+from nbv.survey import Survey
+from nbv.viewpoints import allowed, load_candidates
+from nbv.wording import count
+from scenes.atomic import write_json
+from scenes.orientation import Axis, world_from_file_up
+from scenes.range_image import RangeImage
+
+
+def run_next_stations(shared: Shared, request: PlanRequest) -> None:
+    """Plan the next stations after the scans of `request`, and write plan, coverage so far and report."""
+    with running("plan", shared, default="out/plan", is_folder=True) as run:
+        run.watch.enter("load")
+        zones, requirement = request.zones(), request.requirement()
+        candidates = None if request.candidates is None else load_candidates(request.candidates)
+        sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
+        scans = upright_scans(request.scans, request.up)
+        run.watch.enter("voxels")
+        options = PlannerOptions(zones=zones)
+        survey = Survey.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
+        candidates = allowed(candidates or survey.candidates(sensor, options.clearance_m), zones)
+        knowledge = None
+        if request.infer:
+            run.watch.enter("complete")
+            knowledge = Knowledge.of(survey.scans, requirement.max_sd_m, n_threads=shared.threads)
+        run.watch.enter("plan")
+        plan = plan_next_stations(
+            survey,
+            sensor,
+            requirement,
+            views=request.views or 1,
+            candidates=candidates,
+            options=options,
+            knowledge=knowledge,
+            n_threads=shared.threads,
+        )
+        run.watch.enter("coverage")
+        model = None if knowledge is None else knowledge.completion
+        coverage = cover_by_scans(survey, requirement, completion=model, zones=zones)
+        run.watch.enter("report")
+        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
+        write_json(run.path("coverage.json"), coverage.to_json())
+        asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
+        title = title_of(request.scans.paths)
+        page = next_stations_page(plan, coverage, title, asked, shared.seed, shared.threads)
+        page.write(run.path("report.html"))
+        resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
+        run.finish(request.inputs, resolved, summary_of(plan, coverage), lines_of(plan, coverage))
+
+
+def upright_scans(request: ScanRequest, up: Axis) -> list[RangeImage]:
+    """Return the scans of a request in a world whose z is up, `up` being that axis of the files."""
+    turn = world_from_file_up(up)
+    scans = read_request(request)
+    return scans if up == "z" else [scan.transformed(turn) for scan in scans]
+
+
+def summary_of(plan: Plan, coverage: ScanCoverage) -> dict[str, Any]:
+    """Return the headline numbers."""
+    content = coverage.to_json()
+    return {
+        "method": plan.method,
+        "views": len(plan.views),
+        "predicted_gain_m2": [view.predicted_gain_m2 for view in plan.views],
+        "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
+        "floor_m": coverage.survey.floor_m,
+        "surface": content["surface"],
+        "boundary": content["boundary"],
+        "stopped_because": plan.stopped_because,
+    }
+
+
+def lines_of(plan: Plan, coverage: ScanCoverage) -> list[str]:
+    """Return the headline numbers for people."""
+    area, shadow = coverage.measured, coverage.shadow
+    model = coverage.completion
+    inferred = "" if model is None else f"; {square_metres(model.hypothesised_m2)} m2 more are inferred"
+    lines = [
+        f"{count(len(coverage.survey.scans), 'scan')} measured {square_metres(area.total_m2)} m2 of surface, "
+        f"{square_metres(area.met_m2)} m2 of it as required{inferred}",
+        f"shadows begin on {square_metres(shadow.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(shadow.frontier_m2)} m2 (areas of boundary, not of surface)",
+        *_stations(plan),
+        f"stopped because: {plan.stopped_because}",
+    ]
+    if coverage.survey.mode == "room" and coverage.survey.floor_m is None:
+        lines.append("no floor was seen below the scanners: stations are where space is known to be free")
+    return lines
+
+
+def _stations(plan: Plan) -> Sequence[str]:
+    """A line for each station."""
+    lines = []
+    for number, view in enumerate(plan.views, start=1):
+        place = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.translation)
+        way = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.rotation[:, 2])
+        gain = square_metres(view.predicted_gain_m2 or 0.0)
+        lines.append(f"station {number}: at {place}, looking along {way}; predicted to settle {gain} m2")
+    return lines

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""`unseen coverage --scans SCAN...` without a scene: measured, seen worse, inferred and occluded area."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from completion.pipeline import CompletionOptions, complete
+from nbv.commands.coverage import CoverageRequest
+from nbv.commands.next_stations import upright_scans
+from nbv.commands.run import Shared, running
+from nbv.commands.scans import instruments_of, title_of
+from nbv.report.page import square_metres
+from nbv.report.scan_coverage_report import scan_coverage_page
+from nbv.requirement import Requirement
+from nbv.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scanning.sensor_profile import load_sensor
+from nbv.state_mesh import STATES, StateMesh
+from nbv.survey import Survey
+from nbv.wording import count
+from scenes.atomic import write_json, write_text
+from scenes.formats.ply import write_mesh_ply
+
+_COLOURS = np.array(
+    [[158, 163, 163], [244, 211, 158], [46, 122, 204], [230, 159, 26], [219, 219, 214]], np.uint8
+)
+
+
+def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
+    """Report what the scans of `request` have measured, and what completion makes of it."""
+    with running("coverage", shared, default="out/coverage", is_folder=True) as run:
+        run.watch.enter("load")
+        requirement = Requirement(
+            max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m
+        )
+        sensor = load_sensor(request.sensor)
+        scans = upright_scans(request.scans, request.up)
+        run.watch.enter("voxels")
+        survey = Survey.of(scans, sensor, mode=request.mode or "room")
+        options = CompletionOptions(mode=request.inference, texture=False)
+        model = complete(
+            survey.scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
+        )
+        coverage = cover_by_scans(survey, requirement, completion=model)
+        run.watch.enter("report")
+        write_json(run.path("coverage.json"), coverage.to_json())
+        write_text(run.path("coverage.csv"), csv_of(coverage))
+        state = StateMesh.of(coverage)
+        _write_ply(run.path("coverage.ply"), state)
+        asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
+        title = title_of(request.scans.paths)
+        page = scan_coverage_page(coverage, state, sensor, title, asked, shared.seed, shared.threads)
+        page.write(run.path("report.html"))
+        run.finish([request.sensor, *request.scans.inputs], asked, coverage.to_json(), lines_of(coverage))
+
+
+def csv_of(coverage: ScanCoverage) -> str:
+    """Return a row for each recognised surface: id, kind, measured area, share as required, inferred area."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["id", "kind", "observed_m2", "met", "hypothesised_m2"])
+    for one in coverage.surfaces:
+        numbers = (one.observed_m2, one.met, one.hypothesised_m2)
+        writer.writerow([one.id, one.kind, *(repr(float(number)) for number in numbers)])
+    return text.getvalue()
+
+
+def lines_of(coverage: ScanCoverage) -> list[str]:
+    """Return the headline numbers for people."""
+    area, shadow, model = coverage.measured, coverage.shadow, coverage.completion
+    inferred = 0.0 if model is None else model.hypothesised_m2
+    return [
+        f"{count(len(coverage.survey.scans), 'scan')} measured {square_metres(area.total_m2)} m2 of surface: "
+        f"{square_metres(area.met_m2)} m2 as required, {square_metres(area.worse_m2)} m2 worse",
+        f"inferred: {square_metres(inferred)} m2 of surface",
+        f"not explained: shadows begin on {square_metres(shadow.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(shadow.frontier_m2)} m2 (areas of boundary, not of surface)",
+    ]
+
+
+def _write_ply(path: Path, state: StateMesh) -> None:
+    """Write surface and boundary with the state of every vertex."""
+    colours = _COLOURS[state.state]
+    properties: dict[str, Any] = {
+        **{name: colours[:, k] for k, name in enumerate(("red", "green", "blue"))},
+        "state": state.state,
+        "cosine": state.cosine,
+    }
+    legend = [f"state {value} {name}" for value, name in enumerate(STATES)]
+    write_mesh_ply(path, state.mesh.vertices, state.mesh.faces, properties, legend)

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""Report of the next stations after scans that were really taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nbv.plan import Plan
+from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
+from nbv.report.scan_coverage_blocks import (
+    area_bar,
+    area_headlines,
+    boundary_blocks,
+    state_blocks,
+    stations_plan,
+)
+from nbv.report.scan_coverage_report import summary
+from nbv.scan_coverage import ScanCoverage
+from nbv.state_mesh import StateMesh
+from nbv.wording import count
+
+_NO_FLOOR = (
+    "No floor was seen below the scanners, so stations are wherever space is known to be free; "
+    "if the scans' world is not z up, say so (--up)."
+)
+
+
+def next_stations_page(
+    plan: Plan,
+    coverage: ScanCoverage,
+    title: str,
+    options: Mapping[str, Any],
+    seed: int,
+    n_threads: int | None = None,
+) -> Page:
+    """Return the report of a plan that continues scans in a place without a model."""
+    survey = coverage.survey
+    poses = [view.world_from_sensor for view in plan.views]
+    stations = Headline(str(len(poses)), "", "next stations" if len(poses) != 1 else "next station")
+    lost = survey.mode == "room" and survey.floor_m is None
+    return Page(
+        title=title,
+        kicker="Next stations",
+        summary=f"{_where(plan)} {summary(coverage)}",
+        headlines=(stations, *area_headlines(coverage)),
+        bar=area_bar(coverage),
+        sections=(
+            Section(
+                "Where to stand next",
+                (
+                    Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 2),
+                    *stations_table(plan, infers=coverage.completion is not None),
+                ),
+            ),
+            Section(
+                "What was measured, and where the unknown begins",
+                state_blocks(coverage, StateMesh.of(coverage), n_threads),
+            ),
+            Section("Where the unknown begins", boundary_blocks(coverage)),
+        ),
+        options=options,
+        seed=seed,
+        warnings=(_NO_FLOOR,) if lost else (),
+    )
+
+
+def _where(plan: Plan) -> str:
+    """Where the first station is."""
+    if not plan.views:
+        return f"No further station: {plan.stopped_because}."
+    x, y, z = plan.views[0].world_from_sensor.translation
+    return f"The next station with {plan.sensor.name} is at ({x:.2f}, {y:.2f}, {z:.2f}) m."
+
+
+def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
+    """A row for each station, and why there are no more."""
+    rows = []
+    for number, view in enumerate(plan.views, start=1):
+        dx, dy, dz = view.world_from_sensor.rotation[:, 2]
+        heading, elevation = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
+        place = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.translation)
+        gain = square_metres(view.predicted_gain_m2 or 0.0)
+        rows.append(
+            tuple(Cell(text) for text in (str(number), place, f"{heading:.0f}", f"{elevation:.0f}", gain))
+        )
+    columns = (
+        "Station",
+        "position x, y, z, m",
+        "#heading, \u00b0",
+        "#elevation, \u00b0",
+        "#predicted gain, m\u00b2",
+    )
+    gain = (
+        "area that is likely to be news beyond the unknown's boundary, inferred surface by its doubt alone, "
+        "and of surface measured worse than required, which counts little where a fitted surface is exact,"
+        if infers
+        else "area of the unknown's boundary and of surface that was measured worse than required,"
+    )
+    note = (
+        f"Chosen among {count(plan.n_candidates, 'pose')}, of which those count that stand in known free "
+        f"space. Gain: {gain} "
+        "as far as the voxels say that the station sees it. It is a prediction; from the second station on "
+        "it supposes that the ones before have seen what was predicted. The list ends because: "
+        f"{plan.stopped_because}."
+    )
+    return (Table(columns, tuple(rows)),) * bool(rows) + (Text(note, is_note=True),)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""Completion stands in for views of a known scene: each next view sees most of what is not known yet.
+
+The choice knows the scene, and so what each candidate would see; what completion makes of the scans so far
+it learns as the online planner does, by completing simulated scans. What completion will infer from further
+scans nobody can say beforehand: there is no bound on how few views could do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nbv.classes import UNKNOWN
+from nbv.offline import overlap_graph, plan_stations, seen_by_candidates
+from nbv.overlap import OverlapOptions
+from nbv.plan import Plan
+from nbv.planner import RENEWED, PlannerOptions
+from nbv.task import Study, Task
+from scenes.checks import FloatArray
+
+_STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
+_KNOWN = 0.05  # worth of meeting the requirement on surface that is known, beside seeing the unknown
+
+
+def plan_with_completion(
+    task: Task, views: int | None, noise: str, rng: np.random.Generator | int | None
+) -> Plan:
+    """Plan views until what they meet, and completion models or infers from them, reaches the target.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    views : int, optional
+        Plan no more than so many; 200 when not given.
+    noise : str
+        Noise model of the simulated scans.
+    rng : Generator, int or None
+        Drives the noise.
+    """
+    seed = int(rng) if isinstance(rng, int | np.integer) else None
+    rng = np.random.default_rng(rng)
+    study, scans, chosen = Study.begin(task), list(task.scans), list[int]()
+    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP))
+    met = seen_by_candidates(task, task.requirement.limits(task.sensor))
+    n_most, n_known = views or PlannerOptions().max_views, 0
+    if scans:
+        study.complete(scans)
+    while (reason := study.why_finished()) is None and len(chosen) < n_most:
+        gain = (seen > 0) @ _unknown_m2(study) + _KNOWN * ((met > 0) @ _unmet_m2(study))
+        if not gain.max(initial=0.0) > 0:
+            reason = "no candidate sees what is left"
+            break
+        chosen.append(int(np.argmax(gain)))
+        scans.append(study.scan(task.candidates.pose(chosen[-1]), noise, rng))
+        if len(scans) >= RENEWED * n_known:
+            study.complete(scans)
+            n_known = len(scans)
+    if chosen and study.shares[-1].views < len(chosen):
+        study.complete(scans)
+    stations = plan_stations(task, overlap_graph(task, OverlapOptions()), chosen)
+    return study.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
+
+
+def _unknown_m2(study: Study) -> FloatArray:
+    """Area of each sample that is not known yet, 0 for others."""
+    unknown = ~study.tally.met if study.classes is None else study.classes == UNKNOWN
+    return np.asarray(study.task.samples.areas * unknown)
+
+
+def _unmet_m2(study: Study) -> FloatArray:
+    """Area of each sample that is not met yet, 0 for others."""
+    return np.asarray(study.task.samples.areas * ~study.tally.met)
