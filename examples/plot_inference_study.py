@@ -18,6 +18,7 @@ from plot_paper_study import DOCS, GREY, INK, put
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from nbv.classes import Shares, classify, shares_of
 from nbv.coverage import UNREACHABLE
@@ -142,9 +143,11 @@ def draw_run(axes: Axes, run: Run, name: str) -> None:
     for target in TARGETS:
         axes.axhline(100 * target * run.reachable, color=GREY, linewidth=0.8)
         axes.annotate(
-            f"{100 * target:g} % of the reachable", (len(run.plain), 100 * target * run.reachable),
-            ha="right", va="top", fontsize=8, color=GREY,
+            f"{100 * target:g} % of the reachable", (0, 100 * target * run.reachable), xytext=(4, 2),
+            textcoords="offset points", va="bottom" if target == max(TARGETS) else "top", fontsize=8,
+            color=GREY,
         )  # fmt: skip
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="views", ylabel="% of the area", title=name, xlim=(0, len(run.plain)), ylim=(0, 103))
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.08), frameon=False, fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
