@@ -20,7 +20,8 @@ def short_order(lengths: FloatArray) -> list[int]:
     [0, 2, 3, 1]
     """
     finite = lengths[np.isfinite(lengths)]
-    cost = np.where(np.isfinite(lengths), lengths, 1e3 * (1 + float(finite.max(initial=0.0))) * len(lengths))
+    no_way = (1 + float(finite.max(initial=0.0))) * len(lengths)  # dearer than any tour without such a leg
+    cost = np.where(np.isfinite(lengths), lengths, no_way)
     few = np.unique(np.linspace(0, len(cost) - 1, _MOST_STARTS).astype(int))
     starts = [_nearest_first(cost, int(start)) for start in few]
     return min((_improved(cost, order) for order in starts), key=lambda order: _total(cost, order))
@@ -54,7 +55,7 @@ def _turned(cost: FloatArray, order: list[int]) -> list[int] | None:
     change += inner * (cost[route[before], route[last]] - cost[route[before], route[first]])
     change += outer * (cost[route[first], route[after]] - cost[route[last], route[after]])
     best = int(np.argmin(change))
-    if change[best] >= -1e-9:
+    if change[best] >= -_gain(cost):
         return None
     a, b = int(first[best]), int(last[best]) + 1
     return order[:a] + order[a:b][::-1] + order[b:]
@@ -72,9 +73,14 @@ def _moved(cost: FloatArray, order: list[int]) -> list[int] | None:
             between = joined[0][:-1] + joined[1][1:] - cost[route[:-1], route[1:]]
             added = np.concatenate([joined[1][:1], between, joined[0][-1:]])
             at = int(np.argmin(added))
-            if _total(cost, rest) + inside + added[at] < now - 1e-9:
+            if _total(cost, rest) + inside + added[at] < now - _gain(cost):
                 return rest[:at] + stretch + rest[at:]
     return None
+
+
+def _gain(cost: FloatArray) -> float:
+    """What counts as shorter, metres: well above rounding, so that no two orders improve on each other."""
+    return 1e-12 * float(cost.max(initial=0.0)) * len(cost) + 1e-9
 
 
 def _total(cost: FloatArray, order: list[int]) -> float:

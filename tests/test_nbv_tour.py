@@ -103,3 +103,13 @@ def test_on_foot_nobody_climbs_over_a_wall_or_through_a_window():
     assert crossing[1] > 3
     assert np.abs(way[1:-1, 2]).max() < 1e-6
     np.testing.assert_allclose(way[[0, -1]], stations[list(walked.order)])
+
+
+def test_an_order_is_found_where_many_places_have_no_way_to_each_other():
+    rng = np.random.default_rng(0)
+    places, part = rng.uniform(0, 20, (120, 2)), np.repeat(np.arange(6), 20)
+    lengths = np.linalg.norm(places[:, None] - places, axis=2)
+    lengths[part[:, None] != part] = np.inf
+    order = short_order(lengths)
+    assert sorted(order) == list(range(120))
+    assert (np.diff(part[order]) != 0).sum() == 5  # each part is visited at one go
