@@ -43,13 +43,15 @@ def plan_with_completion(
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
     study, scans, chosen = Study.begin(task), list(task.scans), list[int]()
-    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP))
-    met = seen_by_candidates(task, task.requirement.limits(task.sensor))
-    n_most, n_known = views or PlannerOptions().max_views, 0
+    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)) > 0
+    met = seen_by_candidates(task, task.requirement.limits(task.sensor)) > 0
+    n_most, n_known = views or PlannerOptions().max_views, len(scans)
     if scans:
         study.complete(scans)
     while (reason := study.why_finished()) is None and len(chosen) < n_most:
-        gain = (seen > 0) @ _unknown_m2(study) + _KNOWN * ((met > 0) @ _unmet_m2(study))
+        if task.progress:
+            task.progress("views", len(chosen), n_most)
+        gain = seen @ _unknown_m2(study) + _KNOWN * (met @ _unmet_m2(study))
         if not gain.max(initial=0.0) > 0:
             reason = "no candidate sees what is left"
             break

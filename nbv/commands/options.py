@@ -69,7 +69,7 @@ def with_shared(command: Given) -> Given:
     ]
     run.__name__, run.__doc__ = command.__name__, command.__doc__
     run.__annotations__ = {**hints, **{name: hint for name, (hint, _) in _SHARED.items()}}
-    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]
+    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]  # functions may have one: PEP 362
     return run
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from nbv.coverage import Coverage
 from nbv.samples import SurfaceSamples
 from scenes.checks import FloatArray
-from scenes.mesh import LabelledMesh
+from scenes.mesh import LabelledMesh, triangle_areas
 
 _MOST_LEVELS = 10
 _SAMPLES_A_FACE = 6.0  # faces that stand for more samples are cut into four
@@ -66,7 +66,7 @@ def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
     kept = np.flatnonzero(mesh.face_areas() > 0)
     corners, face = mesh.corners[kept], kept
     for _ in range(_MOST_LEVELS):
-        large = _areas(corners) > limit
+        large = triangle_areas(corners) > limit
         if not large.any():
             break
         corners = np.concatenate([corners[~large], _quartered(corners[large])])
@@ -83,12 +83,6 @@ def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
         coverage.state[nearest],
         coverage.reason[nearest],
     )
-
-
-def _areas(corners: FloatArray) -> FloatArray:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return areas
 
 
 def _quartered(corners: FloatArray) -> FloatArray:
