@@ -31,7 +31,7 @@ format: .venv/dev
 	$(PYTHON) -m venv .venv
 
 .venv/demo: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[e57,pcd,las]'
 	touch $@
 
 .venv/dev: pyproject.toml | .venv/bin/python

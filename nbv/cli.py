@@ -94,6 +94,27 @@ app.command()(coverage)
 
 @app.command()
 @with_shared
+def study(
+    shared: Shared,
+    file: Annotated[str, typer.Argument(metavar="STUDY.toml", help="What to plan.")],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Of a dask.distributed scheduler, or local:N for N processes here.",
+            show_default="this process",
+        ),
+    ] = None,
+) -> None:
+    """Plan scenes x sensors x requirements x planners x seeds; run it again to go on where it stopped."""
+    from nbv.commands.study import run_study_file
+
+    run_study_file(shared, file, scheduler)
+
+
+@app.command()
+@with_shared
 def complete(
     shared: Shared,
     scans: Annotated[list[str], typer.Argument(metavar="SCAN...", help="Files or RGB-D folders; PATH#k.")],

@@ -59,7 +59,7 @@ class Task:
 
 
 @dataclass(slots=True, eq=False)
-class Study:
+class Attempt:
     """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
 
     task: Task
@@ -71,8 +71,8 @@ class Study:
     shares: list[Shares] = field(default_factory=list)
 
     @classmethod
-    def begin(cls, task: Task) -> Study:
-        """Return the study before the first view; scans that were taken before count already.
+    def begin(cls, task: Task) -> Attempt:
+        """Return the attempt before the first view; scans that were taken before count already.
 
         Raises
         ------

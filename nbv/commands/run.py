@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -111,11 +111,13 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
+    from scenes.lock import locked
 
     watch = Stopwatch()
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
-        with _progress(shared, watch) as progress:
+        guard = locked(out) if is_folder else nullcontext()
+        with guard, _progress(shared, watch) as progress:
             run = Run(command, shared, out, is_folder, watch, progress)
             yield run
     except (InputError, FitError, OSError) as error:
@@ -156,10 +158,23 @@ def _progress(shared: Shared, watch: Stopwatch) -> Iterator[Progress]:
         yield lambda stage, _done, _total: watch.enter(stage)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description:<18}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description:<18}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
 
