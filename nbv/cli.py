@@ -14,6 +14,7 @@ from nbv.commands.options import (
     NoiseOption,
     Poses,
     SceneArgument,
+    Scheduler,
     SensorOption,
     UnitsOption,
     UpOption,
@@ -97,15 +98,7 @@ app.command()(coverage)
 def study(
     shared: Shared,
     file: Annotated[str, typer.Argument(metavar="STUDY.toml", help="What to plan.")],
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Of a dask.distributed scheduler, or local:N for N processes here.",
-            show_default="this process",
-        ),
-    ] = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Plan scenes x sensors x requirements x planners x seeds; run it again to go on where it stopped."""
     from nbv.commands.study import run_study_file

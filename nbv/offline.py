@@ -133,14 +133,19 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
 def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
     """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
     candidates, samples = task.candidates, task.samples
-    seen = visible_from_positions(
-        task.caster,
-        candidates.positions,
-        samples,
-        limits,
-        n_threads=task.n_threads,
-        progress=task.progress,
-    )
+    if task.remote is not None:
+        seen = task.remote.from_positions(
+            task.scene.mesh, candidates.positions, samples, limits, task.progress
+        )
+    else:
+        seen = visible_from_positions(
+            task.caster,
+            candidates.positions,
+            samples,
+            limits,
+            n_threads=task.n_threads,
+            progress=task.progress,
+        )
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 

@@ -16,6 +16,7 @@ from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
 from nbv.reachability import scene_candidates, scene_lattice
+from nbv.remote_visibility import RemoteVisibility
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
@@ -56,6 +57,7 @@ def plan_views(
     infer: bool = False,
     scans: Sequence[RangeImage] = (),
     zones: Zones = EVERYWHERE,
+    remote: RemoteVisibility | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -109,6 +111,8 @@ def plan_views(
     zones : Zones
         Only surface in the region counts, and no station lies in, and no tour leads through, what is to be
         kept out of.
+    remote : RemoteVisibility, optional
+        For planners that know the scene: workers that cast for them. The plan does not depend on them.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -162,6 +166,7 @@ def plan_views(
         progress=progress,
         scans=tuple(scans),
         zones=zones,
+        remote=remote,
     )
     if method == "cover" and infer:
         return plan_with_completion(task, views, noise, rng)

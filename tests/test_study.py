@@ -18,10 +18,12 @@ from typer.testing import CliRunner
 from nbv.baselines import farthest_poses
 from nbv.cli import app
 from nbv.cluster import _check_versions, cluster
+from nbv.cover.pipeline import CoverOptions
 from nbv.manifest import versions
 from nbv.plan import read_plan
 from nbv.planning import plan_views
 from nbv.reachability import scene_candidates
+from nbv.remote_visibility import RemoteVisibility, SharedArrays
 from nbv.requirement import Requirement
 from nbv.samples import sample_surface
 from nbv.scanning.sensor import PinholeSensor
@@ -32,6 +34,8 @@ from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
 from nbv.study.spec import read_study
 from nbv.study.summary import groups_of
+from nbv.visibility import visible_from_positions
+from nbv.workers import ThisProcess
 from scenes.builtin import builtin_scene
 from scenes.checks import InputError
 from scenes.lock import LOCK_NAME, locked
@@ -275,6 +279,53 @@ def test_a_study_that_is_killed_three_times_ends_with_the_same_bytes(undisturbed
     assert contents(tmp_path) == contents(out)
 
 
+VISIBILITY = (ROOM.mesh, CANDIDATES.positions[:80], SAMPLES, Requirement().visibility(SENSOR))
+
+
+def local_visibility():
+    _, positions, samples, limits = VISIBILITY
+    return visible_from_positions(ROOM.ray_caster(), positions, samples, limits)
+
+
+def assert_same(one, other):
+    assert one.shape == other.shape
+    for part in ("indptr", "indices", "data"):
+        assert np.array_equal(getattr(one, part), getattr(other, part))
+
+
+def test_visibility_by_workers_is_that_of_this_process(tmp_path):
+    told = []
+    remote = RemoteVisibility(ThisProcess(1), tmp_path / "shared")
+    seen = remote.from_positions(*VISIBILITY, progress=lambda *state: told.append(state))
+    assert_same(seen, local_visibility())
+    assert told[-1] == ("visibility", 80, 80)
+    files = sorted((tmp_path / "shared").iterdir())
+    remote.from_positions(*VISIBILITY)
+    assert sorted((tmp_path / "shared").iterdir()) == files
+    one, other = (
+        planned("cover", budgets=CoverOptions(polish_steps=0), remote=given).to_json()
+        for given in (None, remote)
+    )
+    assert one == other
+
+
+def test_workers_that_do_not_see_the_folder_say_so(tmp_path):
+    shared = SharedArrays.write(tmp_path, {"points": np.arange(3.0)})
+    assert np.array_equal(shared.mapped()["points"], [0, 1, 2])
+    with pytest.raises(InputError, match="under the same path"):
+        replace(shared, folder=str(tmp_path / "elsewhere")).mapped()
+    file = next(tmp_path.iterdir())
+    file.write_bytes(file.read_bytes()[:-8])
+    with pytest.raises(InputError, match="under the same path"):
+        shared.mapped()
+
+
+def test_a_scheduler_goes_with_planners_that_know_the_scene():
+    result = CliRunner().invoke(app, ["plan", "builtin:two_occluders", "--scheduler", "local:2"])
+    assert result.exit_code == 2
+    assert "--method cover" in result.stderr
+
+
 class Assassin:
     """Workers of a cluster of which one is killed once the first piece of work is done."""
 
@@ -295,7 +346,9 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(undisturbed, tmp_path, file
     with cluster("local:2", 1) as workers:
         assassin = Assassin(workers)
         run_study(read_study(file), tmp_path / "plans", workers=assassin)
+        seen = RemoteVisibility(workers, tmp_path / "shared").from_positions(*VISIBILITY)
     assert assassin.killed
+    assert_same(seen, local_visibility())
     assert contents(tmp_path / "plans") == contents(out / "plans")
 
 

@@ -46,6 +46,16 @@ Poses = Annotated[
     typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
 ]
 
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Of a dask.distributed scheduler, or local:N for N processes here.",
+        show_default="this process",
+    ),
+]
+
 Given = Callable[..., None]
 
 

@@ -20,6 +20,7 @@ from nbv.coverage import Coverage
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
+from nbv.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent, square_metres
 from nbv.requirement import Requirement
@@ -53,6 +54,7 @@ class PlanRequest:
     time_budget_s: float | None = None
     overlap: float | None = None
     infer: bool = False
+    scheduler: str | None = None
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -80,7 +82,7 @@ class PlanRequest:
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
-        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "scheduler"}
         named = {
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
@@ -104,25 +106,27 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
-        plan = plan_views(
-            world,
-            sensor,
-            method=request.method,
-            requirement=request.requirement(),
-            target=request.target,
-            views=request.views,
-            mode=request.mode,
-            candidates=candidates,
-            noise=request.noise,
-            budgets=request.budgets(),
-            overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
-            infer=request.infer,
-            scans=scans,
-            zones=zones,
-            rng=shared.seed,
-            n_threads=shared.threads,
-            progress=run.progress,
-        )
+        with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
+            plan = plan_views(
+                world,
+                sensor,
+                method=request.method,
+                requirement=request.requirement(),
+                target=request.target,
+                views=request.views,
+                mode=request.mode,
+                candidates=candidates,
+                noise=request.noise,
+                budgets=request.budgets(),
+                overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
+                infer=request.infer,
+                scans=scans,
+                zones=zones,
+                remote=remote,
+                rng=shared.seed,
+                n_threads=shared.threads,
+                progress=run.progress,
+            )
         coverage = coverage_of(plan)
         run.watch.enter("baselines")
         baselines = baselines_of(world, plan, scans, shared)

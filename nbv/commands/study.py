@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from nbv.study.results import check_results, write_results
 from nbv.study.spec import StudySpec, read_study
 from nbv.study.summary import groups_of
 from nbv.wording import count
-from nbv.workers import ThisProcess, Workers
+from nbv.workers import workers_of
 from scenes.atomic import write_bytes
 
 
@@ -27,7 +25,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
         run.watch.enter("load")
         spec = read_study(file)
         check_results(spec.results)
-        with _workers(scheduler, shared) as workers:
+        with workers_of(scheduler, shared.threads) as workers:
             outcomes = run_study(
                 spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress
             )
@@ -37,18 +35,6 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
         scenes = [entry.scene for entry in spec.scenes]
         sensors = [entry.sensor for entry in spec.sensors]
         run.finish([file, *scenes, *sensors], options, _summary(outcomes), _lines(outcomes))
-
-
-@contextmanager
-def _workers(scheduler: str | None, shared: Shared) -> Iterator[Workers]:
-    """Yield who plans: this process, or a cluster."""
-    if scheduler is None:
-        yield ThisProcess(shared.threads)
-        return
-    from nbv.cluster import cluster
-
-    with cluster(scheduler, shared.threads) as workers:
-        yield workers
 
 
 def _write(

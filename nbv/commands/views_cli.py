@@ -11,6 +11,7 @@ from nbv.commands.options import (
     Intrinsics,
     NoiseOption,
     Poses,
+    Scheduler,
     SensorOption,
     UnitsOption,
     UpOption,
@@ -71,6 +72,7 @@ def plan(
     time_budget: TimeBudget = None,
     overlap: OverlapShare = None,
     infer: Infer = False,
+    scheduler: Scheduler = None,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
@@ -79,6 +81,8 @@ def plan(
         raise typer.BadParameter("give SCENE, or --scans SCAN one or more times, or both")
     if scene is None and method == "cover":
         raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
+    if scheduler is not None and method != "cover":
+        raise typer.BadParameter("--scheduler casts for planners that know the scene: add --method cover")
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
@@ -100,6 +104,7 @@ def plan(
         time_budget_s=time_budget,
         overlap=overlap,
         infer=infer,
+        scheduler=scheduler,
         target=target,
         views=views,
         mode=mode,
