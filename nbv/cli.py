@@ -25,19 +25,19 @@ from nbv.commands.views_cli import coverage, plan
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
-  study     how many views does a scene need, where, and what do they miss?
+  plan      how many views does a scene need, where, and what do they miss?
             unseen plan builtin:two_occluders -o out/plan
   complete  what is behind the chair? surfaces continued, textured, marked as inferred
             unseen complete scan.e57 -o out/completed
   coverage  which surface did these stations measure well enough, and why not the rest?
             unseen coverage room.glb --plan out/plan/plan.json -o out/coverage
 
-All of it at once: unseen demo -o out/demo      All commands: unseen --help"""
+All of it at once: unseen demo -o out/demo      All commands: unseen --help
+Many of them, overnight: unseen study STUDY.toml    Tab completion: unseen --install-completion"""
 
 app = typer.Typer(
     name="unseen",
     help="Scan what can be scanned, infer what cannot, and say which is which.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -50,7 +50,7 @@ def _jobs(context: typer.Context) -> None:
         typer.echo(_JOBS)
 
 
-@app.command()
+@app.command(short_help="All of it on a built-in room: plan, scan, complete, report.")
 @with_shared
 def demo(shared: Shared) -> None:
     """Plan, scan, complete, texture and report on a built-in room with two occluders."""
@@ -59,7 +59,7 @@ def demo(shared: Shared) -> None:
     run_demo(shared)
 
 
-@app.command()
+@app.command(short_help="One simulated scan of a scene.")
 @with_shared
 def scan(
     shared: Shared,
@@ -89,11 +89,11 @@ def scan(
     )
 
 
-app.command()(plan)
-app.command()(coverage)
+app.command(short_help="Where to scan from, and how much that measures.")(plan)
+app.command(short_help="Which surface was measured well enough, and why not.")(coverage)
 
 
-@app.command()
+@app.command(short_help="Scenes x sensors x requirements x planners x seeds.")
 @with_shared
 def study(
     shared: Shared,
@@ -106,7 +106,7 @@ def study(
     run_study_file(shared, file, scheduler)
 
 
-@app.command()
+@app.command(short_help="Continue surfaces behind their occluders.")
 @with_shared
 def complete(
     shared: Shared,
@@ -163,7 +163,7 @@ def complete(
     run_complete(shared, request, how)
 
 
-@app.command()
+@app.command(short_help="Fill a hole in an image, or grow a texture.")
 @with_shared
 def texture(
     shared: Shared,
@@ -198,7 +198,7 @@ def texture(
     run_texture(shared, image, mask=mask, shape=shape, window=window, order=order, is_surface=surface)
 
 
-@app.command()
+@app.command(short_help="Fit a surface to points, with its uncertainty.")
 @with_shared
 def fit(
     shared: Shared,
@@ -236,7 +236,7 @@ def fit(
     run_fit(shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, units=units)
 
 
-@app.command()
+@app.command(short_help="What a scene, a scan or another file holds.")
 @with_shared
 def info(
     shared: Shared,

@@ -75,7 +75,7 @@ class DaskWorkers:
     """
 
     def __init__(self, client: Any, address: str, n_threads: int | None) -> None:
-        self._client, self._address, self._n_threads = client, address, n_threads
+        self.client, self._address, self._n_threads = client, address, n_threads
 
     def each(
         self, work: Work[Item, Result], items: Sequence[Item], keys: Sequence[str]
@@ -90,12 +90,12 @@ class DaskWorkers:
         distributed = _distributed()
         lost = (distributed.KilledWorker, distributed.CancelledError, OSError)
         futures = {
-            self._client.submit(
+            self.client.submit(
                 _on_worker, work, item, self._n_threads, key=f"unseen-{key}", retries=_DEATHS, pure=True
             ): number
             for number, (item, key) in enumerate(zip(items, keys, strict=True))
         }
-        for future in distributed.as_completed(list(futures), loop=self._client.loop):
+        for future in distributed.as_completed(list(futures), loop=self.client.loop):
             number = futures.pop(future)
             try:
                 result = future.result()

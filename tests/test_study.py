@@ -335,7 +335,7 @@ class Assassin:
     def each(self, work, items, keys):
         for number, result in self.workers.each(work, items, keys):
             if not self.killed:
-                self.killed = next(iter(self.workers._client.run(os.getpid).values()))
+                self.killed = next(iter(self.workers.client.run(os.getpid).values()))
                 os.kill(self.killed, signal.SIGKILL)
             yield number, result
 
