@@ -99,6 +99,12 @@ class Completion(CompletedModel):
         """
         save_completion(self, folder, verification)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
+        from completion.cards import card_of_completion  # only notebooks need it
+
+        return card_of_completion(self).to_html()
+
 
 def complete(
     scans: Sequence[RangeImage] | RangeImage,

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,11 @@ from nbv.reachability import REASONS
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
 from scenes.checks import BoolArray, FloatArray, frozen_copy
+
+if TYPE_CHECKING:
+    from nbv.view import View
+    from scenes.range_image import RangeImage
+    from scenes.scene import Scene
 
 UNREACHABLE, REACHABLE, MET = 0, 1, 2
 STATES = ("unreachable", "reachable", "met")
@@ -230,6 +237,20 @@ class Coverage:
             "unreachable_because": self.reasons(),
             "surfaces": surfaces,
         }
+
+    def show(
+        self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None
+    ) -> Path:
+        """Show the full report of this coverage of `scene` by `stations`; see `nbv.show`."""
+        from nbv.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, stations, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured, missed and unreachable area."""
+        from nbv.cards import card_of_coverage  # only notebooks need it
+
+        return card_of_coverage(self).to_html()
 
     def _is(self, kind: int) -> BoolArray:
         """Samples of a class; none where completion does not stand in for views."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nbv.classes import Shares
 from nbv.cover.result import LowerBound
@@ -20,6 +20,9 @@ from nbv.viewpoints import Candidates
 from nbv.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError
 from scenes.pose import Pose
+
+if TYPE_CHECKING:
+    from scenes.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +122,18 @@ class Plan:
             "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
             **self.zones.to_json(),
         }
+
+    def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
+        """Show the full report of this plan of `scene`; see `nbv.show`."""
+        from nbv.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: views, coverage and its curve."""
+        from nbv.cards import card_of_plan  # only notebooks need it
+
+        return card_of_plan(self).to_html()
 
 
 def read_plan(path: str | Path) -> Plan:
