@@ -83,7 +83,30 @@ class CompletionOptions:
 
 
 class Completion(CompletedModel):
-    """What `complete` found: the completed model, and the way to save it."""
+    """What `complete` found: the completed model, and the way to save it.
+
+    Attributes
+    ----------
+    observations : tuple of Observation
+        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
+    patches : tuple of Patch
+        The completed surfaces, working frame; number i + 1 in files.
+    textures : tuple of ChartTexture or None
+        Colour of each patch; empty when texture was not asked for.
+    hypothesised : LabelledPoints
+        All inferred area as one mesh, working frame, with provenance, confidence and predicted standard
+        deviation (metres) at every vertex.
+    audit : AuditResult
+        How much of it stands where a beam went through.
+    owners : tuple of (rows, columns) int32
+        For each scan, the number of the surface that each pixel belongs to; 0 for none.
+    mode : str
+        Mode it was made in.
+    edits : tuple of Edit
+        What a person said of the surfaces, world coordinates.
+    world_from_reference : Pose
+        From the working frame to the world.
+    """
 
     __slots__ = ()
 

@@ -28,7 +28,22 @@ STATES = ("unreachable", "reachable", "met")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCoverage:
-    """Coverage of one surface: its name, area in square metres, and fractions of that area."""
+    """Coverage of one surface.
+
+    Attributes
+    ----------
+    surface, name : int, str
+        Its id in the scene, and its name.
+    area_m2 : float
+        Square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met.
+    mean_cosine : float
+        Area-weighted mean of the best cosines of incidence.
+    """
 
     surface: int
     name: str
@@ -63,7 +78,19 @@ class FaceCoverage:
 
 @dataclass(frozen=True, slots=True)
 class CoverageSummary:
-    """The `coverage` entry of `plan.json`: area in square metres, and fractions of it."""
+    """The `coverage` entry of `plan.json`.
+
+    Attributes
+    ----------
+    total_m2 : float
+        Area of the scene, square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met;
+        None in files that do not tell it.
+    """
 
     total_m2: float
     met: float

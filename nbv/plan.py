@@ -139,6 +139,11 @@ class Plan:
 def read_plan(path: str | Path) -> Plan:
     """Read a `plan.json`.
 
+    Parameters
+    ----------
+    path : str or path
+        As `unseen plan` writes it. Of the coverage it holds the summary alone.
+
     Raises
     ------
     InputError

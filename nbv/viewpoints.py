@@ -128,6 +128,11 @@ def allowed(candidates: Candidates, zones: Zones) -> Candidates:
 def load_candidates(path: str | Path) -> Candidates:
     """Return the candidates of an .npz file: `positions`, `directions`, and what else `Candidates` holds.
 
+    Parameters
+    ----------
+    path : str or path
+        World coordinates, metres; entries that `Candidates` does not know are left alone.
+
     Raises
     ------
     InputError

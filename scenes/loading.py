@@ -29,7 +29,20 @@ SMALL_M, LARGE_M = 0.05, 1e5  # diagonals beyond which the unit is doubted
 def open_scene(
     spec: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
 ) -> Scene:
-    """Return `builtin:NAME`, or the scene of a mesh file; parameters as for `load_scene`."""
+    """Return `builtin:NAME`, or the scene of a mesh file.
+
+    Parameters
+    ----------
+    spec : str or path
+        What the command line takes as SCENE.
+    up, units, mode
+        Of mesh files, as for `load_scene`; built-in scenes know their own.
+
+    Raises
+    ------
+    InputError
+        As `builtin_scene` and `load_scene`.
+    """
     text = os.fspath(spec)
     if not text.startswith("builtin:"):
         return load_scene(text, up=up, units=units, mode=mode)

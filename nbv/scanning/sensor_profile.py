@@ -63,6 +63,11 @@ def sensor_names() -> tuple[str, ...]:
 def load_sensor(name_or_path: str | Path) -> Sensor:
     """Return the sensor of a shipped profile, by name, or of a TOML file.
 
+    Parameters
+    ----------
+    name_or_path : str or path
+        One of `sensor_names()`, or a file that ends in `.toml`.
+
     Raises
     ------
     InputError
