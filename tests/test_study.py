@@ -4,6 +4,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -90,6 +91,27 @@ def undisturbed(tmp_path_factory, file):
 def test_what_a_study_file_may_not_say(tmp_path, old, new, said):
     with pytest.raises(InputError, match=said):
         cases_of(read_study(write_study(tmp_path, SMALL.replace(old, new))))
+
+
+def test_the_page_on_studies_shows_one_that_can_be_read(tmp_path):
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "studies.md").read_text("utf-8"), re.DOTALL)
+    (tmp_path / "study.toml").write_text(blocks[0])
+    spec = read_study(tmp_path / "study.toml")
+    assert spec.scenes[0].scene == str(tmp_path / "hall.glb")
+    assert [planner.label for planner in spec.planners] == ["nbv with completion", "cover"]
+
+
+@pytest.mark.parametrize(
+    "study_file", sorted((ROOT / "examples" / "studies").glob("*.toml")), ids=lambda f: f.stem
+)
+def test_ready_made_studies_open(study_file):
+    spec = read_study(study_file)
+    cases = cases_of(spec)
+    n_parts = [
+        len(part) for part in (spec.scenes, spec.sensors, spec.requirements, spec.planners, spec.seeds)
+    ]
+    assert len(cases) == np.prod(n_parts)
+    assert f"`{study_file.name}`" in (ROOT / "docs" / "studies.md").read_text("utf-8")
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):
