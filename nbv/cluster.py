@@ -132,7 +132,7 @@ def _scheduler(distributed: ModuleType, address: str) -> Iterator[Any]:
         n_workers=int(number),
         threads_per_worker=1,
         processes=True,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
         host="127.0.0.1",
         silence_logs=logging.CRITICAL,
         memory_limit=0,

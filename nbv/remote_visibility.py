@@ -30,7 +30,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.mesh import LabelledMesh
 from scenes.raycast import RayCaster
 
-_BLOCK = 32  # positions a piece of work
+_BLOCK = 8  # positions a piece of work
 _KEPT = 2  # trees and sets of samples that a worker's process keeps
 _SHARED = ".shared"
 _SAMPLE_ARRAYS = ("points", "normals", "areas", "face", "surface")

@@ -210,7 +210,7 @@ def test_patches_of_another_scene_are_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "method must be nbv or cover"),
+        ({"method": "magic"}, "method must be one of nbv, cover"),
         ({"target": 1.5}, "0 < target <= 1"),
         ({"views": 0}, "views must be at least 1"),
         ({"mode": "garden"}, "mode must be room or object"),

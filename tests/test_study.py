@@ -4,6 +4,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -90,6 +91,27 @@ def undisturbed(tmp_path_factory, file):
 def test_what_a_study_file_may_not_say(tmp_path, old, new, said):
     with pytest.raises(InputError, match=said):
         cases_of(read_study(write_study(tmp_path, SMALL.replace(old, new))))
+
+
+def test_the_page_on_studies_shows_one_that_can_be_read(tmp_path):
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "studies.md").read_text("utf-8"), re.DOTALL)
+    (tmp_path / "study.toml").write_text(blocks[0])
+    spec = read_study(tmp_path / "study.toml")
+    assert spec.scenes[0].scene == str(tmp_path / "hall.glb")
+    assert [planner.label for planner in spec.planners] == ["nbv with completion", "cover"]
+
+
+@pytest.mark.parametrize(
+    "study_file", sorted((ROOT / "examples" / "studies").glob("*.toml")), ids=lambda f: f.stem
+)
+def test_ready_made_studies_open(study_file):
+    spec = read_study(study_file)
+    cases = cases_of(spec)
+    n_parts = [
+        len(part) for part in (spec.scenes, spec.sensors, spec.requirements, spec.planners, spec.seeds)
+    ]
+    assert len(cases) == np.prod(n_parts)
+    assert f"`{study_file.name}`" in (ROOT / "docs" / "studies.md").read_text("utf-8")
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):
@@ -277,6 +299,23 @@ def test_a_study_that_is_killed_three_times_ends_with_the_same_bytes(undisturbed
         assert not (tmp_path / "report.html").exists()
     subprocess.run(command, cwd=ROOT, check=True)
     assert contents(tmp_path) == contents(out)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_a_signal_ends_a_study_in_one_line_and_leaves_whole_files(undisturbed, tmp_path, file, number):
+    out, _ = undisturbed
+    command = [sys.executable, "-m", "nbv.cli", "study", str(file), "-o", str(tmp_path)]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    begin = time.monotonic()
+    while not list(tmp_path.glob("plans/*.json")) and time.monotonic() < begin + 60:
+        time.sleep(0.01)
+    process.send_signal(number)
+    said = process.communicate(timeout=60)
+    assert said == ("", f"unseen study: ended by {number.name}; every file is whole: run it again to go on\n")
+    assert process.returncode == 128 + number
+    left = {name: data for name, data in contents(tmp_path).items() if name != LOCK_NAME}
+    assert left
+    assert left.items() <= contents(out).items()
 
 
 VISIBILITY = (ROOM.mesh, CANDIDATES.positions[:80], SAMPLES, Requirement().visibility(SENSOR))

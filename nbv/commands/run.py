@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from nbv.commands.interruption import interruptible
+
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
 
@@ -117,9 +119,8 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
         guard = locked(out) if is_folder else nullcontext()
-        with guard, _progress(shared, watch) as progress:
-            run = Run(command, shared, out, is_folder, watch, progress)
-            yield run
+        with interruptible(command), guard, _progress(shared, watch) as progress:
+            yield Run(command, shared, out, is_folder, watch, progress)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
     except MemoryError:

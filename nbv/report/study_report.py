@@ -82,17 +82,17 @@ def spread(values: FloatArray) -> str:
     Examples
     --------
     >>> spread(np.array([3.0, 5.0, 4.0])), spread(np.array([3.0, np.inf])), spread(np.array([2.0, 2.0]))
-    ('4 (3 to 5)', 'not always (3 to never)', '2')
+    ('4 (3 to 5)', '3 to never', '2')
     """
     if not len(values) or np.isnan(values).all():
         return ""
     low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
     if np.isinf(low):
         return "never"
-    first = f"{middle:g}" if np.isfinite(middle) else "not always"
-    if low == high:
-        return first
-    return f"{first} ({low:g} to {high:g})" if np.isfinite(high) else f"{first} ({low:g} to never)"
+    most = f"{high:g}" if np.isfinite(high) else "never"
+    if not np.isfinite(middle):
+        return f"{low:g} to {most}"
+    return f"{middle:g}" if low == high else f"{middle:g} ({low:g} to {most})"
 
 
 def _summary(groups: Sequence[Group]) -> str:
@@ -103,7 +103,7 @@ def _summary(groups: Sequence[Group]) -> str:
         views = np.concatenate(own) if own else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
-            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'not within its limit'}")
+            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
     if not parts:
         return "No case could be planned."
     return (
@@ -138,7 +138,7 @@ def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ..
     rows = []
     for group in groups:
         met = group.values("met_of_reachable")
-        bound, tour, added = (group.values(name) for name in ("lower_bound", "tour_m", "inferred"))
+        bound, added = group.values("lower_bound"), group.values("inferred")
         middle = float(np.median(met)) if len(met) else 0.0
         rows.append(
             (
@@ -150,12 +150,11 @@ def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ..
                 Cell(spread(group.values("views"))),
                 Cell(spread(bound[np.isfinite(bound)])),
                 Cell(percent(float(np.median(added))) if len(met) and added.any() else ""),
-                Cell(f"{np.nanmedian(tour):.1f}" if np.isfinite(tour).any() else ""),
             )
         )
     columns = (
         "Scene", "Sensor", "Requirement", "Planner", "#views to 95 %", "#to 99 %", "#reached, %",
-        "#views planned", "#at least", "#inferred, %", "#tour, m",
+        "#views planned", "#at least", "#inferred, %",
     )  # fmt: skip
     note = (
         "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
@@ -190,7 +189,7 @@ def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, 
 
 def _gallery(plots: Mapping[str, Plot], name: str, columns: int) -> Gallery:
     title = f"Views until {100 * SHARE:g} % of what can be is measured."
-    caption = "Dots are seeds, bars medians; a dot beyond the bars is a plan that ended before."
+    caption = "Dots are seeds, bars medians; of a plan that never got there the dot is at the far right."
     return Gallery((_picture(plots[name], title, caption),), columns)
 
 

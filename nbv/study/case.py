@@ -80,7 +80,7 @@ def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
     sensors = [(entry, load_sensor(entry.sensor)) for entry in spec.sensors]
     for (entry, sensor), asked in product(sensors, spec.requirements):
         gate = (sensor.min_range_m, sensor.max_range_m)
-        effects = chosen_effects(sensor, entry.noise)
+        effects = sensor.effects if entry.noise == "none" else chosen_effects(sensor, entry.noise)
         asked.requirement().limits_of(sensor.projection.pixel_angle, effects, gate)
     common = {"versions": versions(), "sampling": spec.sampling.model_dump()}
     cases = []

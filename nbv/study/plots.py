@@ -95,7 +95,7 @@ def views_needed(groups: Sequence[Group], share: float, planners: Sequence[str])
                     fontsize=8, borderaxespad=0.2)  # fmt: skip
 
     height = 1.2 + len(settings) * (0.25 + 0.19 * len(planners))
-    return drawn_plot(draw, (2 * _WIDTH, height))
+    return drawn_plot(draw, (1.5 * _WIDTH, height))
 
 
 def _telling(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
