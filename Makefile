@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test install bench docs format clean
+.PHONY: demo test install bench docs gallery format clean
 
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
@@ -26,6 +26,9 @@ bench: .venv/bench
 docs: .venv/docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site
 	@echo "open out/site/index.html"
+
+gallery: .venv/dev
+	$(BIN)/python examples/gallery.py
 
 format: .venv/dev
 	$(BIN)/ruff format .

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from scenes.scene import Scene
 
 
+_CURE = "give the plan.json that `unseen plan` wrote"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Resumption:
     """What a plan was resumed from.
@@ -151,14 +154,16 @@ def read_plan(path: str | Path) -> Plan:
     """
     try:
         content = json.loads(Path(path).read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read plan {path}: {error}") from error
+    except OSError as error:
+        raise InputError(f"cannot read plan {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not a plan: no JSON ({error}); {_CURE}") from error
     try:
         return _plan_of(content)
     except KeyError as error:
-        raise InputError(f"{path} is not a plan: it has no {error}") from error
+        raise InputError(f"{path} is not a plan: it has no {error}; {_CURE}") from error
     except (InputError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is not a plan: {error}") from error
+        raise InputError(f"{path} is not a plan: {error}; {_CURE}") from error
 
 
 def _plan_of(content: dict[str, Any]) -> Plan:

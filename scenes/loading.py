@@ -20,6 +20,7 @@ from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, worl
 from scenes.scene import Mode, Scene
 
 _ARCHIVES = {"zip", "tar", "gz", "bz2", "xz", "7z"}
+_SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 _NAMELESS = re.compile(
     r"^\d+$|_[0-9a-f]{6}$"
 )  # node numbers, and what trimesh draws at random for parts of one
@@ -100,6 +101,11 @@ def _check_mesh_file(path: Path) -> Path:
     suffix = file.suffix.lower()[1:]
     known = set(trimesh.exchange.load.mesh_formats()) - _ARCHIVES
     if suffix not in known:
+        if file.suffix.lower() in _SCAN_SUFFIXES:
+            raise InputError(
+                f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
+                "or complete them (unseen complete)"
+            )
         common = "glb, gltf, obj, ply, stl, off"
         raise InputError(
             f"{file}: cannot read meshes from {file.suffix or 'a file without suffix'}; known: {common}"

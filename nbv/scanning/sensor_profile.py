@@ -91,7 +91,9 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
     try:
         return _parse(path.read_text("utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read sensor {name}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
         raise InputError(f"cannot read sensor {name}: {error}") from error
 
 
