@@ -22,7 +22,7 @@ SMALL = {
     "plot_segmentation": ["-o", "{out}"],
     "plot_simulated_against_real": ["--docs", "{out}"],
     "plot_report": ["--docs", "{out}"],
-    "plot_view_planning": ["--docs", "{out}", "--steps", "200", "--finest", "0.2"],
+    "plot_view_planning": ["--docs", "{out}", "--quick"],
     "plot_inference_study": ["--docs", "{out}", "--starts", "1", "--cases", "{case}"],
     "plot_paper_study": ["--docs", "{out}", "--starts", "1", "--spacing", "0.4", "--threads", "2"],
 }  # the quickest first
