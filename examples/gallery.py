@@ -23,15 +23,15 @@ SMALL = {
     "plot_simulated_against_real": ["--docs", "{out}"],
     "plot_report": ["--docs", "{out}"],
     "plot_view_planning": ["--docs", "{out}", "--quick"],
-    "plot_inference_study": ["--docs", "{out}", "--starts", "1", "--cases", "{case}"],
-    "plot_paper_study": ["--docs", "{out}", "--starts", "1", "--spacing", "0.4", "--threads", "2"],
+    "plot_inference_study": ["--docs", "{out}", "--starts", "1", "--cases", "two_occluders, panorama"],
+    "plot_paper_study": ["--docs", "{out}", "--starts", "1", "--spacing", "0.8", "--threads", "2"],
 }  # the quickest first
 
 
 def run(name: str, out: Path) -> bool:
     """Run one script and tell whether it went well."""
     begin = time.perf_counter()
-    words = [word.format(out=out, case="two_occluders") for word in SMALL[name]]
+    words = [word.format(out=out) for word in SMALL[name]]
     done = subprocess.run([sys.executable, str(ROOT / "examples" / f"{name}.py"), *words], check=False)
     print(
         f"{name}: {'done' if done.returncode == 0 else 'FAILED'}, {time.perf_counter() - begin:.0f} s",

@@ -15,7 +15,10 @@ from nbv.study.spec import read_study
 ROOT = Path(__file__).resolve().parents[1]
 GUIDES = [
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{name}.md" for name in ("guide-study", "guide-completion", "guide-coverage")),
+    *(
+        ROOT / "docs" / f"{name}.md"
+        for name in ("first-steps", "guide-study", "guide-completion", "guide-coverage")
+    ),
     ROOT / "docs" / "coming-from.md",
 ]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -32,7 +35,8 @@ def commands_of(page):
     fenced = re.findall(r"^```(?:sh|console)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = [line for block in fenced for line in block.splitlines()]
     lines += re.findall(r"^\|.*?`(unseen [^`]* -o [^`]*)`", text, re.MULTILINE)
-    return [line for line in lines if line.startswith("unseen ")]
+    typed = [line.removeprefix("$ ").removeprefix(".venv/bin/") for line in lines]
+    return [line for line in typed if line.startswith("unseen ")]
 
 
 @pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
