@@ -170,7 +170,7 @@ def _describe_scan(scan: RangeImage, number: int) -> dict[str, Any]:
         "sensor": scan.sensor,
         "noise": scan.noise,
         "world_from_sensor": scan.world_from_sensor.matrix,
-        "warnings": _scan_warnings(scan, statistics[1]),
+        "warnings": scan_warnings(scan),
     }
 
 
@@ -182,10 +182,11 @@ def _grid_residual(scan: RangeImage) -> float | None:
     return float(np.nanmedian(np.hypot(*(seen - np.argwhere(scan.valid)).T)))
 
 
-def _scan_warnings(scan: RangeImage, median: float | None) -> list[str]:
-    if median is None:
+def scan_warnings(scan: RangeImage) -> list[str]:
+    """Say what is doubtful about a scan: its unit or depth scale, and how little came back."""
+    if not scan.valid.any():
         return ["nothing came back in any pixel"]
-    found = []
+    median, found = float(np.median(scan.ranges[scan.valid])), []
     if median > _FAR_M or median < _NEAR_M:
         found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
     extent = np.diff(_bounds(scan), axis=0)

@@ -537,3 +537,15 @@ def test_texture_of_a_surface_separates_its_shading(tmp_path):
     assert off["surface"] <= 3 < off["as it is"]
     usage = run("texture", tmp_path / "wall.png", "--grow", "4x4", "--surface")
     assert usage.exit_code == 2
+
+
+def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, sensor):
+    (tmp_path / "tiny.off").write_text("OFF\n3 1 0\n0 0 0\n0.01 0 0\n0 0.01 0\n3 0 1 2\n")
+    aim = ("--at", "0,0,1", "--look", "0,0,0", "--sensor", sensor)
+    result = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz")
+    assert result.stderr.startswith("unseen scan: warning: the diagonal is 0.0141 m; if the file is not in")
+    quiet = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz", "-q", "--json")
+    assert quiet.stderr == ""
+    assert "give --units" in json.loads(quiet.stdout)["warnings"][0]
+    empty = succeed("complete", tmp_path / "a.npz", "-o", tmp_path / "out")
+    assert "warning: " in empty.stderr

@@ -14,7 +14,7 @@ from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
@@ -71,6 +71,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         scans = read_request(request)
+        run.warn(doubts_of(scans))
         options = how.resolved()
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress

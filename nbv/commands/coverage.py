@@ -85,6 +85,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
     with running("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")
@@ -112,6 +113,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             "coverage": coverage.summary().to_json(),
             "met_of_reachable": coverage.met_of_reachable,
             "unreachable_because": coverage.reasons(),
+            "warnings": world.warnings,
         }
         line = (
             f"{count(len(measured.poses), 'station measures', 'stations measure')} "

@@ -8,7 +8,7 @@ from typing import Any
 
 from nbv.commands.plan import PlanRequest
 from nbv.commands.run import Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.knowledge import Knowledge
 from nbv.next_stations import check_aperture, plan_next_stations
 from nbv.plan import Plan
@@ -34,6 +34,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         scans = upright_scans(request.scans, request.up)
+        run.warn(doubts_of(scans))
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones)
         survey = Survey.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)

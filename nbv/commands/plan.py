@@ -101,6 +101,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("load")
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
@@ -137,7 +138,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
         page.write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
+        summary = {**summary_of(plan), "warnings": world.warnings}
+        run.finish([scene, *request.inputs], resolved, summary, lines_of(plan))
 
 
 def baselines_of(

@@ -31,6 +31,7 @@ def run_scan(
     with running("scan", shared, default="scan.npz", is_folder=False) as run:
         run.watch.enter("load")
         world = open_scene(scene, up=up, units=units)
+        run.warn(world.warnings)
         profile = load_profile(sensor)
         if np.allclose(eye, target):
             raise InputError(f"--at and --look are the same point {list(eye)}; a direction needs two")
@@ -51,6 +52,7 @@ def run_scan(
             "columns": taken.shape[1],
             "valid_share": float(taken.valid.mean()),
             "range_m": [float(returned.min()), float(returned.max())] if len(returned) else None,
+            "warnings": world.warnings,
         }
         line = f"{taken.shape[0]} x {taken.shape[1]} pixels, {taken.valid.mean():.1%} came back"
         if len(returned):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.describe import scan_warnings
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
 from scenes.formats.trajectory import read_poses
 from scenes.points import read_points
@@ -116,6 +117,11 @@ def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
     """Return which sensors took the scans, and the effects that were active, as far as the files say so."""
     said = (": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans)
     return sorted({text or "not known" for text in said})
+
+
+def doubts_of(scans: Sequence[RangeImage]) -> list[str]:
+    """Return what is doubtful about the scans, each with its scan's name."""
+    return [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
 
 
 def title_of(paths: Sequence[str]) -> str:
