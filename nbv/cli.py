@@ -12,6 +12,7 @@ from nbv.commands.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
+    Origins,
     Poses,
     SceneArgument,
     SensorOption,
@@ -71,7 +72,7 @@ def scan(
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
-    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx or .e57."""
+    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx, .e57, .las, .laz, .xyz or .csv."""
     eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
     from nbv.commands.scan import run_scan
 
@@ -110,15 +111,7 @@ def complete(
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
     ] = 0.005,
-    origin: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--origin",
-            metavar="X,Y,Z",
-            help="Where the scanner stood, for files of mere points; repeat it for each.",
-            show_default="from the files",
-        ),
-    ] = None,
+    origin: Origins = None,
     edits: Annotated[
         str | None,
         typer.Option(

@@ -13,15 +13,18 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.formats.cloud import NO_RAYS
 from scenes.formats.e57 import count_e57, read_e57
 from scenes.formats.e57_writer import write_e57
 from scenes.formats.guard import check_file, reading
+from scenes.formats.las import read_las_scan, write_las
 from scenes.formats.npz import read_npz, write_npz
 from scenes.formats.pcd import read_pcd, write_pcd
 from scenes.formats.ptx import count_ptx, read_ptx, write_ptx
 from scenes.formats.rgbd import read_frame
 from scenes.formats.rgbd_layout import open_rgbd, write_rgbd
 from scenes.formats.scan_ply import read_scan_ply, write_scan_ply
+from scenes.formats.scan_text import read_scan_text, write_scan_text
 from scenes.formats.trajectory import read_poses
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
@@ -29,9 +32,10 @@ from scenes.range_image import RangeImage
 Units = Literal["mm", "cm", "m", "in"]
 Intrinsics = tuple[float, float, float, float]
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
-SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
+_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
+_LAS_SUFFIXES = (".las", ".laz")
+SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
 _MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
-_CLOUD_SUFFIXES = (".las", ".laz", ".xyz", ".txt", ".csv", ".pts")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,7 @@ class ScanSource:
     path : Path
         Without `#k`.
     kind : str
-        "npz", "pcd", "ply", "ptx", "e57", or "rgbd (plain)" and so on.
+        The suffix: "npz", "e57" and so on, or "rgbd (plain)" and the like.
     readers : tuple of functions
         One a scan, in natural order; each reads and returns its scan.
     registered : bool
@@ -95,6 +99,10 @@ def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[C
         return [partial(read_ptx, source, k) for k in range(count_ptx(source))]
     if suffix == ".pcd":
         return [partial(read_pcd, source, intrinsics)]
+    if suffix in _LAS_SUFFIXES:
+        return [partial(read_las_scan, source)]
+    if suffix in _TEXT_SUFFIXES:
+        return [partial(read_scan_text, source)]
     return [partial(read_scan_ply, source)]
 
 
@@ -106,12 +114,8 @@ def _refusal(suffix: str) -> str:
     """Why a suffix is no scan, and the cure."""
     if suffix in _MESH_SUFFIXES:
         return f"{suffix} is a mesh, not a scan; simulate one with `unseen scan SCENE -o FILE.npz`"
-    if suffix in _CLOUD_SUFFIXES:
-        return (
-            f"{suffix} holds points without a pixel grid or sensor position, so no ray can be traced; "
-            "export an organised scan (.e57 structured, .ptx, .pcd organised) or an RGB-D folder, or say "
-            "where the scanner stood (unseen complete --origin X,Y,Z)"
-        )
+    if suffix == ".pts":
+        return NO_RAYS
     known = ", ".join(SCAN_SUFFIXES)
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
 
@@ -146,7 +150,8 @@ def read_scans(
     Parameters
     ----------
     path : str or path
-        `.npz .ply .pcd .ptx .e57` or an RGB-D folder; `#k` counts from 1 in natural order.
+        `.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv` or an RGB-D folder; `#k` counts from 1 in natural
+        order. Files of mere points are scans where they tell the place of the scanner: those of ours do.
     intrinsics : (fx, fy, cx, cy), optional
         Pixels; goes before what a file or folder says. Used by folders and .pcd.
     depth_scale : float, optional
@@ -247,7 +252,10 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
 
 
 def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
-    """Write one scan by suffix, atomically: `.npz` (lossless, with truth), `.ply`, `.pcd`, `.ptx`, `.e57`.
+    """Write one scan by suffix, atomically.
+
+    `.npz` (lossless, with truth), `.ply .pcd .ptx .e57 .las .laz`, and `.xyz .txt .asc .csv` as text;
+    docs/formats.md says what each keeps and to which precision.
 
     Raises
     ------
@@ -261,6 +269,8 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
         ".pcd": write_pcd,
         ".ptx": write_ptx,
         ".e57": lambda one, file: write_e57([one], file),
+        **dict.fromkeys(_LAS_SUFFIXES, write_las),
+        **dict.fromkeys(_TEXT_SUFFIXES, write_scan_text),
     }
     writer = writers.get(target.suffix.lower())
     if writer is None:

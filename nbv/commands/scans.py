@@ -13,6 +13,7 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.describe import scan_warnings
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
+from scenes.formats.header import colour_from_bytes
 from scenes.formats.trajectory import read_poses
 from scenes.points import read_points
 from scenes.pose import Pose
@@ -107,7 +108,8 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
     for path, origin in zip(request.paths, request.origins, strict=True):
         cloud = read_points(path, request.units)
         try:
-            scans.append(scan_from_station(cloud.points, origin, cloud.name))
+            colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
+            scans.append(scan_from_station(cloud.points, origin, cloud.name, colour))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

@@ -17,7 +17,8 @@ from scenes.formats.guard import import_extra
 from scenes.formats.header import colour_bytes, scan_header
 from scenes.range_image import RangeImage
 
-_ENDS = ("Minimum", "Maximum")
+_PICKS = {"Minimum": np.min, "Maximum": np.max}
+_ENDS = tuple(_PICKS)
 _CHANNELS = ("Red", "Green", "Blue")
 
 
@@ -79,6 +80,9 @@ def _scan_node(lib: Any, image_file: Any, scan: RangeImage) -> Any:
     if "colorRed" in columns:
         tops = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
         node.set("colorLimits", _structure(lib, image_file, tops))
+    if "intensity" in columns:
+        ends = {f"intensity{end}": float(pick(columns["intensity"])) for end, pick in _PICKS.items()}
+        node.set("intensityLimits", _structure(lib, image_file, ends))
     node.set("cartesianBounds", _structure(lib, image_file, _box(columns)))
     node.set("pose", _pose(lib, image_file, scan))
     points = lib.CompressedVectorNode(
@@ -98,6 +102,8 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
     columns["rowIndex"], columns["columnIndex"] = row.astype(np.uint16), column.astype(np.uint16)
     if max(scan.shape) > 65536:
         raise InputError(f"E57 rows and columns end at 65536 here, the scan has {scan.shape}")
+    if scan.intensity is not None:
+        columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
     colour = colour_bytes(scan)
     if colour is not None:
         for i, name in enumerate(_CHANNELS):
@@ -110,7 +116,7 @@ def _box(columns: dict[str, Any]) -> dict[str, float]:
     return {
         f"{axis.lower()}{end}": float(pick(columns[f"cartesian{axis}"]))
         for axis in "XYZ"
-        for end, pick in zip(_ENDS, (np.min, np.max), strict=True)
+        for end, pick in _PICKS.items()
     }
 
 
@@ -141,6 +147,8 @@ def _prototype(lib: Any, image_file: Any, columns: dict[str, Any], shape: tuple[
     for name in columns:
         if name.startswith("cartesian"):
             record.set(name, lib.FloatNode(image_file, 0.0, lib.E57_DOUBLE))
+        elif name == "intensity":
+            record.set(name, lib.FloatNode(image_file, 0.0, lib.E57_SINGLE))
         else:
             record.set(name, lib.IntegerNode(image_file, 0, 0, tops.get(name, 255)))
     return record

@@ -12,13 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from scenes.atomic import write_text
 from scenes.checks import FloatArray, InputError
+from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.guard import check_file, reading
 from scenes.pose import Pose
 
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
 _FORMS = (
     "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
-    "and JSON lists of 4x4 matrices"
+    "JSON lists of 4x4 matrices, and images.txt of COLMAP"
 )
 
 
@@ -27,6 +28,8 @@ def read_poses(path: Path) -> list[Pose]:
 
     Plain lines hold `tx ty tz qx qy qz qw`, TUM lines a timestamp before that; a Redwood .log holds blocks
     of one line of integers and four of a matrix; JSON a list of 4x4 matrices, or a `plan.json` of ours.
+    `images.txt` of COLMAP is turned from sensor-from-world to world-from-sensor, its images in the natural
+    order of their names.
 
     Raises
     ------
@@ -36,6 +39,8 @@ def read_poses(path: Path) -> list[Pose]:
     file = check_file(path)
     with reading(file, "a file of poses"):
         text = file.read_text(encoding="utf-8")
+        if is_colmap(text):
+            return _number_checked(colmap_matrices(text))
         if file.suffix.lower() == ".json":
             return _number_checked(_json_matrices(json.loads(text)))
         rows = _number_rows(text)
