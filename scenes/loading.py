@@ -17,6 +17,7 @@ from scenes.files import METRES_PER_UNIT, Units
 from scenes.formats.guard import MAX_BYTES, check_file, reading
 from scenes.formats.off import read_off
 from scenes.formats.references import check_references
+from scenes.formats.stl import stl_origin
 from scenes.mesh import LabelledMesh
 from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
 from scenes.scene import Mode, Scene
@@ -90,7 +91,8 @@ def load_scene(
 def _placed(file: Path) -> Any:
     """Return the file as a trimesh scene; OFF is read here, since trimesh leaves its colours out."""
     if file.suffix.lower() != ".off":
-        return trimesh.load_scene(str(file), process=False, split_objects=True)
+        found = trimesh.load_scene(str(file), process=False, split_objects=True)
+        return found.apply_translation(stl_origin(file)) if file.suffix.lower() == ".stl" else found
     off = read_off(file)
     colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
     return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})

@@ -155,5 +155,5 @@ def _check_single(pixel: NDArray[np.int64], ranges: FloatArray, stood: FloatArra
         x, y, z = stood
         raise InputError(
             f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "
-            "each other, which no one scan from there measured; was it another place, or are several scans merged?"
+            "each other, which no one scan from there measured; was it another place, or are scans merged?"
         )

@@ -185,15 +185,8 @@ def test_mere_points_serve_where_the_scanner_is_said_to_have_stood(taken, tmp_pa
     scan = read_scan(taken / "a.npz")
     np.savetxt(tmp_path / "a.xyz", scan.points()[scan.valid])
     stood = ",".join(map(str, scan.origin))
-    arguments = (
-        "--scans",
-        tmp_path / "a.xyz",
-        "--sensor",
-        taken / "small.toml",
-        "-o",
-        tmp_path / "out",
-        "--json",
-    )
+    out = ("-o", tmp_path / "out", "--json")
+    arguments = ("--scans", tmp_path / "a.xyz", "--sensor", taken / "small.toml", *out)
     found = json.loads(succeed("coverage", *arguments, "--origin", stood).stdout)
     whole = json.loads(succeed("coverage", "--scans", taken / "a.npz", *arguments[2:]).stdout)
     share = found["surface"]["measured_m2"] / whole["surface"]["measured_m2"]

@@ -6,10 +6,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.atomic import write_text
 from scenes.checks import ColourArray, FloatArray, InputError, check_faces
 from scenes.formats.guard import MAX_BYTES
 
@@ -122,3 +124,15 @@ def _colours(values: FloatArray, as_integers: bool) -> ColourArray:
     """8-bit colours of numbers 0..255, or of numbers 0..1 with a point in them."""
     scaled = values if as_integers else values * 255
     return np.asarray(np.clip(np.rint(scaled), 0, 255), dtype=np.uint8)
+
+
+def write_off(
+    path: Path, vertices: FloatArray, faces: NDArray[Any], colour: ColourArray | None = None
+) -> None:
+    """Write triangles as OFF in double precision, as COFF where vertices have colours (n, 3)."""
+    rows = [" ".join(map(repr, row)) for row in vertices.tolist()]
+    if colour is not None:
+        rows = [f"{row} {r} {g} {b} 255" for row, (r, g, b) in zip(rows, colour.tolist(), strict=True)]
+    head = ["OFF" if colour is None else "COFF", f"{len(vertices)} {len(faces)} 0"]
+    body = [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]
+    write_text(path, "\n".join([*head, *rows, *body]) + "\n")

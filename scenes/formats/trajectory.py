@@ -39,10 +39,10 @@ def read_poses(path: Path) -> list[Pose]:
     file = check_file(path)
     with reading(file, "a file of poses"):
         text = file.read_text(encoding="utf-8")
-        if is_colmap(text):
-            return _number_checked(colmap_matrices(text))
         if file.suffix.lower() == ".json":
             return _number_checked(_json_matrices(json.loads(text)))
+        if is_colmap(text):
+            return _number_checked(colmap_matrices(text))
         rows = _number_rows(text)
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
@@ -119,8 +119,15 @@ def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
 
 def write_poses(path: Path, poses: Sequence[Pose]) -> None:
     """Write plain lines `tx ty tz qx qy qz qw`, world from sensor, one a pose."""
-    lines = []
-    for pose in poses:
-        quaternion = Rotation.from_matrix(pose.rotation).as_quat()
-        lines.append(" ".join(repr(float(number)) for number in [*pose.translation, *quaternion]))
-    write_text(path, "".join(f"{line}\n" for line in lines))
+    write_text(path, "".join(f"{_line(pose)}\n" for pose in poses))
+
+
+def write_timed_poses(path: Path, times: Sequence[float] | FloatArray, poses: Sequence[Pose]) -> None:
+    """Write a TUM trajectory: `timestamp tx ty tz qx qy qz qw` a line, seconds, world from sensor."""
+    lines = [f"{float(time)!r} {_line(pose)}\n" for time, pose in zip(times, poses, strict=True)]
+    write_text(path, "".join(["# timestamp tx ty tz qx qy qz qw (world from sensor, metres)\n", *lines]))
+
+
+def _line(pose: Pose) -> str:
+    quaternion = Rotation.from_matrix(pose.rotation).as_quat()
+    return " ".join(repr(float(number)) for number in [*pose.translation, *quaternion])
