@@ -64,23 +64,42 @@ def demo(shared: Shared) -> None:
 def scan(
     shared: Shared,
     scene: SceneArgument,
-    at: Annotated[str, typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.")],
-    look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.", show_default=False),
+    ] = None,
+    look: Annotated[
+        str | None,
+        typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.", show_default=False),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        typer.Option(
+            "--poses",
+            metavar="FILE[#k]",
+            help="Instead: plan.json or a trajectory; several go to .e57 or a folder.",
+            show_default=False,
+        ),
+    ] = None,
     sensor: SensorOption = "generic60",
     noise: NoiseOption = "none",
     no_truth: Annotated[bool, typer.Option("--no-truth", help="Leave out what was really met.")] = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
-    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx, .e57, .las, .laz, .xyz or .csv."""
-    eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
-    from nbv.commands.scan import run_scan
+    """Take a simulated scan of a scene, or one a pose: -o FILE.npz, .ply, .pcd, .ptx, .e57, .las, .xyz ..."""
+    if poses is None and (at is None or look is None):
+        raise typer.BadParameter("give --at X,Y,Z and --look X,Y,Z, or --poses FILE")
+    if poses is not None and (at is not None or look is not None):
+        raise typer.BadParameter("--poses tells all there is to know: leave out --at and --look")
+    eye = None if at is None else parse_numbers(at, 3, "--at")
+    target = None if look is None else parse_numbers(look, 3, "--look")
+    from nbv.commands.scan import Stand, run_scan
 
     run_scan(
         shared,
         scene,
-        eye=eye,
-        target=target,
+        stand=Stand(eye, target, poses),
         sensor=sensor,
         noise=noise,
         truth=not no_truth,

@@ -12,6 +12,7 @@ from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_requ
 from nbv.knowledge import Knowledge
 from nbv.next_stations import check_aperture, plan_next_stations
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planner import PlannerOptions
 from nbv.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
@@ -59,6 +60,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         coverage = cover_by_scans(survey, requirement, completion=model, zones=zones)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)

@@ -19,6 +19,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planning import Method, plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent, square_metres
@@ -130,6 +131,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("report")
         beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
