@@ -138,6 +138,10 @@ def complete(
         ),
     ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
+    export: Annotated[
+        list[Literal["obj", "e57"]] | None,
+        typer.Option("--export", help="Also completed.obj or completed.e57; repeat it.", show_default=False),
+    ] = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
@@ -157,6 +161,7 @@ def complete(
         registration_m=registration,
         texture=not no_texture,
         edits=edits,
+        exports=tuple(dict.fromkeys(export or ())),
     )
     run_complete(shared, request, how)
 

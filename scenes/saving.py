@@ -101,7 +101,12 @@ def _material(part: MeshPart, page: Image.Image) -> PBRMaterial:
     tint = np.full(3, 1.0) if part.colour is None else linear_from_srgb(part.colour.mean(axis=0) / 255)
     factor = None if (tint > 0.999).all() else [*(round(float(c) * 255) for c in tint), 255]
     return PBRMaterial(
-        name=part.name, baseColorTexture=page, baseColorFactor=factor, metallicFactor=0.0, roughnessFactor=1.0
+        name=part.name,
+        baseColorTexture=page,
+        baseColorFactor=factor,
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+        doubleSided=True,
     )
 
 

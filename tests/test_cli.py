@@ -324,7 +324,8 @@ def completed(tmp_path_factory, scan):
 
 def test_complete_writes_what_the_contract_names(completed):
     out, summary = completed
-    names = {"completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "report.html"}
+    names = {"completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json"}
+    names.add("report.html")
     assert set(contents(out)) == names
     assert summary["hypothesised_m2"] > 0
     record = json.loads((out / "completion.json").read_text())

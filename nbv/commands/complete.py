@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from completion.edits.file import read_edits
 from completion.effect import effect_of
@@ -20,7 +20,8 @@ from nbv.report.page import square_metres
 from nbv.wording import count
 from scenes.range_image import RangeImage
 
-FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
+FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json")
+Export = Literal["obj", "e57"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,6 +42,8 @@ class CompleteRequest:
         Whether inferred area is textured.
     edits : str, optional
         A file of edits.
+    exports : tuple of "obj" or "e57"
+        Formats beside those that are always written.
     """
 
     mode: Mode
@@ -49,6 +52,7 @@ class CompleteRequest:
     registration_m: float
     texture: bool
     edits: str | None
+    exports: tuple[Export, ...] = ()
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""
@@ -82,6 +86,8 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             verification = verify_first(scans, options, shared.threads)
         run.watch.enter("save")
         save(run, completion, verification)
+        for suffix in how.exports:
+            run.outputs.extend(completion.export(run.out / f"completed.{suffix}"))
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.e57_inferred import INFERRED
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
 from scenes.formats.header import FORMAT, colour_from_bytes, described, projection_from_dict
@@ -31,9 +32,14 @@ _CURE = (
 
 
 def count_e57(path: Path) -> int:
-    """Return how many scans the file holds."""
+    """Return how many scans the file holds; clouds of inferred points are none."""
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        return int(file.scan_count)
+        return len(_measured(file))
+
+
+def _measured(file: Any) -> list[int]:
+    """The file's own numbers, from 0, of what was measured."""
+    return [k for k in range(file.scan_count) if INFERRED not in _text(file.get_header(k), "description")]
 
 
 def read_e57(path: Path, index: int) -> RangeImage:
@@ -50,17 +56,19 @@ def read_e57(path: Path, index: int) -> RangeImage:
         Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
     """
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        header = file.get_header(index)
+        scans = _measured(file)
+        own = scans[index]
+        header = file.get_header(own)
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
         if missing and header.has_pose():
             return _projected(path, index, _text(header, "name") or path.stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
-        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
         pose = _read_pose(header) @ SCANNER_FROM_SENSOR
         description, name = _text(header, "description"), _text(header, "name")
-        several = int(file.scan_count) > 1
+        several = len(scans) > 1
     local, kept = _points(data)
     points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
     row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
@@ -85,8 +93,9 @@ def read_e57_points(path: Path, index: int) -> RawPoints:
     None.
     """
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        header = file.get_header(index)
-        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        own = _measured(file)[index]
+        header = file.get_header(own)
+        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
         pose = _read_pose(header)
         is_one_scan = header.has_pose() or "rowIndex" in data
     points, kept = _points(data)
