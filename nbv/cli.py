@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from nbv.commands.arguments import parse_numbers, parse_shape
+from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.options import (
     DepthScale,
     Intrinsics,
@@ -139,8 +139,10 @@ def complete(
     ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
     export: Annotated[
-        list[Literal["obj", "e57"]] | None,
-        typer.Option("--export", help="Also completed.obj or completed.e57; repeat it.", show_default=False),
+        list[str] | None,
+        typer.Option(
+            "--export", metavar="obj|e57", help="Also completed.obj or .e57; repeat it.", show_default=False
+        ),
     ] = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
@@ -149,6 +151,7 @@ def complete(
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
 
@@ -161,7 +164,7 @@ def complete(
         registration_m=registration,
         texture=not no_texture,
         edits=edits,
-        exports=tuple(dict.fromkeys(export or ())),
+        exports=wanted,
     )
     run_complete(shared, request, how)
 
@@ -243,13 +246,13 @@ def fit(
 @with_shared
 def info(
     shared: Shared,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Any file, or an output folder.")],
     up: UpOption = "z",
     units: UnitsOption = "m",
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
 ) -> None:
-    """Tell what a scene or scan holds, with warnings; -o FILE.json keeps it."""
+    """Tell what a file or an output folder holds, with warnings; -o FILE.json keeps it."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     from nbv.commands.info import run_info
 

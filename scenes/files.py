@@ -35,7 +35,7 @@ METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 _TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
 _LAS_SUFFIXES = (".las", ".laz")
 SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
-_MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def _itself(scan: RangeImage) -> RangeImage:
 
 def _refusal(suffix: str) -> str:
     """Why a suffix is no scan, and the cure."""
-    if suffix in _MESH_SUFFIXES:
+    if suffix in MESH_SUFFIXES:
         return f"{suffix} is a mesh, not a scan; simulate one with `unseen scan SCENE -o FILE.npz`"
     if suffix == ".pts":
         return NO_RAYS

@@ -112,6 +112,7 @@ def test_the_command_line_itself_imports_nothing_slow():
         ("complete",),
         ("complete", "a.npz", "--intrinsics", "1,2,3"),
         ("complete", "a.npz", "--mode", "wild"),
+        ("complete", "a.npz", "--export", "dwg"),
         ("texture", "a.png"),
         ("texture", "a.png", "--grow", "12"),
         ("texture", "a.png", "--grow", "12x9", "--mask", "b.png"),

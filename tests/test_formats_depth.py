@@ -60,7 +60,7 @@ def test_what_an_encoding_cannot_hold_is_refused(tmp_path: Path) -> None:
 
 
 def test_encodings_are_suspected_from_the_values() -> None:
-    assert "multiples of 8" in suspected_encoding(sun3d(DEPTH_MM).astype(np.float64))
+    assert "100% of its values are multiples of 8" in suspected_encoding(sun3d(DEPTH_MM).astype(np.float64))
     disparity = np.arange(300, 1000, dtype=np.uint16).byteswap().astype(np.float64)
     assert "wrong order" in suspected_encoding(disparity)
     for counts in (DEPTH_MM, DEPTH_MM * 5, np.zeros((3, 3)), DEPTH_MM / 1000):

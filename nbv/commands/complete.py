@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from completion.edits.file import read_edits
 from completion.effect import effect_of
@@ -21,7 +21,6 @@ from nbv.wording import count
 from scenes.range_image import RangeImage
 
 FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json")
-Export = Literal["obj", "e57"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,7 +51,7 @@ class CompleteRequest:
     registration_m: float
     texture: bool
     edits: str | None
-    exports: tuple[Export, ...] = ()
+    exports: tuple[str, ...] = ()
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""

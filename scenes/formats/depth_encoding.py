@@ -12,6 +12,7 @@ from scenes.checks import FloatArray, InputError
 
 DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 _MOST_DISPARITY = 2047  # 11 bits; that number itself means that nothing was measured
+_TURNED = 0.9  # share of multiples of 8; one in eight by chance, all of depths below 8.2 m by turned bits
 _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - disparity), of the NYU toolbox
 
 
@@ -67,10 +68,11 @@ def suspected_encoding(counts: FloatArray) -> str:
     known = counts[counts > 0]
     if not len(known) or not (known == np.floor(known)).all() or known.max() > 65535:
         return ""
-    if len(np.unique(known)) > 8 and not (known % 8).any() and known.max() > 8192:
+    eighth = float(np.mean(known % 8 == 0))
+    if len(np.unique(known)) > 8 and eighth > _TURNED and known.max() > 8192:
         return (
-            "all values are multiples of 8, as SUN3D's are, whose bits are turned: if so say "
-            '"depth_encoding": "sun3d" in camera.json'
+            f"{eighth:.0%} of its values are multiples of 8, as SUN3D's are, whose bits are turned: if so, "
+            'say "depth_encoding": "sun3d" in camera.json'
         )
     swapped = known.astype(np.uint16).byteswap()
     if known.max() > _MOST_DISPARITY >= swapped.max():
