@@ -67,12 +67,13 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
     scene = trimesh.Scene(base_frame="world")
     transform = node_transform(np.vstack([part.vertices for part in parts]))
     origin = (np.linalg.inv(_Y_UP) @ transform)[:3, 3]
-    images: dict[int, Image.Image] = {}
+    pages: dict[int, tuple[str, Image.Image]] = {}
     for part in parts:
         mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
         if part.image is not None:
-            page = images.setdefault(id(part.image), Image.fromarray(part.image))
-            mesh.visual = TextureVisuals(uv=part.uv, material=_material(part, page))
+            if id(part.image) not in pages:
+                pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
+            mesh.visual = TextureVisuals(uv=part.uv, material=_material(part, *pages[id(part.image)]))
         elif part.colour is not None:
             mesh.visual.vertex_colors = part.colour
         scene.add_geometry(mesh, node_name=part.name, geom_name=part.name, transform=transform)
@@ -96,12 +97,12 @@ def empty_glb() -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
 
 
-def _material(part: MeshPart, page: Image.Image) -> PBRMaterial:
-    """A texture with its mean tint, which glTF holds in linear light."""
+def _material(part: MeshPart, name: str, page: Image.Image) -> PBRMaterial:
+    """A texture with its mean tint, which glTF holds in linear light; parts that look alike share it."""
     tint = np.full(3, 1.0) if part.colour is None else linear_from_srgb(part.colour.mean(axis=0) / 255)
     factor = None if (tint > 0.999).all() else [*(round(float(c) * 255) for c in tint), 255]
     return PBRMaterial(
-        name=part.name,
+        name=name,
         baseColorTexture=page,
         baseColorFactor=factor,
         metallicFactor=0.0,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.describe import scan_warnings
+from scenes.describe_scans import scan_warnings
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
 from scenes.formats.header import colour_from_bytes
 from scenes.formats.trajectory import read_poses
