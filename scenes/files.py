@@ -25,7 +25,7 @@ from scenes.formats.rgbd import read_frame
 from scenes.formats.rgbd_layout import open_rgbd, write_rgbd
 from scenes.formats.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scan_text import read_scan_text, write_scan_text
-from scenes.formats.trajectory import read_poses
+from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
@@ -52,12 +52,15 @@ class ScanSource:
         One a scan, in natural order; each reads and returns its scan.
     registered : bool
         False when frames of a folder have no poses.
+    times : tuple of float, optional
+        When each was taken, seconds, where a folder tells.
     """
 
     path: Path
     kind: str
     readers: tuple[Callable[[], RangeImage], ...]
     registered: bool = True
+    times: tuple[float, ...] | None = None
 
 
 def open_scans(
@@ -79,7 +82,9 @@ def open_scans(
     if source.is_dir():
         folder = open_rgbd(source)
         readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
-        return ScanSource(source, f"rgbd ({folder.layout})", tuple(readers), folder.registered)
+        times = tuple(frame.time for frame in folder.frames if frame.time is not None)
+        timed = times if len(times) == len(readers) else None
+        return ScanSource(source, f"rgbd ({folder.layout})", tuple(readers), folder.registered, timed)
     check_file(source)
     suffix = source.suffix.lower()
     if suffix not in SCAN_SUFFIXES:
@@ -171,7 +176,7 @@ def read_scans(
     base, number = split_index(path)
     source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
     picked = _pick(source, number)
-    given = _given_poses(poses, len(source.readers), picked)
+    given = _given_poses(poses, source, picked)
     if given is None and not source.registered and len(picked) > 1:
         raise InputError(
             f"{base}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
@@ -199,11 +204,15 @@ def _pick(source: ScanSource, number: int | None) -> list[int]:
 
 
 def _given_poses(
-    poses: str | os.PathLike[str] | Sequence[Pose] | None, n_scans: int, picked: list[int]
+    poses: str | os.PathLike[str] | Sequence[Pose] | None, source: ScanSource, picked: list[int]
 ) -> list[Pose] | None:
+    """The poses of the picked scans: one each, or for all of them; of a trajectory with times the nearest."""
     if poses is None:
         return None
+    n_scans = len(source.readers)
     found = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
+    if isinstance(poses, str | os.PathLike) and source.times is not None and len(found) != n_scans:
+        return poses_at(Path(poses), [source.times[k] for k in picked])
     if len(found) == n_scans:
         return [found[k] for k in picked]
     if len(found) == len(picked):

@@ -24,11 +24,12 @@ Intrinsics = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RgbdFrame:
-    """One pair of images, and where it was taken if known."""
+    """One pair of images; where and when, in seconds, it was taken if known."""
 
     depth: Path
     colour: Path | None = None
     pose: Pose | None = None
+    time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

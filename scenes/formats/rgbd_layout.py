@@ -18,7 +18,7 @@ from scenes.formats.depth_encoding import DepthEncoding, check_encoding
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
-from scenes.formats.trajectory import read_poses, read_timed_poses, rounded_pose, write_poses
+from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose, write_poses
 from scenes.natural_order import natural_key
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
@@ -31,7 +31,6 @@ _CAMERAS = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesen
             "intrinsics.txt")  # fmt: skip
 _POSES = ("pose.txt", "poses.txt", "trajectory.txt", "trajectory.log", "poses.json")
 _SCALES = (10000, 5000, 2000, 1000, 500, 200, 100)  # depth values a metre that a writer chooses from
-_TUM_GAP_S = 0.02  # the TUM benchmark's own limit for images that belong together
 
 
 def open_rgbd(folder: Path) -> RgbdFolder:
@@ -173,14 +172,16 @@ def _open_align3d(folder: Path) -> RgbdFolder:
 def _open_tum(folder: Path) -> RgbdFolder:
     """Depth images with the nearest colour image and pose, at most 20 ms away; others are dropped."""
     timed = _tum_pairs(folder)
-    frames = [RgbdFrame(_inside(folder, depth), _inside(folder, colour)) for _, depth, colour in timed]
+    frames = [
+        RgbdFrame(_inside(folder, depth), _inside(folder, colour), time=time) for time, depth, colour in timed
+    ]
     if timed and (folder / "groundtruth.txt").is_file():
         stamps, poses = read_timed_poses(folder / "groundtruth.txt")
         near = [int(np.argmin(np.abs(stamps - time))) for time, _, _ in timed]
         frames = [
             replace(frame, pose=poses[k])
             for frame, k, (time, _, _) in zip(frames, near, timed, strict=True)
-            if abs(stamps[k] - time) <= _TUM_GAP_S
+            if abs(stamps[k] - time) <= TIME_GAP_S
         ]
     found = _with_camera(RgbdFolder("tum", tuple(frames)), folder)
     return replace(found, depth_scale=found.depth_scale or 5000.0)
@@ -203,7 +204,7 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
     return [
         (time, name, colours[k][1])
         for (time, name), k in zip(depths, near, strict=True)
-        if abs(times[k] - time) <= _TUM_GAP_S
+        if abs(times[k] - time) <= TIME_GAP_S
     ]
 
 

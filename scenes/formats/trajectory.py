@@ -16,6 +16,7 @@ from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.guard import check_file, reading
 from scenes.pose import Pose
 
+TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
 _FORMS = (
     "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
@@ -68,6 +69,25 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
         return np.array([row[0] for row in rows]), _number_checked([_matrix(row[1:]) for row in rows])
+
+
+def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
+    """Return the poses of a TUM trajectory nearest to `times` in seconds, at most 20 ms away.
+
+    Raises
+    ------
+    InputError
+        No TUM trajectory, or a time without a pose.
+    """
+    stamps, poses = read_timed_poses(path)
+    near = [int(np.argmin(np.abs(stamps - time))) for time in times]
+    far = [time for time, k in zip(times, near, strict=True) if abs(stamps[k] - time) > TIME_GAP_S]
+    if far:
+        raise InputError(
+            f"{path}: {len(far)} of {len(times)} frames have no pose within {TIME_GAP_S:g} s, the first at "
+            f"{far[0]:.6f}; pick frames with PATH#k, or give one pose a frame"
+        )
+    return [poses[k] for k in near]
 
 
 def _number_rows(text: str) -> list[list[float]]:
