@@ -24,7 +24,7 @@ SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
     [
         ("nothing.npz", "nothing.npz: no such file or folder"),
         ("mesh.glb", r"mesh.glb: \.glb is a mesh, not a scan; simulate one with `unseen scan"),
-        ("cloud.las", r"cloud.las: cannot be read as las scan: Invalid"),
+        ("cloud.las", r"cloud.las: not a LAS file: it does not begin with LASF"),
         ("cloud.pts", r"cloud.pts: holds points without a pixel grid or sensor position.*--origin X,Y,Z"),
         ("text.docx", r"text.docx: cannot read scans from \.docx; known: \.npz, \.ply"),
         ("plain", "cannot read scans from a file without suffix"),

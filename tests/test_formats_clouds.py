@@ -124,6 +124,9 @@ def test_pixels_outside_the_image_are_refused() -> None:
     moved = Cloud(cloud.points, cloud.row + 1000, cloud.column, cloud.header)
     with pytest.raises(InputError, match="do not each have a pixel"):
         scan_of(moved)
+    huge = {**cloud.header, "projection": {**cloud.header["projection"], "width": 10_000, "height": 10_000}}
+    with pytest.raises(InputError, match="points in a grid of 10000 x 10000: is its header damaged"):
+        scan_of(Cloud(cloud.points, cloud.row, cloud.column, huge))
 
 
 @pytest.mark.parametrize(("high", "shift"), [(255, 0), (255 * 257, 8)], ids=["8 bits", "16 bits"])

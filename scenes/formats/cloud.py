@@ -87,6 +87,10 @@ def scan_of(cloud: Cloud) -> RangeImage:
     header = dict(cloud.header)
     projection, pose = projection_from_dict(header["projection"]), pose_from_header(header)
     rows, columns = projection.shape
+    if rows * columns > 1000 * len(cloud.points) + 1_000_000:
+        raise InputError(
+            f"{len(cloud.points)} points in a grid of {rows} x {columns}: is its header damaged?"
+        )
     pixel = cloud.row * columns + cloud.column
     inside = (cloud.row >= 0) & (cloud.row < rows) & (cloud.column >= 0) & (cloud.column < columns)
     if not inside.all() or len(np.unique(pixel)) < len(pixel):

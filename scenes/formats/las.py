@@ -13,7 +13,8 @@ import numpy as np
 from scenes.atomic import atomic_path, json_text
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
-from scenes.formats.guard import MAX_BYTES, import_extra
+from scenes.formats.guard import import_extra
+from scenes.formats.las_header import check_las
 from scenes.formats.raw_points import RawPoints
 from scenes.range_image import RangeImage
 
@@ -43,9 +44,9 @@ def read_las_points(path: Path) -> RawPoints:
 
 
 def _open(path: Path) -> Any:
-    with import_extra("laspy", "las").open(path) as opened:
-        if int(opened.header.point_count) * 24 > MAX_BYTES:
-            raise InputError(f"announces {opened.header.point_count:,} points, which is too many")
+    laspy = import_extra("laspy", "las")
+    check_las(path)
+    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
         return opened.read()
 
 
