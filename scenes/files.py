@@ -49,7 +49,7 @@ class ScanSource:
     kind : str
         The suffix: "npz", "e57" and so on, or "rgbd (plain)" and the like.
     readers : tuple of functions
-        One a scan, in natural order; each reads and returns its scan.
+        One a scan, in natural order; each reads and returns its scan, or raises InputError.
     registered : bool
         False when frames of a folder have no poses.
     times : tuple of float, optional
@@ -84,14 +84,27 @@ def open_scans(
         readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
         times = tuple(frame.time for frame in folder.frames if frame.time is not None)
         timed = times if len(times) == len(readers) else None
-        return ScanSource(source, f"rgbd ({folder.layout})", tuple(readers), folder.registered, timed)
+        kind = f"rgbd ({folder.layout})"
+        return ScanSource(source, kind, _guarded(source, kind, readers), folder.registered, timed)
     check_file(source)
     suffix = source.suffix.lower()
     if suffix not in SCAN_SUFFIXES:
         raise InputError(f"{source}: {_refusal(suffix)}")
     kind = suffix[1:]
     with reading(source, f"{kind.upper()} scan"):
-        return ScanSource(source, kind, tuple(_readers(source, suffix, intrinsics)))
+        return ScanSource(source, kind, _guarded(source, kind, _readers(source, suffix, intrinsics)))
+
+
+def _guarded(
+    source: Path, kind: str, readers: Sequence[Callable[[], RangeImage]]
+) -> tuple[Callable[[], RangeImage], ...]:
+    """The readers, of which none raises anything but InputError."""
+
+    def guarded(reader: Callable[[], RangeImage]) -> RangeImage:
+        with reading(source, f"{kind} scan"):
+            return reader()
+
+    return tuple(partial(guarded, reader) for reader in readers)
 
 
 def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[Callable[[], RangeImage]]:
@@ -184,8 +197,7 @@ def read_scans(
         )
     scans = []
     for index, k in enumerate(picked):
-        with reading(base, f"{source.kind} scan"):
-            scan = source.readers[k]()
+        scan = source.readers[k]()
         if given is not None:
             scan = replace(scan, world_from_sensor=given[index])
         scans.append(in_metres(scan, units))

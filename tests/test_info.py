@@ -186,3 +186,15 @@ def test_huge_records_and_archives_are_refused(tmp_path, monkeypatch):
 def test_lengths_of_poses_follow_the_unit(tmp_path):
     (tmp_path / "a.txt").write_text("0 0 0 0 0 0 1\n1000 0 0 0 0 0 1\n")
     assert describe(tmp_path / "a.txt", units="mm")["way_m"] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("suffix", [".ptx", ".csv", ".xyz", ".pcd", ".ply", ".las"])
+def test_scans_damaged_inside_are_one_line(tmp_path, suffix):
+    write_scan(example_scan(PROJECTIONS["pinhole"]), tmp_path / f"a{suffix}")
+    data = bytearray((tmp_path / f"a{suffix}").read_bytes())
+    for place in range(300, len(data), 97):
+        data[place] = ord("?")
+    (tmp_path / f"a{suffix}").write_bytes(data)
+    result = run("info", tmp_path / f"a{suffix}")
+    if result.exit_code:
+        assert_fails_in_one_line(result, f"a{suffix}: ")
