@@ -22,6 +22,7 @@ from nbv.journal import FileJournal
 from nbv.manifest import input_records, versions
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planning import Method, plan_views
 from nbv.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
@@ -106,6 +107,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("load")
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
@@ -138,6 +140,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("report")
         beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
@@ -146,7 +149,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
         page.write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
+        summary = {**summary_of(plan), "warnings": world.warnings}
+        run.finish([scene, *request.inputs], resolved, summary, lines_of(plan))
         journal.forget()
 
 
