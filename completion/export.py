@@ -29,11 +29,11 @@ from scenes.atomic import write_bytes, write_json
 from scenes.checks import InputError
 from scenes.formats.e57_inferred import InferredPoints
 from scenes.formats.e57_writer import write_e57
+from scenes.formats.glb import glb_of
 from scenes.formats.obj_writer import write_obj
 from scenes.formats.ply import write_mesh_ply
 from scenes.mesh import Appearance, LabelledMesh
 from scenes.pose import Pose
-from scenes.saving import glb_of
 
 
 def save_completion(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.files import read_scan, read_scans, write_scan, write_scans
+from scenes.formats.glb import empty_glb, glb_of
 from scenes.formats.stl import stl_origin
 from scenes.formats.trajectory import read_poses, read_timed_poses, write_poses
 from scenes.loading import load_scene
@@ -22,7 +23,7 @@ from scenes.mesh import Appearance, LabelledMesh
 from scenes.mesh_parts import parts_of
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
-from scenes.saving import empty_glb, glb_of, save_scene
+from scenes.saving import save_scene
 from scenes.scene import Scene
 from tests.scan_examples import POSE, PROJECTIONS, assert_same_scan, example_scan
 
