@@ -75,12 +75,12 @@ def killed(study: Path, out: Path, rng: random.Random) -> list[int]:
     left = []
     for moment in sorted(rng.sample(range(1, N_CASES), N_KILLS)):
         process = subprocess.Popen(command(study, out))
-        while len(list(out.glob("plans/*.json"))) < moment and process.poll() is None:
+        while len(list(out.glob("plans/[!.]*.json"))) < moment and process.poll() is None:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.5))  # in the middle of something
         process.send_signal(signal.SIGKILL)
         process.wait()
-        left.append(len(list(out.glob("plans/*.json"))))
+        left.append(len(list(out.glob("plans/[!.]*.json"))))
     subprocess.run(command(study, out), check=True)
     return left
 

@@ -7,11 +7,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from nbv.commands.arguments import parse_numbers, parse_shape
+from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
+    Origins,
     Poses,
     SceneArgument,
     Scheduler,
@@ -64,23 +65,42 @@ def demo(shared: Shared) -> None:
 def scan(
     shared: Shared,
     scene: SceneArgument,
-    at: Annotated[str, typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.")],
-    look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.", show_default=False),
+    ] = None,
+    look: Annotated[
+        str | None,
+        typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.", show_default=False),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        typer.Option(
+            "--poses",
+            metavar="FILE[#k]",
+            help="Instead: plan.json or a trajectory; several go to .e57 or a folder.",
+            show_default=False,
+        ),
+    ] = None,
     sensor: SensorOption = "generic60",
     noise: NoiseOption = "none",
     no_truth: Annotated[bool, typer.Option("--no-truth", help="Leave out what was really met.")] = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
-    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx or .e57."""
-    eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
-    from nbv.commands.scan import run_scan
+    """Take a simulated scan of a scene, or one a pose: -o FILE.npz, .ply, .pcd, .ptx, .e57, .las, .xyz ..."""
+    if poses is None and (at is None or look is None):
+        raise typer.BadParameter("give --at X,Y,Z and --look X,Y,Z, or --poses FILE")
+    if poses is not None and (at is not None or look is not None):
+        raise typer.BadParameter("--poses tells all there is to know: leave out --at and --look")
+    eye = None if at is None else parse_numbers(at, 3, "--at")
+    target = None if look is None else parse_numbers(look, 3, "--look")
+    from nbv.commands.scan import Stand, run_scan
 
     run_scan(
         shared,
         scene,
-        eye=eye,
-        target=target,
+        stand=Stand(eye, target, poses),
         sensor=sensor,
         noise=noise,
         truth=not no_truth,
@@ -124,15 +144,7 @@ def complete(
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
     ] = 0.005,
-    origin: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--origin",
-            metavar="X,Y,Z",
-            help="Where the scanner stood, for files of mere points; repeat it for each.",
-            show_default="from the files",
-        ),
-    ] = None,
+    origin: Origins = None,
     edits: Annotated[
         str | None,
         typer.Option(
@@ -140,6 +152,12 @@ def complete(
         ),
     ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export", metavar="obj|e57", help="Also completed.obj or .e57; repeat it.", show_default=False
+        ),
+    ] = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
@@ -147,6 +165,7 @@ def complete(
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
 
@@ -159,6 +178,7 @@ def complete(
         registration_m=registration,
         texture=not no_texture,
         edits=edits,
+        exports=wanted,
     )
     run_complete(shared, request, how)
 
@@ -240,13 +260,13 @@ def fit(
 @with_shared
 def info(
     shared: Shared,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Any file, or an output folder.")],
     up: UpOption = "z",
     units: UnitsOption = "m",
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
 ) -> None:
-    """Tell what a scene or scan holds, with warnings; -o FILE.json keeps it."""
+    """Tell what a file or an output folder holds, with warnings; -o FILE.json keeps it."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     from nbv.commands.info import run_info
 

@@ -244,7 +244,8 @@ def _seen_from(
     towards = position - targets.points
     distance = np.linalg.norm(towards, axis=1)
     slope = np.einsum("ij,ij->i", towards, targets.normals)
-    near = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m) & (distance > 0)
+    nearest = np.where(targets.is_unknown, 0.0, sensor.min_range_m)  # beams go on into what is unknown
+    near = (distance >= nearest) & (distance <= sensor.max_range_m) & (distance > 0)
     index = np.flatnonzero(near & (slope >= floor * distance))
     if len(index):
         origins = np.broadcast_to(position, (len(index), 3))

@@ -10,6 +10,7 @@ import numpy as np
 
 from nbv.baseline_plan import BASELINES, plan_simply
 from nbv.cover.pipeline import CoverOptions
+from nbv.journal import Journal
 from nbv.offline import plan_offline
 from nbv.online import plan_online
 from nbv.overlap import OverlapOptions
@@ -58,6 +59,7 @@ def plan_views(
     scans: Sequence[RangeImage] = (),
     zones: Zones = EVERYWHERE,
     remote: RemoteVisibility | None = None,
+    journal: Journal | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -113,6 +115,8 @@ def plan_views(
         kept out of.
     remote : RemoteVisibility, optional
         For planners that know the scene: workers that cast for them. The plan does not depend on them.
+    journal : Journal, optional
+        For "nbv": remembers the views that were chosen by a run that was killed.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -179,7 +183,7 @@ def plan_views(
         return plan_offline(task, views, budgets or CoverOptions(), rng)
     if method in BASELINES:
         return plan_simply(task, method, views, rng)
-    return plan_online(task, views, noise, options or PlannerOptions(), rng)
+    return plan_online(task, views, noise, options or PlannerOptions(), rng, journal)
 
 
 def _samples(scene: Scene, method: Method) -> SurfaceSamples:

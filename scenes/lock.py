@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from scenes.checks import InputError
 
@@ -20,24 +21,40 @@ _LEFTOVER = re.compile(r"\..+\.\d+\.tmp(\.[^.]+)?")  # of `scenes.atomic.atomic_
 def locked(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder, and clear it of what a killed run left half-written.
 
-    The lock is an empty file that stays; where the file system knows no locks, or the folder cannot be
-    written, nothing is held.
+    The lock is an empty file, removed at the end; one that a killed run left behind locks nothing. Where the
+    file system knows no locks, or the folder cannot be written, nothing is held.
 
     Raises
     ------
     InputError
         Another run holds it.
     """
+    file = folder / LOCK_NAME
     try:
-        stream = (folder / LOCK_NAME).open("ab")
+        stream = _opened(file)
     except OSError:
         yield
         return
     with stream:
-        if not _taken(stream.fileno()):
-            raise InputError(f"{folder}: another run writes there; wait for it, or give another --out")
         remove_leftovers(folder)
-        yield
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows keeps files that are open
+                file.unlink()
+
+
+def _opened(file: Path) -> BinaryIO:
+    """Return the lock's file, locked: the one that stands there now, not one that was just removed."""
+    while True:
+        stream = file.open("ab")
+        if not _taken(stream.fileno()):
+            stream.close()
+            raise InputError(f"{file.parent}: another run writes there; wait for it, or give another --out")
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
+                return stream
+        stream.close()
 
 
 def remove_leftovers(folder: Path) -> None:

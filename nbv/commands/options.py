@@ -45,6 +45,15 @@ Poses = Annotated[
     str | None,
     typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
 ]
+Origins = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--origin",
+        metavar="X,Y,Z",
+        help="Where the scanner stood, for files of mere points; repeat it for each.",
+        show_default="from the files",
+    ),
+]
 
 Scheduler = Annotated[
     str | None,

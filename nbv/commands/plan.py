@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -17,8 +18,11 @@ from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
+from nbv.journal import FileJournal
+from nbv.manifest import input_records, versions
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planning import Method, plan_views
 from nbv.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
@@ -29,7 +33,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
 from nbv.wording import count
 from nbv.zones import Box, Zones
-from scenes.atomic import write_json
+from scenes.atomic import json_text, write_json
 from scenes.files import Units
 from scenes.loading import open_scene
 from scenes.orientation import Axis
@@ -103,9 +107,11 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("load")
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
+        journal = FileJournal(run.out / ".journal", _key(shared, scene, request))
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,
@@ -123,6 +129,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
                 scans=scans,
                 zones=zones,
                 remote=remote,
+                journal=journal,
                 rng=shared.seed,
                 n_threads=shared.threads,
                 progress=run.progress,
@@ -133,6 +140,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("report")
         beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
@@ -141,7 +149,20 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
         page.write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
+        summary = {**summary_of(plan), "warnings": world.warnings}
+        run.finish([scene, *request.inputs], resolved, summary, lines_of(plan))
+        journal.forget()
+
+
+def _key(shared: Shared, scene: str, request: PlanRequest) -> str:
+    """Return what tells a run by what it is made of."""
+    made_of = {
+        "versions": versions(),
+        "inputs": input_records([scene, *request.inputs]),
+        "options": request.options(),
+        "seed": shared.seed,
+    }
+    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
 
 
 def baselines_of(

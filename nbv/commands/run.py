@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,6 +95,12 @@ class Run:
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
         )
         return where
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print what is doubtful about the input, a line each on stderr; nothing when quiet."""
+        if not self.shared.quiet:
+            for text in warnings:
+                typer.echo(f"unseen {self.command}: warning: {' '.join(text.split())}", err=True)
 
     def say(self, summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Print `summary` as one JSON object, or `lines` for people, or nothing when quiet."""

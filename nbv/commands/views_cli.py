@@ -10,6 +10,7 @@ from nbv.commands.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
+    Origins,
     Poses,
     Scheduler,
     SensorOption,
@@ -65,6 +66,7 @@ def plan(
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
+    origin: Origins = None,
     region: Region = None,
     keep_out: KeepOut = None,
     noise: NoiseOption = "none",
@@ -89,6 +91,7 @@ def plan(
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.next_stations import run_next_stations
     from nbv.commands.plan import PlanRequest, run_plan
     from nbv.commands.scans import ScanRequest
@@ -112,7 +115,7 @@ def plan(
         views=views,
         mode=mode,
         candidates=candidates,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units),
+        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
         region=box,
         keep_out=boxes,
         noise=noise,
@@ -134,6 +137,7 @@ def coverage(
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
+    origin: Origins = None,
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,
@@ -148,13 +152,14 @@ def coverage(
     if scene is None and plan is not None:
         raise typer.BadParameter("a plan alone measures nothing: give SCENE too")
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scan_coverage import run_scan_coverage
     from nbv.commands.scans import ScanRequest
 
     request = CoverageRequest(
         plan=plan,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units),
+        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,
