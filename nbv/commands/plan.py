@@ -134,7 +134,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
+        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines, scans)
         page.write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
