@@ -9,9 +9,10 @@ import pytest
 from PIL import Image
 
 from tests.browser import Browser, needs_chromium
-from tests.view_examples import EVIL, UTM, known_page, report_pages
+from tests.view_examples import EVIL, FEW, KINDS, UTM, known_page, report_page
 
 pytestmark = needs_chromium
+SCREENSHOTS = os.environ.get("UNSEEN_SCREENSHOTS")
 LEFT, RIGHT = (1.3, 0.7, 0.0), (4.2, 1.1, 0.0)
 IS_LIVE = "[...document.querySelectorAll('figure.view')].every(f => f.view)"
 VIEW = "document.querySelector('figure.view').view"
@@ -266,23 +267,22 @@ def test_the_page_may_load_nothing(browser, file):
     tab.close()
 
 
-def test_each_kind_of_report_comes_to_life(browser, tmp_path):
-    """With UNSEEN_SCREENSHOTS=FOLDER pictures of each, light and dark, wide and narrow, are left there."""
-    folder = os.environ.get("UNSEEN_SCREENSHOTS")
-    for name, page in report_pages():
-        page.write(tmp_path / f"{name}.html")
-        for width, scheme in ((1280, "light"), (390, "dark")):
-            tab = browser.open(tmp_path / f"{name}.html", width, 900, prefers_color_scheme=scheme)
-            for k in range(tab.run("document.querySelectorAll('figure.view').length")):
-                tab.run(f"document.querySelectorAll('figure.view')[{k}].scrollIntoView()")
-                tab.wait_for(f"document.querySelectorAll('figure.view')[{k}].view")
-            pixels = tab.pixels("canvas").astype(int)
-            assert np.ptp(pixels, axis=2).max() > 60, name
-            assert tab.run("document.documentElement.scrollWidth") <= width, name
-            assert tab.complaints() == [], name
-            if folder:
-                save(tab, Path(folder), f"{name}-{width}-{scheme}")
-            tab.close()
+@pytest.mark.parametrize("kind", KINDS if SCREENSHOTS else FEW)
+def test_each_kind_of_report_comes_to_life(browser, tmp_path, kind):
+    """With UNSEEN_SCREENSHOTS=FOLDER pictures of all kinds, light and dark, wide and narrow, go there."""
+    file = tmp_path / "report.html"
+    report_page(kind).write(file)
+    for width, scheme in ((1280, "light"), (390, "dark")):
+        tab = browser.open(file, width, 900, prefers_color_scheme=scheme)
+        for k in range(tab.run("document.querySelectorAll('figure.view').length")):
+            tab.run(f"document.querySelectorAll('figure.view')[{k}].scrollIntoView()")
+            tab.wait_for(f"document.querySelectorAll('figure.view')[{k}].view")
+        assert np.ptp(tab.pixels("canvas").astype(int), axis=2).max() > 60
+        assert tab.run("document.documentElement.scrollWidth") <= width
+        assert tab.complaints() == []
+        if SCREENSHOTS:
+            save(tab, Path(SCREENSHOTS), f"{kind}-{width}-{scheme}")
+        tab.close()
 
 
 def save(tab, folder, name):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """A small 3-D view of which everything is known, and pages of each kind of report."""
 
+from functools import cache
+
 import numpy as np
 
 from completion.pipeline import CompletionOptions, complete
@@ -83,34 +85,56 @@ def known_page():
     return Page(EVIL, "Test", EVIL, (), None, sections, {EVIL: EVIL}, 0)
 
 
-def report_pages():
-    """Yield (name, page) for each kind of report, of small scenes."""
-    room = builtin_scene("two_occluders")
-    sensor = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
-    samples = sample_surface(room.mesh, 0.3)
-    coarse = PlannerOptions(voxel_m=0.2)
-    asked = {"scene": "builtin:two_occluders", "sensor": "small", "max_incidence_deg": 60.0}
-    shared = {"samples": samples, "candidates": CANDIDATES, "rng": 0, "n_threads": 1}
-    plan = plan_views(room, sensor, views=5, options=coarse, **shared)
-    yield "plan-nbv", plan_page(room, plan, plan.coverage, asked, 0, 1)
-    cover = plan_views(room, sensor, method="cover", views=6, budgets=CoverOptions(polish_steps=0), **shared)
-    yield "plan-cover", plan_page(room, cover, cover.coverage, asked, 0, 1)
-    seen = sightings_of(room.ray_caster(1), samples, plan.requirement, plan.views)
-    yield "coverage", coverage_page(room, plan.coverage, plan.views, seen, sensor, asked, 0, 1)
-    scans = [scan_scene(room, plan.views[k], rng=0, name=f"view {k + 1}") for k in (0, 1)]
-    model = complete(scans, CompletionOptions(texture=False), rng=0, n_threads=1)
-    yield "completion", completion_page(model, "two scans", asked, 0, 1)
-    comparison = compare(model, scans, room.mesh, samples)
-    yield "demo", demo_page(room, plan, [0, 1], model, comparison, asked, 0, 1)
-    around = SphericalSensor(width=240, height=90, name="around")
-    stood = View(Pose.looking_at((1.0, 1.0, 1.5), (5.0, 4.0, 1.2)), around)
-    survey = Survey.of([scan_scene(room, stood, rng=0, name="first")], around, options=coarse)
-    coverage = cover_by_scans(
-        survey, completion=complete(survey.scans, CompletionOptions(texture=False), rng=0)
+KINDS = ("plan-nbv", "plan-cover", "coverage", "completion", "demo", "next-stations", "scan-coverage")
+FEW = ("plan-nbv", "completion", "next-stations")  # the others are put together of the same parts
+ROOM = builtin_scene("two_occluders")
+CAMERA = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
+AROUND = SphericalSensor(width=240, height=90, name="around")
+COARSE = PlannerOptions(voxel_m=0.2)
+PLAIN = CompletionOptions(texture=False)
+ASKED = {"scene": "builtin:two_occluders", "sensor": "small", "max_incidence_deg": 60.0}
+
+
+SHARED = {
+    "samples": sample_surface(ROOM.mesh, 0.3), "candidates": CANDIDATES, "rng": 0, "n_threads": 1,
+}  # fmt: skip
+
+
+@cache
+def online_plan():
+    """A short plan."""
+    return plan_views(ROOM, CAMERA, views=5, options=COARSE, **SHARED)
+
+
+def report_page(kind):
+    """The report of a kind, of a small scene."""
+    if kind == "plan-cover":
+        budgets = CoverOptions(polish_steps=0)
+        plan = plan_views(ROOM, CAMERA, method="cover", views=6, budgets=budgets, **SHARED)
+        return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
+    if kind in ("next-stations", "scan-coverage"):
+        return page_of_scans(kind)
+    plan = online_plan()
+    if kind == "plan-nbv":
+        return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
+    if kind == "coverage":
+        seen = sightings_of(ROOM.ray_caster(1), SHARED["samples"], plan.requirement, plan.views)
+        return coverage_page(ROOM, plan.coverage, plan.views, seen, CAMERA, ASKED, 0, 1)
+    scans = [scan_scene(ROOM, plan.views[k], rng=0, name=f"view {k + 1}") for k in (0, 1)]
+    model = complete(scans, PLAIN, rng=0, n_threads=1)
+    if kind == "completion":
+        return completion_page(model, "two scans", ASKED, 0, 1)
+    return demo_page(
+        ROOM, plan, [0, 1], model, compare(model, scans, ROOM.mesh, SHARED["samples"]), ASKED, 0, 1
     )
-    following = plan_next_stations(survey, around, plan.requirement, views=2, options=coarse, n_threads=1)
-    yield "next-stations", next_stations_page(following, coverage, "one scan", asked, 0, 1)
-    yield (
-        "scan-coverage",
-        scan_coverage_page(coverage, StateMesh.of(coverage), around, "one scan", asked, 0, 1),
-    )
+
+
+def page_of_scans(kind):
+    """The report of a scan without a model of the scene."""
+    stood = View(Pose.looking_at((1.0, 1.0, 1.5), (5.0, 4.0, 1.2)), AROUND)
+    survey = Survey.of([scan_scene(ROOM, stood, rng=0, name="first")], AROUND, options=COARSE)
+    coverage = cover_by_scans(survey, completion=complete(survey.scans, PLAIN, rng=0))
+    if kind == "scan-coverage":
+        return scan_coverage_page(coverage, StateMesh.of(coverage), AROUND, "one scan", ASKED, 0, 1)
+    plan = plan_next_stations(survey, AROUND, coverage.requirement, views=2, options=COARSE, n_threads=1)
+    return next_stations_page(plan, coverage, "one scan", ASKED, 0, 1)

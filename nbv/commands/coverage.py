@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import completion.limits
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
+from nbv.manifest import input_digests
 from nbv.measurement import measure_coverage, measure_scan_coverage
 from nbv.plan import read_plan
 from nbv.reachability import REASONS, scene_candidates
@@ -103,8 +104,9 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             shared.seed,
             shared.threads,
         )
-        page.write(run.path("report.html"))
         files = [request.plan] if request.plan else request.scans.inputs
+        inputs = [scene, request.sensor, *files]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
         summary = {
             "stations": len(measured.stations),
@@ -117,7 +119,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             f"{percent(coverage.met)} % of the area, "
             f"{percent(coverage.met_of_reachable)} % of what can be reached"
         )
-        run.finish([scene, request.sensor, *files], resolved, summary, [line])
+        run.finish(inputs, resolved, summary, [line])
 
 
 def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
+from nbv.manifest import input_digests
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planning import Method, plan_views
@@ -135,9 +136,10 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines, scans)
-        page.write(run.path("report.html"))
+        inputs = [scene, *request.inputs]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish([scene, *request.inputs], resolved, summary_of(plan), lines_of(plan))
+        run.finish(inputs, resolved, summary_of(plan), lines_of(plan))
 
 
 def baselines_of(

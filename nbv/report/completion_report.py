@@ -165,7 +165,7 @@ def surface_blocks(completion: Completion) -> tuple[Block, ...]:
     if not completion.patches:
         return (Text("None was recognised."),)
     rows = tuple(_row(number, patch) for number, patch in enumerate(completion.patches, start=1))
-    columns = ("#Surface", "Kind", "#measured, m\u00b2", "#inferred, m\u00b2", "#rms, mm", "#radius, mm")
+    columns = ("Surface", "Kind", "#measured, m\u00b2", "#inferred, m\u00b2", "#rms, mm", "#radius, mm")
     note = (
         "rms: distance of the measured points from the fitted surface. Radii carry their standard deviation "
         "from the fit. Inferred area is a hypothesis: completion.json says why each boundary ends there."

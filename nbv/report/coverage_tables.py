@@ -118,6 +118,6 @@ def _stations_table(what: str, poses: Sequence[Pose], gains: Sequence[float], me
         )
         for number, (pose, gain, share) in enumerate(zip(poses, gains, met, strict=True), start=1)
     )
-    columns = (f"#{what}", *PLACE_COLUMNS, "#newly measured, m\u00b2", "#measured so far, %")
+    columns = (what, *PLACE_COLUMNS, "#newly measured, m\u00b2", "#measured so far, %")
     many = len(rows) > _MANY_VIEWS
     return Table(columns, rows, f"Every {what.lower()}" if many else "", is_folded=many)

@@ -87,7 +87,7 @@ def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
         )
         for number, view in enumerate(plan.views, start=1)
     )
-    columns = ("#Station", *PLACE_COLUMNS, "#predicted gain, m\u00b2")
+    columns = ("Station", *PLACE_COLUMNS, "#predicted gain, m\u00b2")
     gain = (
         "area that is likely to be news beyond the unknown's boundary, inferred surface by its doubt alone, "
         "and of surface measured worse than required, which counts little where a fitted surface is exact,"

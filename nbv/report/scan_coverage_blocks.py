@@ -67,7 +67,7 @@ def area_bar(coverage: ScanCoverage) -> Bar:
     model = coverage.completion
     parts: list[tuple[str, State, float]] = [
         ("measured as required", "measured", coverage.measured.met_m2),
-        ("measured worse", "unknown", coverage.measured.worse_m2),
+        ("measured worse", "unreachable", coverage.measured.worse_m2),
         ("inferred", "inferred", 0.0 if model is None else model.hypothesised_m2),
     ]
     total = max(sum(area for _, _, area in parts), 1e-12)

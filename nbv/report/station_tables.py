@@ -42,7 +42,7 @@ def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table
             )
         )
     columns = (
-        "Scan" if lettered else "#Scan",
+        "Scan",
         "Name",
         *PLACE_COLUMNS,
         "#measured pixels",

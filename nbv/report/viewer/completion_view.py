@@ -102,7 +102,7 @@ def completion_view(
     return Viewer(
         "The completed model.",
         tuple(layer for layer in layers if len(layer.faces)),
-        mode="marked" if completion.textures or any(scan.colour is not None for scan in scans) else "state",
+        mode="marked" if completion.textures else "state",
         markers=view_markers([s.world_from_sensor for s in scans], [s.projection for s in scans]),
         lines=opening_lines(outlines),
         is_room=is_room,

@@ -44,10 +44,12 @@ def view_markers(
     )
 
 
-def given_markers(poses: Sequence[Pose], projections: Sequence[Projection]) -> tuple[Marker, ...]:
+def given_markers(
+    poses: Sequence[Pose], projections: Sequence[Projection], *, are_steps: bool = False
+) -> tuple[Marker, ...]:
     """Scans that had been there before, with letters as on the floor plan."""
     return tuple(
-        _marker(letters(number), pose, projection, UNKNOWN, is_step=False)
+        _marker(letters(number), pose, projection, UNKNOWN, is_step=are_steps)
         for number, (pose, projection) in enumerate(zip(poses, projections, strict=True))
     )
 

@@ -65,7 +65,9 @@ def state_view(
         Where surface counts, and where no station may be.
     """
     scans = coverage.survey.scans
-    given = given_markers([s.world_from_sensor for s in scans], [s.projection for s in scans])
+    given = given_markers(
+        [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
+    )
     following = view_markers(poses, [sensor.projection] * len(poses)) if sensor is not None else ()
     layers = (_measured(coverage, state), _inferred(coverage, state), *_edges(state))
     return Viewer(
