@@ -14,7 +14,7 @@ from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from tests.browser import CHROMIUM, Browser  # noqa: E402 - tests are not installed
+from tests.browser import CHROMIUM, Browser
 
 _MOST_BYTES = 12e6
 _CATEGORIES = (

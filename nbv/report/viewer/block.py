@@ -89,7 +89,7 @@ class Viewer:
     pictures : tuple of Picture
         Instead of it, in print and where it cannot be drawn.
     camera : Camera, optional
-        From which side it is seen at first; from above and one side when not given.
+        From which side it is seen at first; from above and the side that shows most when not given.
     one : "view" or "scan"
         What a station is called.
     """

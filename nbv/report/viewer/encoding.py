@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from nbv.report.viewer.block import Lines, Marker, Viewer
+from nbv.report.viewer.framing import best_camera, focus
 from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
 from nbv.report.viewer.packing import Packer, by_appearance
 from nbv.report.viewer.skins import add_images, corner_keys, skin_entry
@@ -34,16 +35,19 @@ def encoded(viewer: Viewer) -> str:
     """Return all that the 3-D view shows as base64 text."""
     packer, bounds = Packer(), viewer.bounds()
     step = _step(bounds)
+    camera = viewer.camera or best_camera(bounds + np.array([[-1e-6], [1e-6]]), viewer.layers)
+    forward = camera.axes[2]
     header = {
         "label": viewer.label,
         "mode": viewer.mode,
         "room": viewer.is_room,
         "origin": bounds[0].tolist(),
         "size": (bounds[1] - bounds[0]).tolist(),
+        "focus": (focus(viewer.layers, forward, is_room=viewer.is_room) - bounds[0]).tolist(),
         "step": step,
         "met": list(viewer.met),
         "one": viewer.one,
-        "look": None if viewer.camera is None else _look(viewer.camera.axes[2]),
+        "look": _look(forward),
         "ramp": _ramp(),
         "layers": [_layer(packer, layer, bounds[0], step) for layer in viewer.layers if len(layer.faces)],
         "markers": [_marker(marker, bounds[0]) for marker in viewer.markers],

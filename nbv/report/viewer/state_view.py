@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.report import picture
+from nbv.report.camera import aside_cameras
 from nbv.report.picture import Picture
+from nbv.report.stage import is_single_camera
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.completion_view import (
     INFERRED,
@@ -70,13 +72,15 @@ def state_view(
     )
     following = view_markers(poses, [sensor.projection] * len(poses)) if sensor is not None else ()
     layers = (_measured(coverage, state), _inferred(coverage, state), *_edges(state))
+    single = is_single_camera(list(scans))
     return Viewer(
         "What the scans measured, and where the unknown begins.",
         tuple(layer for layer in layers if len(layer.faces)),
         markers=(*given, *following),
         lines=zone_lines(zones),
-        is_room=coverage.survey.mode == "room",
+        is_room=coverage.survey.mode == "room" and not single,
         pictures=pictures,
+        camera=aside_cameras(scans[0])[0] if single else None,
         one="view" if poses else "scan",
     )
 

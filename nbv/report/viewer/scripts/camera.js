@@ -3,9 +3,9 @@
 const FOV = 32 * Math.PI / 180, STEEPEST = 89.5 * Math.PI / 180;
 
 class Camera {
-  constructor(size, look) {
-    this.size = size;
-    this.look = look || [2 * Math.PI * 0.37 / 8, 38 * Math.PI / 180];
+  constructor({ size, focus, look }) {
+    Object.assign(this, { size, focus });
+    this.look = look; // yaw and pitch
     this.radius = Math.max(Math.hypot(...size) / 2, 1e-3);
     this.home(1);
   }
@@ -13,19 +13,19 @@ class Camera {
   // The whole model from the side from which it is to be seen first, as large as it fits.
   home(aspect) {
     Object.assign(this, { yaw: this.look[0], pitch: this.look[1], fov: FOV, distance: 3 * this.radius });
-    this.target = this.size.map(side => side / 2);
+    this.target = [0, 1, 2].map(axis => (this.focus[0][axis] + this.focus[1][axis]) / 2);
     const tangent = Math.tan(FOV / 2), corners = [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
-      this.size.map((side, axis) => (k >> axis & 1 ? side : 0)));
+      [0, 1, 2].map(axis => this.focus[k >> axis & 1][axis]));
     for (let round = 0; round < 12; round++) {
       const [right, up, back] = this.axes(), eye = this.eye();
       const seen = corners.map(corner => {
-        const way = corner.map((place, axis) => place - eye[axis]), depth = Math.max(-dot(way, back), 0.1 * this.radius);
+        const way = corner.map((place, axis) => place - eye[axis]), depth = Math.max(-dot(way, back), 0.02 * this.radius);
         return [dot(way, right) / depth / tangent / aspect, dot(way, up) / depth / tangent];
       });
       const [x, y] = [0, 1].map(axis => seen.map(place => place[axis])), middle = all => (Math.max(...all) + Math.min(...all)) / 2;
       this.shift(middle(x) * aspect / 2, middle(y) / 2);
       const half = Math.max(...[x, y].map(all => (Math.max(...all) - Math.min(...all)) / 2));
-      this.distance = Math.max(this.distance * (1 + 0.8 * (half / 0.94 - 1)), 0.3 * this.radius);
+      this.distance = Math.max(this.distance * (1 + 0.8 * (half / 0.94 - 1)), 0.05 * this.radius);
     }
   }
 

@@ -38,7 +38,6 @@ function decodedLayer(bytes, entry, step) {
   for (let k = 0; k < n; k++) {
     for (let axis = 0; axis < 3; axis++) places[3 * k + axis] = corners[3 * index[k] + axis] * step;
   }
-  widen(places, 2 * step);
   let colours = null, uv = null;
   if (entry.colours) {
     const values = unpacked(bytes, entry.colours);
@@ -56,7 +55,7 @@ function decodedLayer(bytes, entry, step) {
     }
   }
   return {
-    ...entry, places, colours, uv,
+    ...entry, places, colours, uv, outward: outward(places),
     place: entry.place && unpacked(bytes, entry.place),
     channels: entry.channels.map(channel => ({
       ...channel,
@@ -71,15 +70,24 @@ function decodedLayer(bytes, entry, step) {
   };
 }
 
-// Move each corner away from the middle of its face, so that rounding opens no cracks between neighbours.
-function widen(places, by) {
-  for (let at = 0; at < places.length; at += 9) {
-    const middle = [0, 1, 2].map(axis => (places[at + axis] + places[at + 3 + axis] + places[at + 6 + axis]) / 3);
-    for (let corner = at; corner < at + 9; corner += 3) {
-      const way = middle.map((place, axis) => places[corner + axis] - place), length = Math.hypot(...way);
-      if (length > 0) for (let axis = 0; axis < 3; axis++) places[corner + axis] += by * way[axis] / length;
-    }
+const FARTHEST = 5; // that a corner is moved, when the edges beside it are moved by 1
+
+// Where each corner is to be moved that the edges beside it move outwards by 1: drawn a fraction of a pixel
+// larger, neighbours whose corners do not meet leave no cracks. Bytes, 127 for FARTHEST.
+function outward(places) {
+  const out = new Int8Array(places.length / 3 * 4);
+  for (let corner = 0, at = 0; at < places.length; corner++, at += 3) {
+    const first = at - at % 9, one = first + (at - first + 3) % 9, other = first + (at - first + 6) % 9;
+    const ux = places[one] - places[at], uy = places[one + 1] - places[at + 1], uz = places[one + 2] - places[at + 2];
+    const vx = places[other] - places[at], vy = places[other + 1] - places[at + 1], vz = places[other + 2] - places[at + 2];
+    const u = Math.hypot(ux, uy, uz) || 1, v = Math.hypot(vx, vy, vz) || 1;
+    const cosine = (ux * vx + uy * vy + uz * vz) / (u * v), sine = Math.sqrt(Math.max(1 - cosine * cosine, 0));
+    const scale = -127 / FARTHEST / Math.max(sine, 2 / FARTHEST);
+    out[4 * corner] = scale * (ux / u + vx / v);
+    out[4 * corner + 1] = scale * (uy / u + vy / v);
+    out[4 * corner + 2] = scale * (uz / u + vz / v);
   }
+  return out;
 }
 
 function decodedSightings(bytes, entry) {

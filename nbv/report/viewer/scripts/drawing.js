@@ -1,16 +1,19 @@
 // Drawing: faces by one WebGL 2 program, lines and dots by another; only when something has changed.
 
+const WIDER = 0.2; // pixels by which a face's edges are moved outwards
 const ROW = 2048; // faces in a row of the texture that holds their colours
 
 const FACE_VERTEX = `#version 300 es
-uniform mat4 view; uniform sampler2D paint;
+uniform mat4 view; uniform sampler2D paint; uniform vec3 eye; uniform float wider;
 layout(location = 0) in vec3 place; layout(location = 1) in vec4 colour; layout(location = 2) in vec2 uv;
+layout(location = 3) in vec4 outward;
 flat out vec4 look; out vec3 at; out vec3 tint; out vec2 texel;
 void main() {
   int face = gl_VertexID / 3;
   look = texelFetch(paint, ivec2(face % ${ROW}, face / ${ROW}), 0);
   at = place; tint = colour.rgb; texel = uv;
-  gl_Position = look.a == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(place, 1.0);
+  gl_Position = look.a == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0)
+    : view * vec4(place + wider * distance(eye, place) * outward.xyz, 1.0);
 }`;
 
 // Shades as nbv/report/drawing.py does; patterns as nbv/report/picture.py has them.
@@ -89,7 +92,8 @@ class Stage {
   load(layer) {
     const { gl } = this, vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
-    const arrays = [[0, layer.places, 3, gl.FLOAT], [1, layer.colours, 4, gl.UNSIGNED_BYTE], [2, layer.uv, 2, gl.FLOAT]];
+    const arrays = [[0, layer.places, 3, gl.FLOAT], [1, layer.colours, 4, gl.UNSIGNED_BYTE], [2, layer.uv, 2, gl.FLOAT],
+      [3, layer.outward, 4, gl.BYTE]];
     for (const [slot, data, size, type] of arrays) {
       if (!data) continue;
       gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
@@ -146,6 +150,7 @@ class Stage {
     gl.uniform3fv(this.faces.at("eye"), camera.eye());
     gl.uniform1f(this.faces.at("cut"), cut);
     gl.uniform1f(this.faces.at("pixel"), pixel);
+    gl.uniform1f(this.faces.at("wider"), WIDER * FARTHEST * 2 * Math.tan(camera.fov / 2) / size[1]);
     gl.uniform1i(this.faces.at("paint"), 0);
     gl.uniform1i(this.faces.at("image"), 1);
     for (const layer of layers) this.drawLayer(layer);

@@ -14,7 +14,7 @@ class View {
     this.groups = this.groupsOf();
     this.canvas = make("canvas", { tabIndex: 0, role: "application", "aria-label": `${model.label} 3-D view; arrows turn it, Home shows all of it` });
     this.stage = new Stage(this.canvas);
-    this.camera = new Camera(model.size, model.look);
+    this.camera = new Camera(model);
     for (const layer of model.layers) this.stage.load(layer);
     this.build();
     watchPointers(this.canvas, this.camera, { changed: () => this.redraw(), pick: (x, y) => this.pick(x, y) });
