@@ -184,6 +184,17 @@ def test_dragging_turns_and_the_wheel_zooms_only_what_was_clicked(tab):
     tab.wait_for(f"{VIEW}.camera.state()[5] < {home[5]}")
 
 
+def test_two_fingers_zoom(tab):
+    left, top, width, height = tab.box("canvas")
+    x, y = left + width / 2, top + height / 2
+    home = tab.run(f"{VIEW}.camera.state()")
+    for kind, apart in (("touchStart", 30), ("touchMove", 60), ("touchMove", 90)):
+        fingers = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        tab.call("Input.dispatchTouchEvent", type=kind, touchPoints=fingers)
+    tab.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert tab.run(f"{VIEW}.camera.state()")[5] < home[5] - 0.3
+
+
 def test_a_cut_takes_off_what_is_higher(tab):
     tab.run(f"{VIEW}.cut = -1; {VIEW}.redraw()")
     ground = tab.pixels("canvas")[30, 30].astype(int)

@@ -13,10 +13,13 @@ from nbv.floor_plan import FloorPlan
 from nbv.measurement import measure_coverage
 from nbv.next_stations import plan_next_stations
 from nbv.plots import coverage_curve
+from nbv.report.camera import overview_cameras
 from nbv.report.station_plots import fields_of, outline_of
 from nbv.report.station_tables import place_cells, scans_table
 from nbv.report.surface_values import cut_finely, fine_coverage
 from nbv.report.viewer.completion_view import completion_view, occluding
+from nbv.report.viewer.framing import best_camera, best_side, focus
+from nbv.report.viewer.layers import Category, Layer
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import near_hull, scene_view
 from nbv.report.viewer.state_view import state_view
@@ -39,6 +42,7 @@ ROOM = builtin_scene("two_occluders")
 SAMPLES = sample_surface(ROOM.mesh, 0.2)
 SENSOR = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
 VIEWS = [View(Pose.looking_at(at, (3, 2.5, 1.0)), SENSOR) for at in ((0.5, 0.5, 1.5), (5.4, 4.5, 1.5))]
+GREY = Category("grey", (0.5, 0.5, 0.5))
 PLAIN = CompletionOptions(texture=False)
 
 
@@ -232,6 +236,22 @@ def test_markers_know_their_sensors_and_lines_their_ends():
     (tour,) = tour_lines(Tour((0, 1, 2), (Leg(way, 2.0), Leg(np.zeros((0, 3)), np.inf))))
     assert len(tour.ends) == 2
     assert tour_lines(None) == ()
+
+
+def test_the_first_side_is_the_one_that_shows_most_and_what_looks_away_does_not_shrink_the_picture():
+    """A corner of two walls and a floor, and far outside a wall that looks away."""
+    wall = np.array([[0, 0, 0], [0, 2, 0], [0, 2, 2], [0, 0, 2.0]])
+    other, floor = wall[:, [1, 0, 2]][::-1], np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0.0]])
+    away = 0.5 * wall[::-1] + [-9.0, 0, 0]
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    layers = [Layer(str(k), "", one, faces, GREY) for k, one in enumerate((wall, other, floor, away))]
+    camera = best_camera(np.array([[-9.0, 0, 0], [2, 2, 2]]), layers)
+    assert (camera.axes[2][:2] < 0).all()
+    assert focus(layers, camera.axes[2], is_room=True) == pytest.approx(np.array([[0, 0, 0], [2, 2, 2.0]]))
+    assert focus(layers, camera.axes[2], is_room=False)[0, 0] == -9.0
+    assert (focus([], camera.axes[2], is_room=True) == 0).all()
+    box = ROOM.mesh.corners
+    assert best_side(overview_cameras(ROOM.mesh.bounds()), np.concatenate([box, box[:, ::-1]])) == 0
 
 
 def test_headings_and_elevations_are_those_of_the_axis():

@@ -35,7 +35,7 @@ void main() {
   vec3 colour = min(1.15 * look.rgb * shade, 1.0);
   if (pattern == 2) {
     float wave = sin((spot.x - spot.y) / 9.0);
-    colour = mix(vec3(1.0), look.rgb, 0.28 + 0.72 * soft(wave - 0.1));
+    colour = mix(vec3(1.0), look.rgb, 0.28 + 0.72 * soft(wave - 0.1)) * (0.2 + 0.85 * shade);
   }
   if (pattern == 3) colour = mix(colour, vec3(0.53, 0.54, 0.54) * shade, soft(cos(spot.x / 8.0) + cos(spot.y / 8.0) - 0.9));
   result = vec4(colour, 1.0);
