@@ -15,19 +15,21 @@ from completion.meshing import mesh_cells
 from completion.model import CompletedModel
 from completion.openings import find_openings
 from completion.provenance import Provenance
-from completion.record import provenance_word
 from completion.texturing.atlas import Atlas, make_atlas
-from nbv.measurement import measured_samples
-from nbv.report import picture
 from nbv.report.camera import Camera
 from nbv.report.picture import Picture, surface_rgb
 from nbv.report.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
 from nbv.report.viewer.markers import opening_lines, view_markers
+from nbv.report.viewer.scan_channels import (
+    INFERRED,
+    MEASURED,
+    provenance_categories,
+    quality_channels,
+    scan_sightings,
+)
 from nbv.report.viewer.thinning import thinned
-from nbv.samples import SurfaceSamples
-from nbv.survey import with_known_noise
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh import Appearance
 from scenes.range_image import RangeImage
@@ -36,9 +38,6 @@ _PIECES = 40_000  # into which recognised surface is cut, about
 _MOST_FACES = 400_000  # of what belongs to no surface
 _HIDES = 0.02  # share of another surface's inferred cells that an occluder hides
 _GREY = 0.72
-MEASURED = Category("measured", picture.MEASURED)
-INFERRED = Category("inferred", picture.INFERRED)
-_PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6)  # of `Provenance`, numbers in the palette of surfaces
 _NO_SURFACE = 0
 
 
@@ -234,41 +233,3 @@ def _names(completion: CompletedModel) -> tuple[Category, ...]:
     kinds = [patch.source.fit.surface.kind for patch in completion.patches]
     named = (Category(f"{k} {kind}", surface_rgb(k)) for k, kind in enumerate(kinds, start=1))
     return Category("none", surface_rgb(0)), *named
-
-
-def provenance_categories() -> tuple[Category, ...]:
-    """How a place came to be in the model, each with its colour."""
-    colours = (picture.MEASURED, *(surface_rgb(k) for k in _PROVENANCE_COLOURS[1:]))
-    return tuple(Category(provenance_word(why), colours[int(why)]) for why in Provenance)
-
-
-def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sightings:
-    """Which scans measured the middles of faces (m, 3, 3), and at which incidence."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
-    unit = np.divide(normals, length[:, None], out=np.zeros_like(normals), where=length[:, None] > 0)
-    zero = np.zeros(len(corners), np.int32)
-    samples = SurfaceSamples(corners.mean(axis=1), unit, length / 2, zero, zero)
-    found = [measured_samples(with_known_noise(scan), samples) for scan in scans] if len(corners) else []
-    index = np.concatenate([np.zeros(0, np.int64), *(index for index, _ in found)])
-    scan_of = np.concatenate(
-        [np.zeros(0, np.int64), *(np.full(len(i), k) for k, (i, _) in enumerate(found, 1))]
-    )
-    cosine = np.concatenate([np.zeros(0), *(cosine for _, cosine in found)])
-    order = np.argsort(index, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(index, minlength=len(corners)))])
-    return Sightings(start, scan_of[order], np.degrees(np.arccos(np.clip(cosine[order], 0, 1))))
-
-
-def quality_channels(sightings: Sightings, n_scans: int) -> tuple[Numbers, Numbers]:
-    """Best incidence and number of scans of each place."""
-    counts = np.diff(sightings.start)
-    best = np.full(len(counts), np.inf)
-    np.minimum.at(best, np.repeat(np.arange(len(counts)), counts), sightings.incidence_deg)
-    angle, many = np.where(counts > 0, best, np.nan), np.where(counts > 0, counts, np.nan)
-    absent = "not at the middle of a pixel"
-    return (
-        Numbers("quality", "Best incidence", "\u00b0", angle, 0, 90, 1, absent),
-        Numbers("views", "Scans that see it", "", many, 1, max(n_scans, 2), 0, absent, small_is_good=False),
-    )

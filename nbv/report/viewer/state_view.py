@@ -13,14 +13,14 @@ from nbv.report.camera import aside_cameras
 from nbv.report.picture import Picture
 from nbv.report.stage import is_single_camera
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.completion_view import (
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
+from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
+from nbv.report.viewer.scan_channels import (
     INFERRED,
     provenance_categories,
     quality_channels,
     scan_sightings,
 )
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
-from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.thinning import thinned
 from nbv.scan_coverage import ScanCoverage
