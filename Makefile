@@ -21,6 +21,7 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/scans.py
 	$(BIN)/python benchmarks/textures.py
 	$(BIN)/python benchmarks/reports.py
+	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
 format: .venv/dev
@@ -32,7 +33,7 @@ format: .venv/dev
 	$(PYTHON) -m venv .venv
 
 .venv/demo: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[e57,pcd,las]'
 	touch $@
 
 .venv/dev: pyproject.toml | .venv/bin/python

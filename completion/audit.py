@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
+from scenes.mesh import triangle_areas
 from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 
@@ -92,6 +93,6 @@ def audit(
     if noisy:
         at_vertex = np.bincount(faces.ravel(), np.repeat(beams, 3), minlength=len(vertices))
         convicted &= at_vertex[faces].max(axis=1) >= 2
-    a, b, c = (vertices[faces[convicted, corner]] for corner in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-    return AuditResult(float(area), np.flatnonzero(convicted), n_beams)
+    return AuditResult(
+        float(triangle_areas(vertices[faces[convicted]]).sum()), np.flatnonzero(convicted), n_beams
+    )

@@ -21,6 +21,7 @@ from completion.observation import Observation
 from completion.provenance import Provenance
 from completion.texturing.chart_texture import ChartTexture
 from scenes.checks import FloatArray, InputError
+from scenes.mesh import triangle_areas
 from scenes.pose import Pose
 
 
@@ -128,8 +129,7 @@ class CompletedModel:
 
 def mesh_area(vertices: FloatArray, faces: NDArray[np.int32]) -> float:
     """Area of a triangle mesh in square metres."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return float(triangle_areas(vertices[faces]).sum())
 
 
 def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture | None]) -> LabelledPoints:

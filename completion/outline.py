@@ -44,14 +44,41 @@ class BoundarySegment:
     points: FloatArray
 
 
-def trace_boundary(patch: Patch) -> list[BoundarySegment]:
-    """Outline of the measured and inferred cells, cut where its kind or provenance changes."""
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlineCells:
+    """What would be said of each cell if it lay on the outline.
+
+    Attributes
+    ----------
+    inside : (rows, columns) bool
+        Measured and inferred cells.
+    kinds, provenances : (rows, columns) str
+        As of `BoundarySegment`.
+    confidence : (rows, columns) float
+        Probability that the surface ends there.
+    """
+
+    inside: BoolArray
+    kinds: NDArray[np.str_]
+    provenances: NDArray[np.str_]
+    confidence: FloatArray
+
+
+def outline_cells(patch: Patch) -> OutlineCells:
+    """Return what is said of the cells of a surface's outline."""
     mask = patch.observed | patch.hypothesised
     beyond = _Beyond.of(patch, mask)
-    kinds, provenances = _kinds(patch, beyond), _provenances(patch)
+    provenances = _provenances(patch)
     ends = np.where(provenances == "user", 1.0, np.maximum(patch.confidence - beyond.confidence, 0.0))
+    return OutlineCells(mask, _kinds(patch, beyond), provenances, ends)
+
+
+def trace_boundary(patch: Patch) -> list[BoundarySegment]:
+    """Outline of the measured and inferred cells, cut where its kind or provenance changes."""
+    cells = outline_cells(patch)
+    kinds, provenances, ends = cells.kinds, cells.provenances, cells.confidence
     segments = []
-    for contour in _contours(mask):
+    for contour in _contours(cells.inside):
         row, column = contour[:, 0], contour[:, 1]
         code = [(str(kinds[r, c]), str(provenances[r, c])) for r, c in zip(row, column, strict=True)]
         for start, end in _runs(code):

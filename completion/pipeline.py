@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from os import PathLike
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from completion.boundary.cues import ALL_CUES, Cue
 from completion.boundary.rim import find_rim
 from completion.edits.application import apply_edits
 from completion.edits.edit import Edit
-from completion.export import save_completion
+from completion.export import export_completion, save_completion
 from completion.extension import Patch, extend
 from completion.limits import Mode, limit, with_ends
 from completion.merging.pipeline import MergedSurface, merge
@@ -88,7 +89,9 @@ class Completion(CompletedModel):
     __slots__ = ()
 
     def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
-        """Write completed.glb, observed.ply, hypothesised.ply and completion.json, in world coordinates.
+        """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json.
+
+        All is in world coordinates.
 
         With `verification`, completion.json also says what later scans say of what the first one inferred.
 
@@ -98,6 +101,16 @@ class Completion(CompletedModel):
             The folder cannot be made or written.
         """
         save_completion(self, folder, verification)
+
+    def export(self, path: str | PathLike[str]) -> list[Path]:
+        """Write the whole model to one file: .glb, .obj, .e57 or .json; see `export_completion`.
+
+        Raises
+        ------
+        InputError
+            Another suffix, a folder that does not exist, or pye57 is not installed.
+        """
+        return export_completion(self, path)
 
 
 def complete(

@@ -31,6 +31,9 @@ from .scanning.sensor_profile import load_sensor as load_sensor
 from .scanning.sensor_profile import sensor_names as sensor_names
 from .scanning.triangulation import LineSensor as LineSensor
 from .scanning.triangulation import TriangulationSensor as TriangulationSensor
+from .study.pipeline import run_study as run_study
+from .study.spec import read_study as read_study
+from .study.summary import groups_of as groups_of
 from .view import View as View
 from .viewpoints import Candidates as Candidates
 from .viewpoints import load_candidates as load_candidates

@@ -12,7 +12,7 @@ from nbv.distances import CLOSE_M, distances
 from nbv.knowledge import Knowledge
 from nbv.samples import SurfaceSamples
 from scenes.checks import BoolArray
-from scenes.mesh import LabelledMesh
+from scenes.mesh import LabelledMesh, triangle_areas
 
 MET, MODELLED, INFERRED, UNKNOWN = range(4)
 CLASSES = ("met", "modelled", "inferred", "unknown")
@@ -112,7 +112,7 @@ def shares_of(
     reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
     vertices, faces, _ = knowledge.hypothesised()
     corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = triangle_areas(corners)
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
     claimed, true = float(area.sum()), float(area[right].sum())
     return Shares(views, met, modelled, inferred, unknown, reached, claimed, true)

@@ -7,13 +7,15 @@ from typing import Annotated, Literal
 
 import typer
 
-from nbv.commands.arguments import parse_numbers, parse_shape
+from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
+    Origins,
     Poses,
     SceneArgument,
+    Scheduler,
     SensorOption,
     UnitsOption,
     UpOption,
@@ -24,19 +26,19 @@ from nbv.commands.views_cli import coverage, plan
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
-  study     how many views does a scene need, where, and what do they miss?
+  plan      how many views does a scene need, where, and what do they miss?
             unseen plan builtin:two_occluders -o out/plan
   complete  what is behind the chair? surfaces continued, textured, marked as inferred
             unseen complete scan.e57 -o out/completed
   coverage  which surface did these stations measure well enough, and why not the rest?
             unseen coverage room.glb --plan out/plan/plan.json -o out/coverage
 
-All of it at once: unseen demo -o out/demo      All commands: unseen --help"""
+All of it at once: unseen demo -o out/demo      All commands: unseen --help
+Many of them, overnight: unseen study STUDY.toml    Tab completion: unseen --install-completion"""
 
 app = typer.Typer(
     name="unseen",
     help="Scan what can be scanned, infer what cannot, and say which is which.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -49,7 +51,7 @@ def _jobs(context: typer.Context) -> None:
         typer.echo(_JOBS)
 
 
-@app.command()
+@app.command(short_help="All of it on a built-in room: plan, scan, complete, report.")
 @with_shared
 def demo(shared: Shared) -> None:
     """Plan, scan, complete, texture and report on a built-in room with two occluders."""
@@ -58,28 +60,47 @@ def demo(shared: Shared) -> None:
     run_demo(shared)
 
 
-@app.command()
+@app.command(short_help="One simulated scan of a scene.")
 @with_shared
 def scan(
     shared: Shared,
     scene: SceneArgument,
-    at: Annotated[str, typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.")],
-    look: Annotated[str, typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.")],
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="X,Y,Z", help="Where the sensor stands, metres.", show_default=False),
+    ] = None,
+    look: Annotated[
+        str | None,
+        typer.Option("--look", metavar="X,Y,Z", help="The point it looks at, metres.", show_default=False),
+    ] = None,
+    poses: Annotated[
+        str | None,
+        typer.Option(
+            "--poses",
+            metavar="FILE[#k]",
+            help="Instead: plan.json or a trajectory; several go to .e57 or a folder.",
+            show_default=False,
+        ),
+    ] = None,
     sensor: SensorOption = "generic60",
     noise: NoiseOption = "none",
     no_truth: Annotated[bool, typer.Option("--no-truth", help="Leave out what was really met.")] = False,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
-    """Take one simulated scan of a scene: -o FILE.npz, .ply, .pcd, .ptx or .e57."""
-    eye, target = parse_numbers(at, 3, "--at"), parse_numbers(look, 3, "--look")
-    from nbv.commands.scan import run_scan
+    """Take a simulated scan of a scene, or one a pose: -o FILE.npz, .ply, .pcd, .ptx, .e57, .las, .xyz ..."""
+    if poses is None and (at is None or look is None):
+        raise typer.BadParameter("give --at X,Y,Z and --look X,Y,Z, or --poses FILE")
+    if poses is not None and (at is not None or look is not None):
+        raise typer.BadParameter("--poses tells all there is to know: leave out --at and --look")
+    eye = None if at is None else parse_numbers(at, 3, "--at")
+    target = None if look is None else parse_numbers(look, 3, "--look")
+    from nbv.commands.scan import Stand, run_scan
 
     run_scan(
         shared,
         scene,
-        eye=eye,
-        target=target,
+        stand=Stand(eye, target, poses),
         sensor=sensor,
         noise=noise,
         truth=not no_truth,
@@ -88,11 +109,24 @@ def scan(
     )
 
 
-app.command()(plan)
-app.command()(coverage)
+app.command(short_help="Where to scan from, and how much that measures.")(plan)
+app.command(short_help="Which surface was measured well enough, and why not.")(coverage)
 
 
-@app.command()
+@app.command(short_help="Scenes x sensors x requirements x planners x seeds.")
+@with_shared
+def study(
+    shared: Shared,
+    file: Annotated[str, typer.Argument(metavar="STUDY.toml", help="What to plan.")],
+    scheduler: Scheduler = None,
+) -> None:
+    """Plan scenes x sensors x requirements x planners x seeds; run it again to go on where it stopped."""
+    from nbv.commands.study import run_study_file
+
+    run_study_file(shared, file, scheduler)
+
+
+@app.command(short_help="Continue surfaces behind their occluders.")
 @with_shared
 def complete(
     shared: Shared,
@@ -110,15 +144,7 @@ def complete(
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
     ] = 0.005,
-    origin: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--origin",
-            metavar="X,Y,Z",
-            help="Where the scanner stood, for files of mere points; repeat it for each.",
-            show_default="from the files",
-        ),
-    ] = None,
+    origin: Origins = None,
     edits: Annotated[
         str | None,
         typer.Option(
@@ -126,6 +152,12 @@ def complete(
         ),
     ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export", metavar="obj|e57", help="Also completed.obj or .e57; repeat it.", show_default=False
+        ),
+    ] = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
@@ -133,6 +165,7 @@ def complete(
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     from nbv.commands.complete import CompleteRequest, run_complete
     from nbv.commands.scans import ScanRequest
 
@@ -145,11 +178,12 @@ def complete(
         registration_m=registration,
         texture=not no_texture,
         edits=edits,
+        exports=wanted,
     )
     run_complete(shared, request, how)
 
 
-@app.command()
+@app.command(short_help="Fill a hole in an image, or grow a texture.")
 @with_shared
 def texture(
     shared: Shared,
@@ -184,7 +218,7 @@ def texture(
     run_texture(shared, image, mask=mask, shape=shape, window=window, order=order, is_surface=surface)
 
 
-@app.command()
+@app.command(short_help="Fit a surface to points, with its uncertainty.")
 @with_shared
 def fit(
     shared: Shared,
@@ -222,17 +256,17 @@ def fit(
     run_fit(shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, units=units)
 
 
-@app.command()
+@app.command(short_help="What a scene, a scan or another file holds.")
 @with_shared
 def info(
     shared: Shared,
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A scene, a scan, or an RGB-D folder.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Any file, or an output folder.")],
     up: UpOption = "z",
     units: UnitsOption = "m",
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
 ) -> None:
-    """Tell what a scene or scan holds, with warnings; -o FILE.json keeps it."""
+    """Tell what a file or an output folder holds, with warnings; -o FILE.json keeps it."""
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     from nbv.commands.info import run_info
 

@@ -11,6 +11,7 @@ from completion.texturing.task import TexturingOptions
 from nbv.commands.complete import save
 from nbv.commands.plan import coverage_of
 from nbv.commands.run import Shared, running
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planning import plan_views
 from nbv.report.demo_report import demo_page
 from nbv.report.page import percent, square_metres
@@ -58,6 +59,7 @@ def run_demo(shared: Shared) -> None:
         completion = complete(scans, options, rng=shared.seed, n_threads=threads, progress=run.progress)
         run.watch.enter("save")
         write_json(run.path("plan.json"), plan.to_json())
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
         save(run, completion)
         run.watch.enter("compare")

@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from scenes.checks import FloatArray
+from scenes.mesh import triangle_areas
 
 CLOSE_M = 0.02  # inferred surface this near to the true one counts as right
 _NEAREST = 8  # triangles that are tried for each point
@@ -33,12 +34,13 @@ def distances(points: FloatArray, corners: FloatArray) -> FloatArray:
 
 def _similar(corners: FloatArray) -> FloatArray:
     """Cut triangles at the middle of their longest side until all are of similar size."""
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    longest = 2 * float(np.sqrt(areas.sum() / _PIECES))
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    slivers = float(sides.sum()) / max(_PIECES, 4 * len(corners))  # cut by area these would be countless
+    longest = max(2 * float(np.sqrt(triangle_areas(corners).sum() / _PIECES)), slivers)
     done = []
     while len(corners):
         sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        large = sides.max(axis=1) > max(longest, 1e-9)
+        large = sides.max(axis=1) > longest
         done.append(corners[~large])
         corners, start = corners[large], sides[large].argmax(axis=1)
         a, b, c = (

@@ -14,7 +14,7 @@ _STEP_M = 0.1  # surface within so much of the floor's level is floor
 _SHARE = 0.5  # of the largest level area: the lowest level of at least this is the floor
 
 
-def floor_level(mesh: LabelledMesh) -> float | None:
+def scene_floor(mesh: LabelledMesh) -> float | None:
     """Return the height in metres of the lowest large level surface; None without level surface.
 
     Faces need no orientation: the ceiling is as large as the floor, and higher.
@@ -25,10 +25,12 @@ def floor_level(mesh: LabelledMesh) -> float | None:
         return None
     heights, areas = mesh.corners[level, :, 2].mean(axis=1), areas[level]
     low = float(heights.min())
-    layer = np.floor((heights - low) / _STEP_M).astype(np.int64)
-    area = np.bincount(layer, areas)
+    layer = np.floor((heights - low) / _STEP_M)
+    layers, member = np.unique(layer, return_inverse=True)
+    area = np.bincount(member, areas)
     lowest = int(np.argmax(area >= _SHARE * area.max()))
-    return float(np.average(heights[layer == lowest], weights=areas[layer == lowest]))
+    floor = layer == layers[lowest]
+    return float(np.average(heights[floor], weights=areas[floor]))
 
 
 def stand_on(caster: RayCaster, level: float, positions: FloatArray) -> BoolArray:

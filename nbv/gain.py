@@ -39,7 +39,7 @@ class GainOptions:
     Parameters
     ----------
     occplane_weight : float
-        w_v, for unknown faces.
+        w_v, for unknown faces; with completion a `Prospect` says what they are worth instead.
     quality_weight : float
         w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
     modelled_weight : float
@@ -214,15 +214,18 @@ def best_view(
     if not candidates.n_poses or not (len(targets) or prospect):
         return None
     caster = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1)
+    sees = partial(_seen_from, caster, required_cosine, sensor, prospect)
+    few = targets.thinned(n_most)
+    if prospect is not None:  # what is unknown is its affair
+        few, targets = (some.some(~some.is_unknown) for some in (few, targets))
     with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
-        look = partial(_seen_from, caster, targets.thinned(n_most), required_cosine, sensor, prospect)
-        seen = list(pool.map(look, candidates.positions))
+        seen = list(pool.map(partial(sees, few), candidates.positions))
     accumulator = Accumulator.of([glimpse.offsets for glimpse in seen], candidates, sensor)
     number = accumulator.best([glimpse.worth_m2 for glimpse in seen])
     if number is None:
         return None
     pose = candidates.pose(number)
-    there = _seen_from(caster, targets, required_cosine, sensor, prospect, pose.translation)
+    there = sees(targets, pose.translation)
     inside = sensor.sees(there.offsets @ pose.rotation)
     gain = float(there.worth_m2[inside].sum())
     return BestView(pose, gain, there.some(inside))
@@ -230,29 +233,27 @@ def best_view(
 
 def _seen_from(
     caster: RayCaster,
-    targets: Targets,
     required_cosine: float,
     sensor: Sensor,
     prospect: Prospect | None,
+    targets: Targets,
     position: FloatArray,
 ) -> Glimpse:
     """Return what a position sees in any direction, and what each is worth from there."""
-    if prospect is not None:
-        news = prospect.look(position, sensor.max_range_m)
-        known = targets.some(~targets.is_unknown)
-        return news.joined(_seen_from(caster, known, required_cosine, sensor, None, position))
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
     towards = position - targets.points
     distance = np.linalg.norm(towards, axis=1)
     slope = np.einsum("ij,ij->i", towards, targets.normals)
-    near = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m) & (distance > 0)
+    nearest = np.where(targets.is_unknown, 0.0, sensor.min_range_m)  # beams go on into what is unknown
+    near = (distance >= nearest) & (distance <= sensor.max_range_m) & (distance > 0)
     index = np.flatnonzero(near & (slope >= floor * distance))
     if len(index):
         origins = np.broadcast_to(position, (len(index), 3))
         index = index[~caster.blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
     worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
-    return Glimpse(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
+    seen = Glimpse(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
+    return seen if prospect is None else prospect.look(position, sensor.max_range_m).joined(seen)
 
 
 def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from nbv.overlap import OverlapGraph, OverlapOptions, components
 from nbv.plan import Plan
 from nbv.requirement import SightLimits
 from nbv.stations import Overlap, Stations
-from nbv.task import Study, Task
+from nbv.task import Attempt, Task
 from nbv.tour import plan_tour
 from nbv.visibility import orient, visible_from_positions
 from nbv.wording import count
@@ -57,17 +57,17 @@ def plan_offline(
             f"cover cannot count what scans have met towards k = {task.requirement.k} views of each point; "
             "resume with k = 1, or with method nbv"
         )
-    study = Study.begin(task)
-    instance = cover_instance(task, study.tally.met)
+    attempt = Attempt.begin(task)
+    instance = cover_instance(task, attempt.tally.met)
     graph = overlap_graph(task, task.overlap or OverlapOptions())
     if task.overlap is None:
         cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
     else:
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     for number in cover.chosen:
-        study.add(task.candidates.pose(number))
+        attempt.add(task.candidates.pose(number))
     stations = plan_stations(task, graph, list(cover.chosen))
-    reason = study.why_finished() or _why_not(task, views, cover)
+    reason = attempt.why_finished() or _why_not(task, views, cover)
     if task.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
@@ -77,7 +77,7 @@ def plan_offline(
     bound = cover.bound
     if task.scans:
         bound = LowerBound(bound.views, f"{bound.kind}, beyond the scans that were given")
-    return study.plan("cover", seed, bound, reason, stations)
+    return attempt.plan("cover", seed, bound, reason, stations)
 
 
 def _connected_cover(
@@ -133,14 +133,19 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
 def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
     """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
     candidates, samples = task.candidates, task.samples
-    seen = visible_from_positions(
-        task.caster,
-        candidates.positions,
-        samples,
-        limits,
-        n_threads=task.n_threads,
-        progress=task.progress,
-    )
+    if task.remote is not None:
+        seen = task.remote.from_positions(
+            task.scene.mesh, candidates.positions, samples, limits, task.progress
+        )
+    else:
+        seen = visible_from_positions(
+            task.caster,
+            candidates.positions,
+            samples,
+            limits,
+            n_threads=task.n_threads,
+            progress=task.progress,
+        )
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 

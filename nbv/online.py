@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Online planning in simulation: the planner gets a scanner of the true scene, and a study that stops it."""
+"""Online planning in simulation: the planner gets a scanner of the true scene, and is told when to stop."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from nbv.journal import Journal
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions, explore
-from nbv.task import Study, Task
+from nbv.task import Attempt, Task
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
@@ -20,6 +21,7 @@ def plan_online(
     noise: str,
     options: PlannerOptions,
     rng: np.random.Generator | int | None,
+    journal: Journal | None = None,
 ) -> Plan:
     """Plan views of a scene that the planner learns of by its scans alone.
 
@@ -35,15 +37,17 @@ def plan_online(
         The planner's.
     rng : Generator, int or None
         Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
+    journal : Journal, optional
+        Remembers the views that were chosen by a run that was killed.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
     start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
-    study = Study.begin(task)
+    attempt = Attempt.begin(task)
     scans = list(task.scans)
 
     def scan(pose: Pose) -> RangeImage:
-        scans.append(study.scan(pose, noise, rng))
+        scans.append(attempt.scan(pose, noise, rng))
         return scans[-1]
 
     found = explore(
@@ -56,11 +60,12 @@ def plan_online(
         replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
         given=task.scans,
         from_outside=task.from_outside,
-        infer=study.complete if task.infer else None,
-        finished=study.why_finished,
+        infer=attempt.complete if task.infer else None,
+        finished=attempt.why_finished,
+        journal=journal,
         n_threads=task.n_threads,
         progress=task.progress,
     )
-    if task.infer and study.shares[-1].views < len(study.views):
-        study.complete(scans)
-    return study.plan("nbv", seed, None, found.stopped_because)
+    if task.infer and attempt.shares[-1].views < len(attempt.views):
+        attempt.complete(scans)
+    return attempt.plan("nbv", seed, None, found.stopped_because)

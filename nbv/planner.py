@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 
 from nbv.concern import concern
 from nbv.gain import BestView, GainOptions, best_view, find_targets
+from nbv.journal import Journal
 from nbv.knowledge import Knowledge
+from nbv.learning import learn, recall
 from nbv.occupancy import VoxelMap
 from nbv.prospect import Experience, Prospect
 from nbv.requirement import Requirement
@@ -116,6 +118,7 @@ def explore(
     from_outside: bool = False,
     infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
     finished: Callable[[], str | None] | None = None,
+    journal: Journal | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
 ) -> Exploration:
@@ -147,6 +150,8 @@ def explore(
     finished : callable, optional
         Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
         stopping rule here; the planner itself decides by its voxels alone.
+    journal : Journal, optional
+        Remembers the views that are chosen; those that it knows already are not chosen anew.
     n_threads : int, optional
         Threads; the result does not depend on it.
     progress : callable, optional
@@ -161,7 +166,7 @@ def explore(
         raise InputError("without a scan that is given, exploring needs a pose to start from")
     requirement, options = requirement or Requirement(), options or PlannerOptions()
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
-    voxels = recall(voxels, given, sensor, options)
+    voxels = recall(voxels, given, sensor, options.clearance_m)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     steps = [] if start is None else [Step(start, None)]
     scans, knowledge, n_known = list(given), None, 0
@@ -170,7 +175,7 @@ def explore(
     while True:
         if steps:
             scans.append(scan(steps[-1].world_from_sensor))
-            voxels = _learn(voxels, scans[-1], sensor, options)
+            voxels = learn(voxels, scans[-1], sensor, options.clearance_m)
             if best is not None:
                 experience = experience.after(scans[-1], best.sees, voxels.grid)
         if infer is not None and len(scans) >= RENEWED * n_known:
@@ -183,44 +188,28 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        found = next_view(
-            voxels,
-            attempts,
-            candidates,
-            here,
-            sensor,
-            requirement,
-            options,
-            n_threads,
-            knowledge,
-            experience.trust,
-        )
-        if isinstance(found, str):
-            return Exploration(tuple(steps), voxels, found)
+        found = journal.remembered(len(steps)) if journal is not None else None
+        if found is None:
+            chosen = next_view(
+                voxels,
+                attempts,
+                candidates,
+                here,
+                sensor,
+                requirement,
+                options,
+                n_threads,
+                knowledge,
+                experience.trust,
+            )
+            if isinstance(chosen, str):
+                return Exploration(tuple(steps), voxels, chosen)
+            found = chosen
+            if journal is not None:
+                journal.remember(len(steps), found)
         best = found
         _count_attempts(attempts, best)
         steps.append(Step(best.pose, best.gain_m2))
-
-
-def recall(
-    voxels: VoxelMap, given: Sequence[RangeImage], sensor: Sensor, options: PlannerOptions
-) -> VoxelMap:
-    """Write scans that were taken before into the voxels.
-
-    Pixels without return of a scan by another instrument than `sensor` say nothing: what they would have met,
-    and how far away, nobody knows.
-    """
-    for scan in given:
-        voxels = _learn(voxels, scan, sensor if scan.sensor == sensor.name else None, options)
-    return voxels
-
-
-def _learn(voxels: VoxelMap, scan: RangeImage, sensor: Sensor | None, options: PlannerOptions) -> VoxelMap:
-    """Write a scan into the voxels; within a room, the place where the sensor stands is free too."""
-    voxels = voxels.integrated(scan, sensor)
-    if voxels.outside_is_empty:
-        return voxels
-    return voxels.cleared(scan.origin, options.clearance_m + voxels.grid.voxel_m)
 
 
 def next_view(

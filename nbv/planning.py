@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from nbv.baseline_plan import BASELINES, plan_simply
 from nbv.cover.pipeline import CoverOptions
+from nbv.journal import Journal
 from nbv.offline import plan_offline
 from nbv.online import plan_online
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions
 from nbv.reachability import scene_candidates, scene_lattice
+from nbv.remote_visibility import RemoteVisibility
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples, sample_surface
 from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
@@ -29,7 +32,7 @@ from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
-Method = Literal["nbv", "cover"]
+Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _PATCH_TOLERANCE_M = 0.01
 _ROUNDING_M = 1e-6  # a surface may lie on the region's faces
 _MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
@@ -55,6 +58,8 @@ def plan_views(
     infer: bool = False,
     scans: Sequence[RangeImage] = (),
     zones: Zones = EVERYWHERE,
+    remote: RemoteVisibility | None = None,
+    journal: Journal | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -72,8 +77,8 @@ def plan_views(
         The true scene.
     sensor : Sensor, optional
         "generic60" when not given.
-    method : "nbv" or "cover"
-        Which planner.
+    method : "nbv", "cover", "greedy", "visibility", "farthest" or "random"
+        Which planner; the last four are baselines (`nbv.baseline_plan`).
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, range in metres.
     requirement : Requirement, optional
@@ -108,6 +113,10 @@ def plan_views(
     zones : Zones
         Only surface in the region counts, and no station lies in, and no tour leads through, what is to be
         kept out of.
+    remote : RemoteVisibility, optional
+        For planners that know the scene: workers that cast for them. The plan does not depend on them.
+    journal : Journal, optional
+        For "nbv": remembers the views that were chosen by a run that was killed.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -121,12 +130,14 @@ def plan_views(
         Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene,
         scans that measure nothing of it, a region without surface, no candidate that need not keep out.
     """
-    if method not in ("nbv", "cover"):
-        raise InputError(f"method must be nbv or cover, got {method!r}")
+    if method not in get_args(Method):
+        raise InputError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if not 0 < target <= 1:
         raise InputError(f"target must be a fraction of the reachable area, 0 < target <= 1, got {target}")
     if views is not None and views < 1:
         raise InputError(f"views must be at least 1, got {views}")
+    if infer and method in BASELINES:
+        raise InputError(f"completion can stand in for views of method nbv or cover, not of {method}")
     if infer and overlap is not None:
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
@@ -159,12 +170,15 @@ def plan_views(
         progress=progress,
         scans=tuple(scans),
         zones=zones,
+        remote=remote,
     )
     if method == "cover" and infer:
         return plan_with_completion(task, views, noise, rng)
     if method == "cover":
         return plan_offline(task, views, budgets or CoverOptions(), rng)
-    return plan_online(task, views, noise, options or PlannerOptions(), rng)
+    if method in BASELINES:
+        return plan_simply(task, method, views, rng)
+    return plan_online(task, views, noise, options or PlannerOptions(), rng, journal)
 
 
 def _samples(scene: Scene, method: Method) -> SurfaceSamples:

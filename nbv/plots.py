@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from scenes.checks import FloatArray
 
@@ -190,6 +191,14 @@ def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool =
         f"{text} {percent:.1f} %" if not below else text, (0, percent), xytext=(5, -10 if below else 3),
         textcoords="offset points", color=theme.accent, fontsize=8,
     )  # fmt: skip
+
+
+def on_white(plot: Plot) -> bytes:
+    """Return the light plot on a white ground, PNG."""
+    image = Image.open(io.BytesIO(plot.light)).convert("RGBA")
+    ground, data = Image.new("RGBA", image.size, "white"), io.BytesIO()
+    Image.alpha_composite(ground, image).convert("RGB").save(data, "PNG")
+    return data.getvalue()
 
 
 def drawn_plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:

@@ -149,8 +149,8 @@ class Prospect:
             news[met] = self._news_at(beyond.face[met], rays[met])
             reach[met], side[met] = beyond.ranges[met], -1
             cosine[met] = np.where(self.voxel[beyond.face[met]] >= 0, 1.0, beyond.incidence_cosine[met])
-        area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m)) / cosine
-        worth = np.where(cosine >= _FLATTEST, area * news, 0.0)
+        area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m))
+        worth = np.where(cosine >= _FLATTEST, area * news / np.maximum(cosine, _FLATTEST), 0.0)
         kept = np.flatnonzero(worth > 0)
         is_unknown = np.ones(len(kept), dtype=np.bool_)
         return Glimpse(near[kept, None] * rays[kept], worth[kept], voxel[kept], is_unknown, side[kept])

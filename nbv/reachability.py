@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.floor import floor_level, stand_on
+from nbv.floor import scene_floor, stand_on
 from nbv.free_space import FreeSpace
 from nbv.requirement import Requirement, SightLimits
 from nbv.samples import SurfaceSamples
@@ -69,7 +69,7 @@ def scene_candidates(
             f"none of {len(lattice)} positions in {scene.name} is free with {clearance_m} m clearance; "
             "is it an object (mode object), or not in metres?"
         )
-    level = floor_level(scene.mesh)
+    level = scene_floor(scene.mesh)
     if level is not None and (footed := free & stand_on(scene.ray_caster(), level, lattice)).any():
         free = footed
     return Candidates(lattice[free], sensor_directions(sensor, subdivisions))
@@ -78,7 +78,7 @@ def scene_candidates(
 def scene_lattice(scene: Scene, clearance_m: float = CLEARANCE_M) -> FloatArray:
     """Return positions (p, 3) over a scene's floor at tripod heights, free or not, metres."""
     bounds = scene.mesh.bounds()
-    level = floor_level(scene.mesh)
+    level = scene_floor(scene.mesh)
     bounds[0, 2] = bounds[0, 2] if level is None else level
     return room_lattice(bounds, clearance_m=clearance_m)
 

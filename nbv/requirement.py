@@ -14,7 +14,7 @@ from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, InputError
 
 GRAZING_COSINE = 0.02  # flatter than this (88.9 deg) nothing counts as seen
-_ROUNDING = 1e-12
+ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with a limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +47,20 @@ class SightLimits:
 
     def steep_enough(self, cosine: FloatArray) -> BoolArray:
         """Tell which cosines of incidence (n,) are large enough."""
-        return np.asarray(cosine >= self.min_cosine - _ROUNDING)
+        return np.asarray(cosine >= self.min_cosine - ROUNDING)
 
     def dense_enough(self, distance: FloatArray, cosine: FloatArray) -> BoolArray:
         """Tell where points would lie densely enough."""
         if self.precision is None or self.min_density_per_m2 == 0:
             return np.ones(len(distance), dtype=np.bool_)
         density = self.precision.density_per_m2(distance, cosine)
-        return density >= self.min_density_per_m2 * (1 - _ROUNDING)
+        return density >= self.min_density_per_m2 * (1 - ROUNDING)
 
     def exact_enough(self, distance: FloatArray, cosine: FloatArray) -> BoolArray:
         """Tell where points would be exact enough."""
         if self.precision is None or np.isinf(self.max_sd_m):
             return np.ones(len(distance), dtype=np.bool_)
-        return self.precision.sd_m(distance, cosine) <= self.max_sd_m * (1 + _ROUNDING)
+        return self.precision.sd_m(distance, cosine) <= self.max_sd_m * (1 + ROUNDING)
 
     def hold(self, distance: FloatArray, cosine: FloatArray) -> BoolArray:
         """Tell which lines of sight, by range and cosine (n,), satisfy all limits."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ class SurfaceSamples:
         A line of sight may end this far before the point, metres: for given patches that lie on rims.
     in_morton_order : bool
         Whether neighbours in the list are neighbours in space; makes visibility faster and changes nothing.
+    extent_m : float
+        Longest side of their bounding box, metres.
     """
 
     points: FloatArray
@@ -43,6 +45,7 @@ class SurfaceSamples:
     surface: NDArray[np.int32]
     tolerance_m: float = 0.0
     in_morton_order: bool = False
+    extent_m: float = field(init=False)
 
     def __post_init__(self) -> None:
         n = len(self.points)
@@ -53,6 +56,7 @@ class SurfaceSamples:
         lengths = {len(self.normals), len(self.areas), len(self.face), len(self.surface)}
         if lengths != {n} or self.points.shape != (n, 3) or self.normals.shape != (n, 3):
             raise InputError(f"{n} samples, but normals, areas, faces and surfaces number {sorted(lengths)}")
+        object.__setattr__(self, "extent_m", float(np.ptp(self.points, axis=0).max()) if n else 0.0)
 
     def some(self, chosen: BoolArray) -> SurfaceSamples:
         """Return the chosen (n,) samples."""
@@ -72,11 +76,6 @@ class SurfaceSamples:
     def total_m2(self) -> float:
         """Area of all samples."""
         return float(self.areas.sum())
-
-    @property
-    def extent_m(self) -> float:
-        """Longest side of the samples' bounding box, metres."""
-        return float(np.ptp(self.points, axis=0).max()) if len(self.points) else 0.0
 
 
 def default_spacing(mesh: LabelledMesh) -> float:

@@ -17,7 +17,7 @@ from nbv.offline import overlap_graph, plan_stations, seen_by_candidates
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.planner import RENEWED, PlannerOptions
-from nbv.task import Study, Task
+from nbv.task import Attempt, Task
 from scenes.checks import FloatArray
 
 _STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
@@ -42,34 +42,36 @@ def plan_with_completion(
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    study, scans, chosen = Study.begin(task), list(task.scans), list[int]()
-    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP))
-    met = seen_by_candidates(task, task.requirement.limits(task.sensor))
-    n_most, n_known = views or PlannerOptions().max_views, 0
+    attempt, scans, chosen = Attempt.begin(task), list(task.scans), list[int]()
+    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)) > 0
+    met = seen_by_candidates(task, task.requirement.limits(task.sensor)) > 0
+    n_most, n_known = views or PlannerOptions().max_views, len(scans)
     if scans:
-        study.complete(scans)
-    while (reason := study.why_finished()) is None and len(chosen) < n_most:
-        gain = (seen > 0) @ _unknown_m2(study) + _KNOWN * ((met > 0) @ _unmet_m2(study))
+        attempt.complete(scans)
+    while (reason := attempt.why_finished()) is None and len(chosen) < n_most:
+        if task.progress:
+            task.progress("views", len(chosen), n_most)
+        gain = seen @ _unknown_m2(attempt) + _KNOWN * (met @ _unmet_m2(attempt))
         if not gain.max(initial=0.0) > 0:
             reason = "no candidate sees what is left"
             break
         chosen.append(int(np.argmax(gain)))
-        scans.append(study.scan(task.candidates.pose(chosen[-1]), noise, rng))
+        scans.append(attempt.scan(task.candidates.pose(chosen[-1]), noise, rng))
         if len(scans) >= RENEWED * n_known:
-            study.complete(scans)
+            attempt.complete(scans)
             n_known = len(scans)
-    if chosen and study.shares[-1].views < len(chosen):
-        study.complete(scans)
+    if chosen and attempt.shares[-1].views < len(chosen):
+        attempt.complete(scans)
     stations = plan_stations(task, overlap_graph(task, OverlapOptions()), chosen)
-    return study.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
+    return attempt.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
 
 
-def _unknown_m2(study: Study) -> FloatArray:
+def _unknown_m2(attempt: Attempt) -> FloatArray:
     """Area of each sample that is not known yet, 0 for others."""
-    unknown = ~study.tally.met if study.classes is None else study.classes == UNKNOWN
-    return np.asarray(study.task.samples.areas * unknown)
+    unknown = ~attempt.tally.met if attempt.classes is None else attempt.classes == UNKNOWN
+    return np.asarray(attempt.task.samples.areas * unknown)
 
 
-def _unmet_m2(study: Study) -> FloatArray:
+def _unmet_m2(attempt: Attempt) -> FloatArray:
     """Area of each sample that is not met yet, 0 for others."""
-    return np.asarray(study.task.samples.areas * ~study.tally.met)
+    return np.asarray(attempt.task.samples.areas * ~attempt.tally.met)

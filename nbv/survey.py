@@ -10,8 +10,9 @@ import numpy as np
 
 from completion.noise import estimate_noise
 from nbv.footing import floor_level
+from nbv.learning import recall
 from nbv.occupancy import VoxelMap
-from nbv.planner import PlannerOptions, recall
+from nbv.planner import PlannerOptions
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import (
     TRIPOD_HEIGHTS_M,
@@ -91,7 +92,7 @@ class Survey:
         outside = mode == "object"
         volume = _volume(scans, options.clearance_m, zones, from_outside=outside)
         blank = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
-        voxels = recall(blank, scans, sensor, options)
+        voxels = recall(blank, scans, sensor, options.clearance_m)
         level = floor_level(voxels)
         standing = min(float(scan.origin[2]) for scan in scans) - _BELOW_M
         has_floor = level is not None and level <= standing and not outside

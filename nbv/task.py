@@ -16,6 +16,7 @@ from nbv.measurement import CoverageTally
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan, Resumption
 from nbv.reachability import Reachability, find_reachable
+from nbv.remote_visibility import RemoteVisibility
 from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
 from nbv.scanning.scanner import scan_scene
@@ -38,7 +39,7 @@ class Task:
 
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
     "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
-    were taken before: what they have measured is measured.
+    were taken before: what they have measured is measured. `remote` workers cast for the offline planner.
     """
 
     scene: Scene
@@ -56,10 +57,11 @@ class Task:
     progress: Progress | None
     scans: tuple[RangeImage, ...] = ()
     zones: Zones = EVERYWHERE
+    remote: RemoteVisibility | None = None
 
 
 @dataclass(slots=True, eq=False)
-class Study:
+class Attempt:
     """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
 
     task: Task
@@ -71,8 +73,8 @@ class Study:
     shares: list[Shares] = field(default_factory=list)
 
     @classmethod
-    def begin(cls, task: Task) -> Study:
-        """Return the study before the first view; scans that were taken before count already.
+    def begin(cls, task: Task) -> Attempt:
+        """Return the attempt before the first view; scans that were taken before count already.
 
         Raises
         ------

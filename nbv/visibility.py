@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from nbv.requirement import SightLimits
+from nbv.requirement import ROUNDING, SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.triangulation import both_see
+from nbv.sight_kernels import facing, lifted
 from nbv.view import View
 from scenes.checks import FloatArray
 from scenes.raycast import RayCaster
@@ -41,21 +42,18 @@ def lines_of_sight(
     among: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Return which samples `among` are seen from `position` (3,) within `limits`, and their cosines."""
-    towards = position - samples.points[among]
-    distance = np.linalg.norm(towards, axis=1)
-    slope = np.einsum("ij,ij->i", towards, samples.normals[among])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        keep = limits.hold(distance, np.abs(slope) / distance)
-    among, distance, slope = among[keep], distance[keep], slope[keep]
+    here = (np.ascontiguousarray(position), samples.points, samples.normals)
+    gate = (limits.min_range_m, limits.max_range_m)
+    among, distance, cosine = facing(*here, among, limits.min_cosine - ROUNDING, *gate)
+    if limits.precision is not None:
+        keep = limits.hold(distance, np.abs(cosine))
+        among, distance, cosine = among[keep], distance[keep], cosine[keep]
     if not len(among):
         return among, distance
-    lift = np.copysign(_LIFT * np.maximum(distance, samples.extent_m), slope)
-    starts = samples.points[among] + samples.normals[among] * lift[:, None]
-    if samples.tolerance_m > 0:
-        starts = starts + towards[keep] * np.minimum(samples.tolerance_m / distance, 0.5)[:, None]
-    coherent = samples.in_morton_order and len(starts) >= _RAYS_A_FACE * caster.n_faces
-    seen = ~caster.blocked(starts, position[None], coherent=coherent)
-    return among[seen], np.abs(slope[seen]) / distance[seen]
+    ends = lifted(*here, among, distance, cosine, _LIFT, samples.extent_m, samples.tolerance_m)
+    coherent = samples.in_morton_order and len(ends) >= _RAYS_A_FACE * caster.n_faces
+    seen = ~caster.blocked(ends, position[None], coherent=coherent)
+    return among[seen], np.abs(cosine[seen])
 
 
 def visible_from_positions(

@@ -11,6 +11,8 @@ from .loading import open_scene as open_scene
 from .mesh import Appearance as Appearance
 from .mesh import LabelledMesh as LabelledMesh
 from .opening import Opening as Opening
+from .points import PointCloud as PointCloud
+from .points import read_points as read_points
 from .pose import Pose as Pose
 from .projection import PinholeProjection as PinholeProjection
 from .projection import Projection as Projection
@@ -19,7 +21,9 @@ from .range_image import RangeImage as RangeImage
 from .range_image import ScanTruth as ScanTruth
 from .raycast import Hits as Hits
 from .raycast import RayCaster as RayCaster
+from .saving import save_scene as save_scene
 from .scene import Scene as Scene
+from .station import scan_from_station as scan_from_station
 from .surfaces import Cone as Cone
 from .surfaces import Cylinder as Cylinder
 from .surfaces import EllipticCylinder as EllipticCylinder

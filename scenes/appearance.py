@@ -103,6 +103,12 @@ def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.float32]:
     return encoded.astype(np.float32)
 
 
+def linear_from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Decode sRGB 0..1 to linear light 0..1."""
+    value = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
 def join_looks(looks: Sequence[GeometryLook]) -> Appearance | None:
     """Return the looks of several geometries as one appearance, None when the file tells no colour."""
     if all(look.is_plain for look in looks):

@@ -13,25 +13,29 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.formats.cloud import NO_RAYS
 from scenes.formats.e57 import count_e57, read_e57
 from scenes.formats.e57_writer import write_e57
 from scenes.formats.guard import check_file, reading
+from scenes.formats.las import read_las_scan, write_las
 from scenes.formats.npz import read_npz, write_npz
 from scenes.formats.pcd import read_pcd, write_pcd
 from scenes.formats.ptx import count_ptx, read_ptx, write_ptx
 from scenes.formats.rgbd import read_frame
 from scenes.formats.rgbd_layout import open_rgbd, write_rgbd
 from scenes.formats.scan_ply import read_scan_ply, write_scan_ply
-from scenes.formats.trajectory import read_poses
+from scenes.formats.scan_text import read_scan_text, write_scan_text
+from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
 Units = Literal["mm", "cm", "m", "in"]
 Intrinsics = tuple[float, float, float, float]
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
-SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
-_MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
-_CLOUD_SUFFIXES = (".las", ".laz", ".xyz", ".txt", ".csv", ".pts")
+_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
+_LAS_SUFFIXES = (".las", ".laz")
+SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +47,20 @@ class ScanSource:
     path : Path
         Without `#k`.
     kind : str
-        "npz", "pcd", "ply", "ptx", "e57", or "rgbd (plain)" and so on.
+        The suffix: "npz", "e57" and so on, or "rgbd (plain)" and the like.
     readers : tuple of functions
-        One a scan, in natural order; each reads and returns its scan.
+        One a scan, in natural order; each reads and returns its scan, or raises InputError.
     registered : bool
         False when frames of a folder have no poses.
+    times : tuple of float, optional
+        When each was taken, seconds, where a folder tells.
     """
 
     path: Path
     kind: str
     readers: tuple[Callable[[], RangeImage], ...]
     registered: bool = True
+    times: tuple[float, ...] | None = None
 
 
 def open_scans(
@@ -75,14 +82,29 @@ def open_scans(
     if source.is_dir():
         folder = open_rgbd(source)
         readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
-        return ScanSource(source, f"rgbd ({folder.layout})", tuple(readers), folder.registered)
+        times = tuple(frame.time for frame in folder.frames if frame.time is not None)
+        timed = times if len(times) == len(readers) else None
+        kind = f"rgbd ({folder.layout})"
+        return ScanSource(source, kind, _guarded(source, kind, readers), folder.registered, timed)
     check_file(source)
     suffix = source.suffix.lower()
     if suffix not in SCAN_SUFFIXES:
         raise InputError(f"{source}: {_refusal(suffix)}")
     kind = suffix[1:]
     with reading(source, f"{kind.upper()} scan"):
-        return ScanSource(source, kind, tuple(_readers(source, suffix, intrinsics)))
+        return ScanSource(source, kind, _guarded(source, kind, _readers(source, suffix, intrinsics)))
+
+
+def _guarded(
+    source: Path, kind: str, readers: Sequence[Callable[[], RangeImage]]
+) -> tuple[Callable[[], RangeImage], ...]:
+    """The readers, of which none raises anything but InputError."""
+
+    def guarded(reader: Callable[[], RangeImage]) -> RangeImage:
+        with reading(source, f"{kind} scan"):
+            return reader()
+
+    return tuple(partial(guarded, reader) for reader in readers)
 
 
 def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[Callable[[], RangeImage]]:
@@ -95,6 +117,10 @@ def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[C
         return [partial(read_ptx, source, k) for k in range(count_ptx(source))]
     if suffix == ".pcd":
         return [partial(read_pcd, source, intrinsics)]
+    if suffix in _LAS_SUFFIXES:
+        return [partial(read_las_scan, source)]
+    if suffix in _TEXT_SUFFIXES:
+        return [partial(read_scan_text, source)]
     return [partial(read_scan_ply, source)]
 
 
@@ -104,14 +130,10 @@ def _itself(scan: RangeImage) -> RangeImage:
 
 def _refusal(suffix: str) -> str:
     """Why a suffix is no scan, and the cure."""
-    if suffix in _MESH_SUFFIXES:
+    if suffix in MESH_SUFFIXES:
         return f"{suffix} is a mesh, not a scan; simulate one with `unseen scan SCENE -o FILE.npz`"
-    if suffix in _CLOUD_SUFFIXES:
-        return (
-            f"{suffix} holds points without a pixel grid or sensor position, so no ray can be traced; "
-            "export an organised scan (.e57 structured, .ptx, .pcd organised) or an RGB-D folder, or say "
-            "where the scanner stood (unseen complete --origin X,Y,Z)"
-        )
+    if suffix == ".pts":
+        return NO_RAYS
     known = ", ".join(SCAN_SUFFIXES)
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
 
@@ -146,7 +168,8 @@ def read_scans(
     Parameters
     ----------
     path : str or path
-        `.npz .ply .pcd .ptx .e57` or an RGB-D folder; `#k` counts from 1 in natural order.
+        `.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv` or an RGB-D folder; `#k` counts from 1 in natural
+        order. Files of mere points are scans where they tell the place of the scanner: those of ours do.
     intrinsics : (fx, fy, cx, cy), optional
         Pixels; goes before what a file or folder says. Used by folders and .pcd.
     depth_scale : float, optional
@@ -166,7 +189,7 @@ def read_scans(
     base, number = split_index(path)
     source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
     picked = _pick(source, number)
-    given = _given_poses(poses, len(source.readers), picked)
+    given = _given_poses(poses, source, picked)
     if given is None and not source.registered and len(picked) > 1:
         raise InputError(
             f"{base}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
@@ -174,8 +197,7 @@ def read_scans(
         )
     scans = []
     for index, k in enumerate(picked):
-        with reading(base, f"{source.kind} scan"):
-            scan = source.readers[k]()
+        scan = source.readers[k]()
         if given is not None:
             scan = replace(scan, world_from_sensor=given[index])
         scans.append(in_metres(scan, units))
@@ -194,11 +216,15 @@ def _pick(source: ScanSource, number: int | None) -> list[int]:
 
 
 def _given_poses(
-    poses: str | os.PathLike[str] | Sequence[Pose] | None, n_scans: int, picked: list[int]
+    poses: str | os.PathLike[str] | Sequence[Pose] | None, source: ScanSource, picked: list[int]
 ) -> list[Pose] | None:
+    """The poses of the picked scans: one each, or for all of them; of a trajectory with times the nearest."""
     if poses is None:
         return None
+    n_scans = len(source.readers)
     found = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
+    if isinstance(poses, str | os.PathLike) and source.times is not None and len(found) != n_scans:
+        return poses_at(Path(poses), [source.times[k] for k in picked])
     if len(found) == n_scans:
         return [found[k] for k in picked]
     if len(found) == len(picked):
@@ -247,7 +273,10 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
 
 
 def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
-    """Write one scan by suffix, atomically: `.npz` (lossless, with truth), `.ply`, `.pcd`, `.ptx`, `.e57`.
+    """Write one scan by suffix, atomically.
+
+    `.npz` (lossless, with truth), `.ply .pcd .ptx .e57 .las .laz`, and `.xyz .txt .asc .csv` as text;
+    docs/formats.md says what each keeps and to which precision.
 
     Raises
     ------
@@ -261,6 +290,8 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
         ".pcd": write_pcd,
         ".ptx": write_ptx,
         ".e57": lambda one, file: write_e57([one], file),
+        **dict.fromkeys(_LAS_SUFFIXES, write_las),
+        **dict.fromkeys(_TEXT_SUFFIXES, write_scan_text),
     }
     writer = writers.get(target.suffix.lower())
     if writer is None:

@@ -15,6 +15,9 @@ from scenes.appearance import GeometryLook, join_looks, look_of
 from scenes.checks import FloatArray, InputError
 from scenes.files import METRES_PER_UNIT, Units
 from scenes.formats.guard import MAX_BYTES, check_file, reading
+from scenes.formats.off import read_off
+from scenes.formats.references import check_references
+from scenes.formats.stl import stl_origin
 from scenes.mesh import LabelledMesh
 from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
 from scenes.scene import Mode, Scene
@@ -41,10 +44,11 @@ def open_scene(
 def load_scene(
     path: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
 ) -> Scene:
-    """Read a mesh file: GLB, OBJ + MTL, PLY, STL, OFF and whatever else trimesh reads.
+    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL, OFF and whatever else trimesh reads.
 
-    Every placed geometry of the file becomes one surface with its name; its true surface is unknown (None).
-    Textures, vertex and face colours are kept; base colours multiply.
+    Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
+    its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
+    Which side of a face is outside is told by the order of its corners; normals in the file do not count.
 
     Parameters
     ----------
@@ -60,7 +64,8 @@ def load_scene(
     Raises
     ------
     InputError
-        Missing, empty, damaged, no faces, vertices that are not finite.
+        Missing, empty, damaged, no faces, vertices that are not finite, or a material, texture or buffer that
+        is named outside the file's folder.
     """
     if up not in get_args(Axis):
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
@@ -68,7 +73,8 @@ def load_scene(
         raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
     file = _check_mesh_file(Path(path))
     with reading(file, "a mesh"):
-        placed = trimesh.load_scene(str(file), process=False)
+        missing = check_references(file)
+        placed = _placed(file)
         parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
         mesh, names = _join(file, parts)
         mesh = LabelledMesh(
@@ -78,7 +84,18 @@ def load_scene(
             mesh.appearance,
         )
         kind = decide_mode(mesh) if mode is None else mode
-        return Scene(mesh, (None,) * len(names), names, file.stem, kind, tuple(_warnings(mesh, kind, up)))
+        warnings = (*missing, *_warnings(mesh, kind, up))
+        return Scene(mesh, (None,) * len(names), names, file.stem, kind, warnings)
+
+
+def _placed(file: Path) -> Any:
+    """Return the file as a trimesh scene; OFF is read here, since trimesh leaves its colours out."""
+    if file.suffix.lower() != ".off":
+        found = trimesh.load_scene(str(file), process=False, split_objects=True)
+        return found.apply_translation(stl_origin(file)) if file.suffix.lower() == ".stl" else found
+    off = read_off(file)
+    colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
+    return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})
 
 
 def _check_mesh_file(path: Path) -> Path:
@@ -99,10 +116,14 @@ def _check_mesh_file(path: Path) -> Path:
 
 
 def _check_stl_length(file: Path) -> None:
-    """Raise when a binary STL is not as long as its count of triangles says."""
+    """Raise when a binary STL is not as long as its count of triangles says, or a text one is cut short."""
     with file.open("rb") as stream:
         start = stream.read(1024)
     if start.lstrip()[:5] == b"solid" and b"facet" in start:
+        text = file.read_bytes()
+        begun, ended = text.count(b"outer loop"), text.count(b"endloop")
+        if begun != ended or b"endsolid" not in text[-1024:]:
+            raise InputError(f"{file}: truncated STL: {begun} facets begin, {ended} end, then the text stops")
         return
     announced = int.from_bytes(start[80:84], "little")
     expected, present = 84 + 50 * announced, file.stat().st_size

@@ -89,6 +89,13 @@ class Appearance:
         return colour
 
 
+def triangle_areas(corners: FloatArray) -> FloatArray:
+    """Return the areas (m,) of triangles (m, 3, 3), in square metres for corners in metres."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return areas
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledMesh:
     """A triangle mesh whose faces know their surface.
@@ -139,9 +146,7 @@ class LabelledMesh:
 
     def face_areas(self) -> FloatArray:
         """Areas (m,) in square metres."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        return areas
+        return triangle_areas(self.corners)
 
     def face_normals(self) -> FloatArray:
         """Unit normals (m, 3) by the right-hand rule; zero for faces without area."""

@@ -11,14 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_point, finite_rows, frozen_copy
+from scenes.checks import ColourArray, FloatArray, InputError, check_point, finite_rows, frozen_copy
 from scenes.files import METRES_PER_UNIT, Units, read_scans, split_index
 from scenes.formats.e57 import count_e57, read_e57_points
-from scenes.formats.guard import MAX_BYTES, check_file, import_extra, reading
+from scenes.formats.guard import check_file, reading
+from scenes.formats.header import colour_bytes
+from scenes.formats.las import read_las_points
 from scenes.formats.pcd import read_pcd_points
 from scenes.formats.ply_points import read_ply_points
 from scenes.formats.point_table import read_point_table
 from scenes.formats.ptx import count_ptx, read_ptx_points
+from scenes.formats.raw_points import RawPoints, joined
 from scenes.formats.scan_ply import is_scan_ply
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
@@ -37,6 +40,8 @@ class PointCloud:
         As in the file; rows may be zero where it knows none.
     origins : (n, 3) float, optional
         Where the scanner stood that measured each point, metres; None where the file does not tell.
+    colour : (n, 3) uint8, optional
+        sRGB.
     name : str
         The file's name, with #k where one scan was picked.
     warnings : tuple of str
@@ -46,6 +51,7 @@ class PointCloud:
     points: FloatArray
     normals: FloatArray | None = None
     origins: FloatArray | None = None
+    colour: ColourArray | None = None
     name: str = ""
     warnings: tuple[str, ...] = ()
 
@@ -53,6 +59,8 @@ class PointCloud:
         for field in ("points", "normals", "origins"):
             if getattr(self, field) is not None:
                 object.__setattr__(self, field, frozen_copy(getattr(self, field), np.float64))
+        if self.colour is not None:
+            object.__setattr__(self, "colour", frozen_copy(self.colour, np.uint8))
 
     def rays(self, origin: object | None = None) -> FloatArray:
         """The rays (n, 3), metres, from where the scanner stood to the points; `origin` (3,) if it is said.
@@ -66,16 +74,6 @@ class PointCloud:
         if start is None:
             raise InputError(f"{self.name} does not tell where the scanner stood; give --origin X,Y,Z")
         return np.asarray(self.points - start, dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Raw:
-    """What a file holds, in its own units; `origins` is one place (3,) or one a point (n, 3)."""
-
-    points: FloatArray
-    normals: FloatArray | None = None
-    origins: FloatArray | None = None
-    warnings: tuple[str, ...] = ()
 
 
 def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
@@ -108,7 +106,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     return cloud
 
 
-def _cloud(raw: _Raw, metres: float, name: str) -> PointCloud:
+def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
     """The finite points, in metres."""
     kept, normals, origins, warnings = finite_rows(raw.points), raw.normals, raw.origins, raw.warnings
     if not kept.all():
@@ -117,10 +115,11 @@ def _cloud(raw: _Raw, metres: float, name: str) -> PointCloud:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:
         origins = np.broadcast_to(origins, raw.points.shape)[kept] * metres
-    return PointCloud(raw.points[kept] * metres, normals, origins, name, warnings)
+    colour = None if raw.colour is None else raw.colour[kept]
+    return PointCloud(raw.points[kept] * metres, normals, origins, colour, name, warnings)
 
 
-def _from_file(file: Path, number: int | None) -> _Raw:
+def _from_file(file: Path, number: int | None) -> RawPoints:
     """Read a file by its suffix."""
     suffix = file.suffix.lower()
     if suffix not in POINT_SUFFIXES:
@@ -128,7 +127,7 @@ def _from_file(file: Path, number: int | None) -> _Raw:
             f"{file}: cannot read points from {suffix or 'a file without suffix'}; known: "
             f"{', '.join(POINT_SUFFIXES)}, RGB-D folders"
         )
-    readers: dict[str, Callable[[], _Raw]] = {
+    readers: dict[str, Callable[[], RawPoints]] = {
         ".e57": partial(_from_several, file, number, count_e57, read_e57_points),
         ".ptx": partial(_from_several, file, number, count_ptx, read_ptx_points),
         ".npz": partial(_from_npz, file, number),
@@ -140,42 +139,41 @@ def _from_file(file: Path, number: int | None) -> _Raw:
             raise InputError(f"holds one cloud, so there is no #{number}")
         if suffix in TEXT_SUFFIXES:
             table = read_point_table(file)
-            return _Raw(table.points, table.normals, None, table.warnings)
+            return RawPoints(table.points, table.normals, warnings=table.warnings)
         if suffix == ".ply":
             if is_scan_ply(file):
                 return _from_scans(os.fspath(file))
-            return _Raw(*read_ply_points(file))
+            return read_ply_points(file)
         if suffix == ".pcd":
-            return _Raw(*read_pcd_points(file))
-        return _from_las(file)
+            return read_pcd_points(file)
+        return read_las_points(file)
 
 
-def _from_scans(path: str) -> _Raw:
+def _from_scans(path: str) -> RawPoints:
     """All valid points of organised scans, in the world."""
-    scans = read_scans(path)
-    points = np.concatenate([scan.points()[scan.valid] for scan in scans])
-    stood = [scan.world_from_sensor.translation for scan in scans]
-    return _Raw(points, None, np.repeat(stood, [int(scan.valid.sum()) for scan in scans], axis=0))
+    found = []
+    for scan in read_scans(path):
+        colour = colour_bytes(scan)
+        seen = None if colour is None else colour[scan.valid]
+        found.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=seen))
+    return joined(found)
 
 
 def _from_several(
     file: Path,
     number: int | None,
     count: Callable[[Path], int],
-    read: Callable[[Path, int], tuple[FloatArray, FloatArray | None]],
-) -> _Raw:
+    read: Callable[[Path, int], RawPoints],
+) -> RawPoints:
     """All valid points of the scans of a file, structured or not, or of the one that is picked."""
     n_scans = count(file)
     if number is not None and not 1 <= number <= n_scans:
         raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
     wanted = range(n_scans) if number is None else [number - 1]
-    found = [read(file, index) for index in wanted]
-    points = np.concatenate([np.zeros((0, 3)), *(points for points, _ in found)])
-    stood = [np.broadcast_to(origin, one.shape) for one, origin in found if origin is not None]
-    return _Raw(points, None, np.concatenate(stood) if stood and len(stood) == len(found) else None)
+    return joined([read(file, index) for index in wanted])
 
 
-def _from_npz(file: Path, number: int | None) -> _Raw:
+def _from_npz(file: Path, number: int | None) -> RawPoints:
     """Arrays `points` and `normals`, or else a scan."""
     with np.load(file, allow_pickle=False) as arrays:
         if "points" not in arrays.files:
@@ -189,19 +187,4 @@ def _from_npz(file: Path, number: int | None) -> _Raw:
         raise InputError(
             f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
         )
-    return _Raw(points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3))
-
-
-def _from_las(file: Path) -> _Raw:
-    """Points of a LAS or LAZ file, without those marked as withheld."""
-    laspy = import_extra("laspy", "las")
-    with laspy.open(file) as opened:
-        if int(opened.header.point_count) * 24 > MAX_BYTES:
-            raise InputError(f"announces {opened.header.point_count:,} points, which is too many")
-        cloud = opened.read()
-    points = np.asarray(cloud.xyz, dtype=np.float64)
-    withheld = np.asarray(cloud.withheld, dtype=np.bool_)
-    if not withheld.any():
-        return _Raw(points)
-    warning = f"{int(withheld.sum())} points are marked withheld and were left out"
-    return _Raw(points[~withheld], None, None, (warning,))
+    return RawPoints(points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3))

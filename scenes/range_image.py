@@ -81,7 +81,7 @@ class RangeImage:
     noise : str
         The effects that were active in a simulated scan, with their parameters; "" when not known.
     intensity : (rows, columns) float32, optional
-        Light that came back, on the instrument's scale; 0 where nothing did. Kept by `.npz` files alone.
+        Light that came back, on the instrument's scale; 0 where nothing did.
     truth : ScanTruth, optional
         What a simulated scan really met.
     name : str

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,10 @@ class _Bins:
         return self.row * self.projection.shape[1] + self.column
 
 
-def scan_from_station(points: object, origin: object, name: str = "cloud") -> RangeImage:
-    """Return the points as one scan from `origin`.
+def scan_from_station(
+    points: object, origin: object, name: str = "cloud", colour: NDArray[np.float32] | None = None
+) -> RangeImage:
+    """Return the points as one scan from `origin`, whose `sensor` says that it was made of points.
 
     The image is spherical, its pixels as small as leaves hardly any of them empty between others. Each keeps
     the point nearest to its middle exactly as it was measured; pixels without one had no return.
@@ -50,6 +52,8 @@ def scan_from_station(points: object, origin: object, name: str = "cloud") -> Ra
         Where the scanner stood, metres.
     name : str
         What to call the scan.
+    colour : (n, 3) float32, optional
+        sRGB in 0..1 of each point.
 
     Raises
     ------
@@ -58,8 +62,9 @@ def scan_from_station(points: object, origin: object, name: str = "cloud") -> Ra
         there took them.
     """
     stood, cloud = check_point("origin", origin), check_points("points", points)
-    cloud = cloud[np.linalg.norm(cloud - stood, axis=1) > 0]
-    cloud = cloud[np.lexsort(cloud.T)]  # so that the file's order does not matter
+    order = np.lexsort(cloud.T)  # so that the file's order does not matter
+    order = order[np.linalg.norm(cloud[order] - stood, axis=1) > 0]
+    cloud = cloud[order]
     if len(cloud) < 100:
         raise InputError(f"{len(cloud)} points are too few for a scan; at least 100 are needed")
     pose = _pose(cloud, stood)
@@ -73,12 +78,18 @@ def scan_from_station(points: object, origin: object, name: str = "cloud") -> Ra
     _check_single(bins.flat, ranges, stood)
     middle = np.column_stack([bins.projection.azimuths[bins.column], bins.projection.elevations[bins.row]])
     off = np.hypot(*(angles - middle).T)
-    order = np.lexsort((off, bins.flat))
-    _, first = np.unique(bins.flat[order], return_index=True)
-    kept = order[first]
+    nearest = np.lexsort((off, bins.flat))
+    _, first = np.unique(bins.flat[nearest], return_index=True)
+    kept = nearest[first]
     image = np.full((*bins.projection.shape, 3), np.nan)
     image[bins.row[kept], bins.column[kept]] = seen[kept]
-    return RangeImage.from_points(image, bins.projection, pose, name=name)
+    painted = None
+    if colour is not None:
+        painted = np.zeros((*bins.projection.shape, 3), np.float32)
+        painted[bins.row[kept], bins.column[kept]] = np.asarray(colour, np.float32)[order[kept]]
+    scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
+    x, y, z = stood
+    return replace(scan, sensor=f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g})")
 
 
 def _pose(points: FloatArray, stood: FloatArray) -> Pose:
@@ -143,6 +154,6 @@ def _check_single(pixel: NDArray[np.int64], ranges: FloatArray, stood: FloatArra
     if share > _MOST_APART:
         x, y, z = stood
         raise InputError(
-            f"{100 * share:.0f} % of the directions from ({x:g}, {y:g}, {z:g}) meet points behind each "
-            "other, which no one scan from there measured; was it another place, or are several scans merged?"
+            f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "
+            "each other, which no one scan from there measured; was it another place, or are scans merged?"
         )

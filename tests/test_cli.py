@@ -72,9 +72,8 @@ def assert_fails_in_one_line(result, *words):
 
 def test_help_names_the_commands_and_only_those_that_work():
     text = succeed("--help").stdout
-    for command in ("demo", "scan", "plan", "coverage", "complete", "texture", "fit", "info"):
+    for command in ("demo", "scan", "plan", "coverage", "complete", "texture", "fit", "info", "study"):
         assert command in text
-    assert "\n  study" not in text
 
 
 def test_unseen_alone_shows_the_three_jobs():
@@ -112,6 +111,7 @@ def test_the_command_line_itself_imports_nothing_slow():
         ("complete",),
         ("complete", "a.npz", "--intrinsics", "1,2,3"),
         ("complete", "a.npz", "--mode", "wild"),
+        ("complete", "a.npz", "--export", "dwg"),
         ("texture", "a.png"),
         ("texture", "a.png", "--grow", "12"),
         ("texture", "a.png", "--grow", "12x9", "--mask", "b.png"),
@@ -229,7 +229,7 @@ def test_info_as_a_table_as_json_and_as_a_file(scan, tmp_path):
 
 def test_plan_writes_what_the_contract_names(plan):
     out, summary = plan
-    assert set(contents(out)) == {"plan.json", "coverage.json", "report.html"}
+    assert set(contents(out)) == {"plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html"}
     written = json.loads((out / "plan.json").read_text())
     assert set(written) == {
         "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",
@@ -324,7 +324,8 @@ def completed(tmp_path_factory, scan):
 
 def test_complete_writes_what_the_contract_names(completed):
     out, summary = completed
-    names = {"completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "report.html"}
+    names = {"completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json"}
+    names.add("report.html")
     assert set(contents(out)) == names
     assert summary["hypothesised_m2"] > 0
     record = json.loads((out / "completion.json").read_text())
@@ -537,3 +538,15 @@ def test_texture_of_a_surface_separates_its_shading(tmp_path):
     assert off["surface"] <= 3 < off["as it is"]
     usage = run("texture", tmp_path / "wall.png", "--grow", "4x4", "--surface")
     assert usage.exit_code == 2
+
+
+def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, sensor):
+    (tmp_path / "tiny.off").write_text("OFF\n3 1 0\n0 0 0\n0.01 0 0\n0 0.01 0\n3 0 1 2\n")
+    aim = ("--at", "0,0,1", "--look", "0,0,0", "--sensor", sensor)
+    result = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz")
+    assert result.stderr.startswith("unseen scan: warning: the diagonal is 0.0141 m; if the file is not in")
+    quiet = succeed("scan", tmp_path / "tiny.off", *aim, "-o", tmp_path / "a.npz", "-q", "--json")
+    assert quiet.stderr == ""
+    assert "give --units" in json.loads(quiet.stdout)["warnings"][0]
+    empty = succeed("complete", tmp_path / "a.npz", "-o", tmp_path / "out")
+    assert "warning: " in empty.stderr

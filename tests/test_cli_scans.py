@@ -10,6 +10,7 @@ import pytest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.scans import ScanRequest
 from nbv.plan import read_plan
+from scenes.files import read_scan
 from scenes.formats.ply import read_mesh_ply
 from tests.test_cli import assert_fails_in_one_line, contents, run, succeed
 
@@ -83,7 +84,7 @@ def following(taken, tmp_path_factory):
 
 def test_the_next_station_without_a_scene(following):
     out, summary = following
-    assert set(contents(out)) == {"plan.json", "coverage.json", "report.html"}
+    assert set(contents(out)) == {"plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html"}
     plan = read_plan(out / "plan.json")
     assert summary["views"] == len(plan.views) == 2
     assert summary["floor_m"] == pytest.approx(0, abs=0.02)
@@ -178,3 +179,23 @@ def test_scans_without_poses_are_refused_with_the_cure(taken, tmp_path):
     for command in ("plan", "coverage"):
         result = run(command, "--scans", files[0], "--scans", files[1], "-o", tmp_path / "out")
         assert_fails_in_one_line(result, "2 scans without poses", "--poses FILE")
+
+
+def test_mere_points_serve_where_the_scanner_is_said_to_have_stood(taken, tmp_path):
+    scan = read_scan(taken / "a.npz")
+    np.savetxt(tmp_path / "a.xyz", scan.points()[scan.valid])
+    stood = ",".join(map(str, scan.origin))
+    out = ("-o", tmp_path / "out", "--json")
+    arguments = ("--scans", tmp_path / "a.xyz", "--sensor", taken / "small.toml", *out)
+    found = json.loads(succeed("coverage", *arguments, "--origin", stood).stdout)
+    assert found["surface"]["measured_m2"] > 25
+    assert_fails_in_one_line(run("coverage", *arguments), "a.xyz", "--origin X,Y,Z")
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".xyz", ".csv"])
+def test_scans_are_written_as_points_and_read_back(taken, tmp_path, suffix):
+    file = tmp_path / f"a{suffix}"
+    succeed("scan", ROOM, "--at", AT[0][0], "--look", AT[0][1], "--sensor", taken / "small.toml", "-o", file)
+    back, scan = read_scan(file), read_scan(taken / "a.npz")
+    np.testing.assert_array_equal(back.valid, scan.valid)
+    np.testing.assert_allclose(back.points(), scan.points(), atol=1e-5)

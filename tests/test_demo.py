@@ -36,7 +36,7 @@ def test_demo_writes_everything_and_again_the_same(demo, tmp_path, monkeypatch):
     out, summary = demo
     names = {
         "completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "plan.json", "coverage.json",
-        "report.html", "manifest.json",
+        "report.html", "manifest.json", "plan.csv", "trajectory.txt", "polygons.json",
     }  # fmt: skip
     assert {file.name for file in out.iterdir()} == names
     assert summary["measured"] + summary["inferred"] + summary["unknown"] == pytest.approx(1.0)

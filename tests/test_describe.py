@@ -9,7 +9,8 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
-from scenes.describe import describe, describe_projection
+from scenes.describe import describe
+from scenes.describe_scans import describe_projection
 from scenes.files import write_scan, write_scans
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection

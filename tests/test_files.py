@@ -24,10 +24,8 @@ SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
     [
         ("nothing.npz", "nothing.npz: no such file or folder"),
         ("mesh.glb", r"mesh.glb: \.glb is a mesh, not a scan; simulate one with `unseen scan"),
-        (
-            "cloud.las",
-            r"cloud.las: \.las holds points without a pixel grid or sensor position.*export an org",
-        ),
+        ("cloud.las", r"cloud.las: not a LAS file: it does not begin with LASF"),
+        ("cloud.pts", r"cloud.pts: holds points without a pixel grid or sensor position.*--origin X,Y,Z"),
         ("text.docx", r"text.docx: cannot read scans from \.docx; known: \.npz, \.ply"),
         ("plain", "cannot read scans from a file without suffix"),
         ("folder", "folder: is not an RGB-D folder: expected depth images in depth/"),
@@ -35,7 +33,7 @@ SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
     ],
 )
 def test_unusable_names_are_told_the_cure(tmp_path: Path, name: str, message: str) -> None:
-    for file in ("mesh.glb", "cloud.las", "text.docx", "plain"):
+    for file in ("mesh.glb", "cloud.las", "cloud.pts", "text.docx", "plain"):
         (tmp_path / file).write_text("something")
     (tmp_path / "folder").mkdir()
     with pytest.raises(InputError, match=message):
@@ -245,7 +243,7 @@ def test_the_kind_of_a_source_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("a.xyz", r"a\.xyz: cannot write scans to \.xyz; known: \.npz, \.ply"),
+        ("a.abc", r"a\.abc: cannot write scans to \.abc; known: \.npz, \.ply"),
         ("a", "cannot write scans to a name without suffix"),
         ("none/a.npz", "a.npz: cannot write, there is no folder .*none"),
     ],

@@ -91,7 +91,7 @@ def test_pump_survives_e57_and_ply(tmp_path: Path) -> None:
         ("e57/corrupt_crc.e57", "corrupt_crc.e57: cannot be read as E57 scan: checksum mismatch"),
         ("e57/tiny_spherical.e57", "has no rowIndex and no columnIndex: it is an unstructured cloud"),
         ("e57/pipeSpherical.e57", "export the scan as structured"),
-        ("e57/translationWithoutRotation.e57", "unstructured"),
+        ("e57/translationWithoutRotation.e57", "3 points are too few for a scan; at least 100 are needed"),
         ("e57/cartesian_invalid_state_single.e57", "unstructured"),
         ("ptx/no-color.ptx", "15 points in a grid of 1 x 15 are too few to estimate its projection"),
         ("ptx/multiple-and-transform.ptx#1", r"pose is not rigid: \|R'R - 1\| = 3"),

@@ -11,7 +11,7 @@ from PIL import Image
 
 from scenes.checks import InputError
 from scenes.files import read_scan, read_scans
-from scenes.formats.rgbd_layout import natural_key
+from scenes.natural_order import natural_key
 from scenes.projection import PinholeProjection
 
 CAMERA = (6.0, 5.0, 3.5, 2.5)
@@ -187,6 +187,23 @@ def test_unusable_camera_files_are_named(tmp_path: Path, text: str) -> None:
 
 def test_natural_order() -> None:
     names = ["10.png", "9.png", "a2.png", "a10.png", "1.png"]
-    assert [p.name for p in sorted(map(Path, names), key=natural_key)] == [
-        "1.png", "9.png", "10.png", "a2.png", "a10.png",
-    ]  # fmt: skip
+    assert sorted(names, key=natural_key) == ["1.png", "9.png", "10.png", "a2.png", "a10.png"]
+
+
+def test_a_trajectory_with_times_serves_the_frames_nearest_to_them(tmp_path: Path) -> None:
+    fill_plain(tmp_path, 3, depth=10000, colour="rgb")
+    (tmp_path / "pose.txt").unlink()
+    (tmp_path / "depth.txt").write_text("".join(f"{k}.0 depth/{k}.png\n" for k in (1, 2, 3)))
+    (tmp_path / "rgb.txt").write_text("".join(f"{k}.015 rgb/{k}.png\n" for k in (1, 2, 3)))
+    stamps = [round(0.9 + 0.01 * k, 2) for k in range(220)]  # 100 poses a second
+    lines = [f"{time} {time} 0 0 0 0 0 1\n" for time in stamps]
+    (tmp_path / "estimate.txt").write_text("".join(lines))
+    scans = read_scans(tmp_path, intrinsics=CAMERA, poses=tmp_path / "estimate.txt")
+    assert [float(scan.origin[0]) for scan in scans] == [1.0, 2.0, 3.0]
+    (tmp_path / "short.txt").write_text("".join(lines[:150]))
+    with pytest.raises(
+        InputError, match=r"1 of 3 frames have no pose within 0\.02 s, the first at 3\.000000"
+    ):
+        read_scans(tmp_path, intrinsics=CAMERA, poses=tmp_path / "short.txt")
+    second = read_scan(f"{tmp_path}#2", intrinsics=CAMERA, poses=tmp_path / "short.txt")
+    assert float(second.origin[0]) == 2.0

@@ -163,27 +163,6 @@ def test_damage_is_named(tmp_path: Path) -> None:
         load_scene(tmp_path / "folder.glb")
 
 
-def test_a_texture_outside_the_folder_is_not_read(tmp_path: Path) -> None:
-    Image.new("RGB", (3, 3), (9, 9, 9)).save(tmp_path / "secret.png")
-    inside = tmp_path / "inside"
-    inside.mkdir()
-    (inside / "a.mtl").write_text("newmtl m\nmap_Kd ../secret.png\n")
-    lines = [
-        "mtllib a.mtl",
-        "v 0 0 0",
-        "v 1 0 0",
-        "v 0 1 0",
-        "vt 0 0",
-        "vt 1 0",
-        "vt 0 1",
-        "usemtl m",
-        "f 1/1 2/2 3/3",
-    ]
-    (inside / "a.obj").write_text("\n".join(lines) + "\n")
-    appearance = load_scene(inside / "a.obj").mesh.appearance
-    assert appearance is None or not any(image.shape == (3, 3, 3) for image in appearance.images)
-
-
 def test_faces_without_area_and_doubtful_units_are_warned_of(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n")
     assert load_scene(tmp_path / "a.obj").warnings == ("1 of 2 faces have no area; no ray can hit them",)

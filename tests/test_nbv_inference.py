@@ -164,6 +164,15 @@ def test_distances_to_large_triangles_among_small_ones_are_exact_nearby():
     assert distances(np.zeros((0, 3)), large).shape == (0,)
 
 
+def test_distances_to_slivers_and_to_triangles_without_area_are_found_in_little_memory():
+    x = np.linspace(0.0, 1.0, 3000)
+    start = np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
+    slivers = np.stack([start, start + [0.0, 100.0, 0.0], start + [1e-9, 100.0, 0.0]], axis=1)
+    points = np.column_stack([x[:50], np.linspace(1, 99, 50), np.full(50, 0.3)])
+    assert distances(points, slivers) == pytest.approx(0.3, abs=1e-3)
+    assert distances(points, np.repeat(start[:1, None], 3, axis=1))[0] == pytest.approx(np.hypot(1, 0.3))
+
+
 COARSE = {
     "samples": sample_surface(ROOM.mesh, 0.2),
     "options": PlannerOptions(voxel_m=0.2),

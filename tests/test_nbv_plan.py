@@ -181,6 +181,13 @@ def test_quality_weight_changes_what_the_planner_does():
     assert poses[0] != poses[1]
 
 
+def test_a_scanner_that_measures_nothing_near_itself_explores_too():
+    """What is unknown nearer than its shortest range lies on the way of beams that go on."""
+    far = replace(SENSOR, min_range_m=COARSE.clearance_m + 2 * COARSE.voxel_m)
+    plan = plan_views(ROOM, far, options=COARSE, samples=SAMPLES, target=0.5, rng=0)
+    assert plan.stopped_because.startswith("target met")
+
+
 def test_progress_is_reported_by_stage():
     stages = []
     candidates = Candidates(np.array([[3.0, 1.0, 1.6]]), np.eye(3))
@@ -210,7 +217,7 @@ def test_patches_of_another_scene_are_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "method must be nbv or cover"),
+        ({"method": "magic"}, "method must be one of nbv, cover"),
         ({"target": 1.5}, "0 < target <= 1"),
         ({"views": 0}, "views must be at least 1"),
         ({"mode": "garden"}, "mode must be room or object"),

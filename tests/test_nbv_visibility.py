@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from nbv.floor import floor_level, stand_on
+from nbv.floor import scene_floor, stand_on
 from nbv.free_space import FreeSpace
 from nbv.reachability import find_reachable, scene_candidates, scene_lattice
 from nbv.requirement import Requirement, SightLimits
@@ -98,14 +98,14 @@ def test_the_rooms_candidates_are_those_of_the_benchmark_that_stand_on_the_floor
 
 def test_the_floor_is_the_lowest_large_level_and_tables_are_not():
     office = builtin_scene("office")
-    assert floor_level(office.mesh) == pytest.approx(0.0, abs=1e-9)
+    assert scene_floor(office.mesh) == pytest.approx(0.0, abs=1e-9)
     asked = np.array([[1.0, 1.0, 1.0], [2.9, 1.0, 1.5], [5.0, 1.0, 1.0], [2.35, 2.0, 1.5]])
     stands = stand_on(office.ray_caster(), 0.0, asked)  # floor, over the table, outside, over the box
     assert stands.tolist() == [True, False, False, False]
     wall = LabelledMesh(
         np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]]), np.zeros(1, int)
     )
-    assert floor_level(wall) is None
+    assert scene_floor(wall) is None
 
 
 def test_reachability_does_not_depend_on_threads_and_names_the_hidden():

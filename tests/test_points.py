@@ -357,7 +357,7 @@ def test_las_that_announces_too_much_is_refused(tmp_path: Path, monkeypatch: pyt
     las = laspy.create(point_format=0, file_version="1.2")
     las.xyz = POINTS
     las.write(tmp_path / "c.las")
-    monkeypatch.setattr("scenes.points.MAX_BYTES", 10)
+    monkeypatch.setattr("scenes.formats.las_header.MAX_BYTES", 10)
     with pytest.raises(InputError, match="announces 3 points, which is too many"):
         read_points(tmp_path / "c.las")
 

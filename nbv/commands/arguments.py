@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 
 import typer
 
@@ -43,6 +44,20 @@ def parse_numbers(text: str, n: int, option: str) -> tuple[float, ...]:
             f"{text!r} is not {n} finite numbers with commas between them", param_hint=option
         )
     return numbers
+
+
+def parse_choices(given: Iterable[str], known: Sequence[str], option: str) -> tuple[str, ...]:
+    """Return what was given, each once, when all of it is known.
+
+    Examples
+    --------
+    >>> parse_choices(["obj", "e57", "obj"], ("obj", "e57"), "--export")
+    ('obj', 'e57')
+    """
+    for text in given:
+        if text not in known:
+            raise typer.BadParameter(f"{text!r} is none of {', '.join(known)}", param_hint=option)
+    return tuple(dict.fromkeys(given))
 
 
 def parse_shape(text: str, option: str) -> tuple[int, int]:

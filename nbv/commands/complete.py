@@ -14,14 +14,14 @@ from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
 from scenes.range_image import RangeImage
 
-FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "completion.json")
+FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,6 +42,8 @@ class CompleteRequest:
         Whether inferred area is textured.
     edits : str, optional
         A file of edits.
+    exports : tuple of "obj" or "e57"
+        Formats beside those that are always written.
     """
 
     mode: Mode
@@ -50,6 +52,7 @@ class CompleteRequest:
     registration_m: float
     texture: bool
     edits: str | None
+    exports: tuple[str, ...] = ()
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""
@@ -72,6 +75,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         scans = read_request(request)
+        run.warn(doubts_of(scans))
         options = how.resolved()
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
@@ -82,6 +86,8 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             verification = verify_first(scans, options, shared.threads)
         run.watch.enter("save")
         save(run, completion, verification)
+        for suffix in how.exports:
+            run.outputs.extend(completion.export(run.out / f"completed.{suffix}"))
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)

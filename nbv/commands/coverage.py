@@ -35,6 +35,7 @@ from nbv.wording import count
 from scenes.atomic import write_json, write_text
 from scenes.files import Units
 from scenes.formats.ply import write_mesh_ply
+from scenes.formats.trajectory import read_poses
 from scenes.loading import open_scene
 from scenes.orientation import Axis
 from scenes.range_image import RangeImage
@@ -85,6 +86,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
     with running("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")
@@ -113,6 +115,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             "coverage": coverage.summary().to_json(),
             "met_of_reachable": coverage.met_of_reachable,
             "unreachable_because": coverage.reasons(),
+            "warnings": world.warnings,
         }
         line = (
             f"{count(len(measured.stations), 'station measures', 'stations measure')} "
@@ -128,7 +131,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
     requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
     caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
     if request.plan is not None:
-        views = read_plan(request.plan).views
+        views = _views(request.plan, request.sensor)
         sensor = views[0].sensor if views else load_sensor(request.sensor)
         candidates = scene_candidates(world, sensor, mode=request.mode)
         coverage = measure_coverage(
@@ -146,6 +149,14 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
     )  # fmt: skip
     seen = sightings_of(caster, samples, requirement, scans)
     return _Measured(coverage, scans, seen, sensor, instruments_of(scans))
+
+
+def _views(file: str, sensor: str) -> Sequence[View]:
+    """Views of a plan; or of a file of poses, from which a sensor looks."""
+    if Path(file).suffix.lower() == ".json":
+        return read_plan(file).views
+    looks = load_sensor(sensor)
+    return [View(pose, looks) for pose in read_poses(Path(file))]
 
 
 def coverage_content(coverage: Coverage) -> dict[str, Any]:

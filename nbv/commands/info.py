@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`unseen info`: what a scene or scan holds, with warnings."""
+"""`unseen info`: what any file or output folder holds, with warnings."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from nbv.commands.run import Shared, running
+from nbv.outputs import describe_output, with_states
 from scenes.atomic import write_json
 from scenes.describe import describe
-from scenes.files import Units
+from scenes.files import Units, split_index
 from scenes.orientation import Axis
 
 
@@ -26,7 +27,9 @@ def run_info(
     default = Path(f"{Path(file.partition('#')[0]).name or 'input'}.info.json")
     with running("info", shared, default=str(default), is_folder=False) as run:
         camera = None if intrinsics is None else (intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
-        held = describe(file, up=up, units=units, intrinsics=camera, depth_scale=depth_scale)
+        held = describe_output(split_index(file)[0])
+        if held is None:
+            held = with_states(describe(file, up=up, units=units, intrinsics=camera, depth_scale=depth_scale))
         lines = _lines(held)
         if shared.out is None:  # nothing is written, so there is nothing to make a manifest for
             run.say(held, lines)

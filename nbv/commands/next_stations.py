@@ -9,11 +9,12 @@ from typing import Any
 
 from nbv.commands.plan import PlanRequest
 from nbv.commands.run import Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request, title_of
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.knowledge import Knowledge
 from nbv.manifest import input_digests
 from nbv.next_stations import check_aperture, plan_next_stations
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planner import PlannerOptions
 from nbv.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
@@ -36,6 +37,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         scans = upright_scans(request.scans, request.up)
+        run.warn(doubts_of(scans))
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones)
         survey = Survey.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
@@ -60,6 +62,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         coverage = cover_by_scans(survey, requirement, completion=model, zones=zones)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)

@@ -45,6 +45,25 @@ Poses = Annotated[
     str | None,
     typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),
 ]
+Origins = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--origin",
+        metavar="X,Y,Z",
+        help="Where the scanner stood, for files of mere points; repeat it for each.",
+        show_default="from the files",
+    ),
+]
+
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Of a dask.distributed scheduler, or local:N for N processes here.",
+        show_default="this process",
+    ),
+]
 
 Given = Callable[..., None]
 
@@ -69,7 +88,7 @@ def with_shared(command: Given) -> Given:
     ]
     run.__name__, run.__doc__ = command.__name__, command.__doc__
     run.__annotations__ = {**hints, **{name: hint for name, (hint, _) in _SHARED.items()}}
-    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]
+    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]  # functions may have one: PEP 362
     return run
 
 

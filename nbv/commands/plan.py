@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -17,10 +18,13 @@ from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
-from nbv.manifest import input_digests
+from nbv.journal import FileJournal
+from nbv.manifest import input_digests, input_records, versions
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
+from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.planning import Method, plan_views
+from nbv.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
 from nbv.report.page import percent, square_metres
 from nbv.requirement import Requirement
@@ -29,7 +33,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
 from nbv.wording import count
 from nbv.zones import Box, Zones
-from scenes.atomic import write_json
+from scenes.atomic import json_text, write_json
 from scenes.files import Units
 from scenes.loading import open_scene
 from scenes.orientation import Axis
@@ -54,6 +58,7 @@ class PlanRequest:
     time_budget_s: float | None = None
     overlap: float | None = None
     infer: bool = False
+    scheduler: str | None = None
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
@@ -81,7 +86,7 @@ class PlanRequest:
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
-        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "scheduler"}
         named = {
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
@@ -102,34 +107,40 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.watch.enter("load")
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
-        plan = plan_views(
-            world,
-            sensor,
-            method=request.method,
-            requirement=request.requirement(),
-            target=request.target,
-            views=request.views,
-            mode=request.mode,
-            candidates=candidates,
-            noise=request.noise,
-            budgets=request.budgets(),
-            overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
-            infer=request.infer,
-            scans=scans,
-            zones=zones,
-            rng=shared.seed,
-            n_threads=shared.threads,
-            progress=run.progress,
-        )
+        journal = FileJournal(run.out / ".journal", _key(shared, scene, request))
+        with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
+            plan = plan_views(
+                world,
+                sensor,
+                method=request.method,
+                requirement=request.requirement(),
+                target=request.target,
+                views=request.views,
+                mode=request.mode,
+                candidates=candidates,
+                noise=request.noise,
+                budgets=request.budgets(),
+                overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
+                infer=request.infer,
+                scans=scans,
+                zones=zones,
+                remote=remote,
+                journal=journal,
+                rng=shared.seed,
+                n_threads=shared.threads,
+                progress=run.progress,
+            )
         coverage = coverage_of(plan)
         run.watch.enter("baselines")
         baselines = baselines_of(world, plan, scans, shared)
         run.watch.enter("report")
         beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
+        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
@@ -139,7 +150,20 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         inputs = [scene, *request.inputs]
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(inputs, resolved, summary_of(plan), lines_of(plan))
+        summary = {**summary_of(plan), "warnings": world.warnings}
+        run.finish(inputs, resolved, summary, lines_of(plan))
+        journal.forget()
+
+
+def _key(shared: Shared, scene: str, request: PlanRequest) -> str:
+    """Return what tells a run by what it is made of."""
+    made_of = {
+        "versions": versions(),
+        "inputs": input_records([scene, *request.inputs]),
+        "options": request.options(),
+        "seed": shared.seed,
+    }
+    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
 
 
 def baselines_of(

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from nbv.commands.interruption import interruptible
 
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
@@ -94,6 +96,12 @@ class Run:
         )
         return where
 
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print what is doubtful about the input, a line each on stderr; nothing when quiet."""
+        if not self.shared.quiet:
+            for text in warnings:
+                typer.echo(f"unseen {self.command}: warning: {' '.join(text.split())}", err=True)
+
     def say(self, summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Print `summary` as one JSON object, or `lines` for people, or nothing when quiet."""
         if self.shared.as_json:
@@ -111,13 +119,14 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
+    from scenes.lock import locked
 
     watch = Stopwatch()
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
-        with _progress(shared, watch) as progress:
-            run = Run(command, shared, out, is_folder, watch, progress)
-            yield run
+        guard = locked(out) if is_folder else nullcontext()
+        with interruptible(command), guard, _progress(shared, watch) as progress:
+            yield Run(command, shared, out, is_folder, watch, progress)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
     except MemoryError:
@@ -156,10 +165,23 @@ def _progress(shared: Shared, watch: Stopwatch) -> Iterator[Progress]:
         yield lambda stage, _done, _total: watch.enter(stage)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description:<18}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description:<18}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
 

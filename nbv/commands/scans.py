@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.describe_scans import scan_warnings
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
+from scenes.formats.header import colour_from_bytes
 from scenes.formats.trajectory import read_poses
 from scenes.points import read_points
 from scenes.pose import Pose
@@ -106,7 +108,8 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
     for path, origin in zip(request.paths, request.origins, strict=True):
         cloud = read_points(path, request.units)
         try:
-            scans.append(scan_from_station(cloud.points, origin, cloud.name))
+            colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
+            scans.append(scan_from_station(cloud.points, origin, cloud.name, colour))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans
@@ -116,6 +119,11 @@ def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
     """Return which sensors took the scans, and the effects that were active, as far as the files say so."""
     said = (": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans)
     return sorted({text or "not known" for text in said})
+
+
+def doubts_of(scans: Sequence[RangeImage]) -> list[str]:
+    """Return what is doubtful about the scans, each with its scan's name."""
+    return [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
 
 
 def title_of(paths: Sequence[str]) -> str:

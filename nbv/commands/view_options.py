@@ -83,7 +83,13 @@ KeepOut = Annotated[
 ]
 Infer = Annotated[bool, typer.Option("--infer", help="Let completion stand in for views.")]
 PlanFile = Annotated[
-    str | None, typer.Option("--plan", metavar="plan.json", help="Views of a plan.", show_default=False)
+    str | None,
+    typer.Option(
+        "--plan",
+        metavar="plan.json",
+        help="Views of a plan, or a trajectory that --sensor looks from.",
+        show_default=False,
+    ),
 ]
 ScanFiles = Annotated[
     list[str] | None,

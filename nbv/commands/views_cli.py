@@ -10,7 +10,9 @@ from nbv.commands.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
+    Origins,
     Poses,
+    Scheduler,
     SensorOption,
     UnitsOption,
     UpOption,
@@ -64,6 +66,7 @@ def plan(
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
+    origin: Origins = None,
     region: Region = None,
     keep_out: KeepOut = None,
     noise: NoiseOption = "none",
@@ -71,6 +74,7 @@ def plan(
     time_budget: TimeBudget = None,
     overlap: OverlapShare = None,
     infer: Infer = False,
+    scheduler: Scheduler = None,
     up: UpOption = "z",
     units: UnitsOption = "m",
 ) -> None:
@@ -79,9 +83,12 @@ def plan(
         raise typer.BadParameter("give SCENE, or --scans SCAN one or more times, or both")
     if scene is None and method == "cover":
         raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
+    if scheduler is not None and method != "cover":
+        raise typer.BadParameter("--scheduler casts for planners that know the scene: add --method cover")
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.next_stations import run_next_stations
     from nbv.commands.plan import PlanRequest, run_plan
     from nbv.commands.scans import ScanRequest
@@ -100,11 +107,12 @@ def plan(
         time_budget_s=time_budget,
         overlap=overlap,
         infer=infer,
+        scheduler=scheduler,
         target=target,
         views=views,
         mode=mode,
         candidates=candidates,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units),
+        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
         region=box,
         keep_out=boxes,
         noise=noise,
@@ -126,6 +134,7 @@ def coverage(
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
+    origin: Origins = None,
     sensor: SensorOption = "generic60",
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,
@@ -140,13 +149,14 @@ def coverage(
     if scene is None and plan is not None:
         raise typer.BadParameter("a plan alone measures nothing: give SCENE too")
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scan_coverage import run_scan_coverage
     from nbv.commands.scans import ScanRequest
 
     request = CoverageRequest(
         plan=plan,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units),
+        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,

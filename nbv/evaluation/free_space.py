@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from completion.model import CompletedModel
 from completion.pipeline import CompletionOptions
 from scenes.checks import BoolArray, FloatArray
+from scenes.mesh import triangle_areas
 from scenes.range_image import RangeImage
 
 _WELD_M = 1e-6
@@ -85,7 +86,7 @@ def violation_of(
     noisy = any(scan.sigma_m != 0 for scan in scans)
     face, beam, depth = np.concatenate(faces), np.concatenate(beams), np.concatenate(excess)
     guilty = _guilty(face, beam, _welded(corners, mesh.surface[mesh.faces[:, 0]]), 2 if noisy else 1)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = triangle_areas(corners)
     deepest = float(depth[guilty[face]].max(initial=0.0))
     return Violation(float(area[guilty].sum()), deepest, int(guilty.sum()))
 

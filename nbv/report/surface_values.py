@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from nbv.coverage import Coverage
 from nbv.samples import SurfaceSamples
 from scenes.checks import FloatArray
-from scenes.mesh import LabelledMesh
+from scenes.mesh import LabelledMesh, triangle_areas
 
 _MOST_LEVELS = 10
 _SAMPLES_A_FACE = 6.0  # faces that stand for more samples are cut into four
@@ -116,19 +116,13 @@ def cut_finely(corners: FloatArray, limit_m2: float) -> tuple[FloatArray, NDArra
     """
     part = np.arange(len(corners))
     for _ in range(_MOST_LEVELS):
-        large = _areas(corners[..., :3]) > limit_m2
+        large = triangle_areas(corners[..., :3]) > limit_m2
         if not large.any():
             break
         corners = np.concatenate([corners[~large], _quartered(corners[large])])
         part = np.concatenate([part[~large], np.repeat(part[large], 4)])
     order = np.argsort(part, kind="stable")
     return corners[order], part[order]
-
-
-def _areas(corners: FloatArray) -> FloatArray:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return areas
 
 
 def _quartered(corners: FloatArray) -> FloatArray:

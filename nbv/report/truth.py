@@ -14,7 +14,7 @@ from nbv.distances import CLOSE_M, distances
 from nbv.measurement import measured_samples
 from nbv.samples import SurfaceSamples
 from scenes.checks import BoolArray
-from scenes.mesh import LabelledMesh
+from scenes.mesh import LabelledMesh, triangle_areas
 from scenes.range_image import RangeImage
 
 UNKNOWN, INFERRED, MEASURED = 0, 1, 2
@@ -61,7 +61,7 @@ def compare(
     open_ = np.flatnonzero(state == UNKNOWN)
     state[open_[distances(samples.points[open_], corners) <= CLOSE_M]] = INFERRED
     off = distances(corners.mean(axis=1), truth.corners)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = triangle_areas(corners)
     order = np.argsort(off)
     middle = int(np.searchsorted(np.cumsum(area[order]), area.sum() / 2))
     return Comparison(

@@ -252,7 +252,7 @@ def chosen_effects(sensor: Sensor, noise: str) -> Effects:
 
 def with_effects(sensor: Sensor, effects: Effects) -> Sensor:
     """Return the sensor with other effects."""
-    changed: Sensor = replace(sensor, effects=effects)  # type: ignore[type-var]
+    changed: Sensor = replace(sensor, effects=effects)  # type: ignore[type-var]  # a protocol of dataclasses
     return changed
 
 

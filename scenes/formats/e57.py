@@ -13,24 +13,33 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.e57_inferred import INFERRED
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
-from scenes.formats.header import FORMAT, colour_from_bytes, projection_from_dict
+from scenes.formats.header import FORMAT, colour_from_bytes, described, projection_from_dict
+from scenes.formats.raw_points import RawPoints
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
+from scenes.station import scan_from_station
 
 # An E57 scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 _CURE = (
     "it is an unstructured cloud, so which ray saw which point is lost; "
-    "export the scan as structured (gridded) E57, with rowIndex and columnIndex"
+    "export the scan as structured (gridded) E57, with rowIndex and columnIndex, or say where the scanner "
+    "stood (--origin X,Y,Z)"
 )
 
 
 def count_e57(path: Path) -> int:
-    """Return how many scans the file holds."""
+    """Return how many scans the file holds; clouds of inferred points are none."""
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        return int(file.scan_count)
+        return len(_measured(file))
+
+
+def _measured(file: Any) -> list[int]:
+    """The file's own numbers, from 0, of what was measured."""
+    return [k for k in range(file.scan_count) if INFERRED not in _text(file.get_header(k), "description")]
 
 
 def read_e57(path: Path, index: int) -> RangeImage:
@@ -39,45 +48,64 @@ def read_e57(path: Path, index: int) -> RangeImage:
     Pixel (row, column) of the image is the file's own rowIndex, columnIndex, less their minima; rows may
     run upwards. Azimuths of columns and elevations of rows are estimated from the points, unless a file of
     ours states them, and the measured points are kept. A scan without a pose stands at the origin, upright.
+    An unstructured scan with a pose becomes the spherical image that `scan_from_station` makes of its points.
 
     Raises
     ------
     InputError
-        Unstructured, damaged (checksum), or a grid that no projection explains.
+        Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
     """
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        header = file.get_header(index)
+        scans = _measured(file)
+        own = scans[index]
+        header = file.get_header(own)
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
+        if missing and header.has_pose():
+            return _projected(path, index, _text(header, "name") or path.stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
-        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
         pose = _read_pose(header) @ SCANNER_FROM_SENSOR
         description, name = _text(header, "description"), _text(header, "name")
-        several = int(file.scan_count) > 1
+        several = len(scans) > 1
     local, kept = _points(data)
     points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
     row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
     if not len(row):
         raise InputError(f"scan {index + 1} has no valid point")
     name = name or (f"{path.stem}#{index + 1}" if several else path.stem)
-    return _grid(points, row, column, _colours(data, kept), pose, description, name)
+    light = None if data.get("intensity") is None else np.asarray(data["intensity"], np.float32)[kept]
+    return _grid(points, row, column, _colours(data, kept), light, pose, description, name)
 
 
-def read_e57_points(path: Path, index: int) -> tuple[FloatArray, FloatArray | None]:
-    """Return all valid points (n, 3) of scan `index` (from 0) in the world, and where the scanner stood (3,).
+def _projected(path: Path, index: int, name: str) -> RangeImage:
+    """An unstructured scan as the image that a scanner at its pose's place would have taken."""
+    cloud = read_e57_points(path, index)
+    colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
+    return scan_from_station(cloud.points, cloud.origins, name, colour)
+
+
+def read_e57_points(path: Path, index: int) -> RawPoints:
+    """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
 
     Structured or not; a scan without pose and grid may have been merged from several, so that its place is
     None.
     """
     with import_extra("pye57", "e57").E57(str(path)) as file:
-        header = file.get_header(index)
-        data = file.read_scan_raw(index, ignore_unsupported_fields=True)
+        own = _measured(file)[index]
+        header = file.get_header(own)
+        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
         pose = _read_pose(header)
         is_one_scan = header.has_pose() or "rowIndex" in data
     points, kept = _points(data)
     world = pose.apply(np.asarray(points[kept], dtype=np.float64))
-    return world, pose.translation if is_one_scan else None
+    colours = _colours(data, kept)
+    return RawPoints(
+        world,
+        origins=pose.translation if is_one_scan else None,
+        colour=None if colours is None else np.asarray(np.rint(colours * 255), dtype=np.uint8),
+    )
 
 
 def _grid(
@@ -85,6 +113,7 @@ def _grid(
     row: Any,
     column: Any,
     colours: Any,
+    light: Any,
     pose: Pose,
     description: str,
     name: str,
@@ -103,24 +132,13 @@ def _grid(
         raise InputError(f"{len(points)} points in a grid of {rows} x {columns}: are its indices damaged?")
     image = np.full((rows, columns, 3), np.nan)
     image[row[::-1], column[::-1]] = points[::-1]
-    colour = None
-    if colours is not None:
-        colour = np.zeros((rows, columns, 3), np.float32)
-        colour[row[::-1], column[::-1]] = colours[::-1]
-    scan = organised_scan(image, fit or fit_grid(image), pose, colour, name)
-    if ours is None:
-        return scan
-    return RangeImage(
-        scan.ranges,
-        scan.projection,
-        pose,
-        colour=scan.colour,
-        sensor_points=scan.sensor_points,
-        sigma_m=ours.get("sigma_m"),
-        sensor=str(ours.get("sensor", "")),
-        noise=str(ours.get("noise", "")),
-        name=str(ours.get("name", name)),
-    )
+    channels: list[Any] = [None, None]
+    for k, (values, shape) in enumerate(((colours, (rows, columns, 3)), (light, (rows, columns)))):
+        if values is not None:
+            channels[k] = np.zeros(shape, np.float32)
+            channels[k][row[::-1], column[::-1]] = values[::-1]
+    scan = organised_scan(image, fit or fit_grid(image), pose, channels[0], name, channels[1])
+    return described(scan, ours)
 
 
 def _ours(description: str) -> dict[str, Any] | None:

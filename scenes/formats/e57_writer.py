@@ -13,36 +13,44 @@ from scipy.spatial.transform import Rotation
 from scenes.atomic import atomic_path, json_text
 from scenes.checks import InputError
 from scenes.formats.e57 import SCANNER_FROM_SENSOR, content_guid
+from scenes.formats.e57_inferred import EXTENSION, InferredPoints, field_node
 from scenes.formats.guard import import_extra
 from scenes.formats.header import colour_bytes, scan_header
 from scenes.range_image import RangeImage
 
-_ENDS = ("Minimum", "Maximum")
+_PICKS = {"Minimum": np.min, "Maximum": np.max}
+_ENDS = tuple(_PICKS)
 _CHANNELS = ("Red", "Green", "Blue")
 
 
-def write_e57(scans: Sequence[RangeImage], path: Path) -> None:
+def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[InferredPoints] = ()) -> None:
     """Write `scans` as structured E57: every return with rowIndex, columnIndex, and colour where known.
 
     Coordinates are double in the scanner's frame (z up), the pose is the scan's; projection, noise and name
     go as JSON into the scan's description. pye57's own writer rounds to single precision and draws random
-    identifiers, so the nodes are built here.
+    identifiers, so the nodes are built here. Inferred points follow as clouds of their own, without grid and
+    pose, marked in name and description; their fields that E57 does not know belong to an extension.
 
     Raises
     ------
     InputError
-        No scan, or a scan without any return, which E57 cannot hold as a grid.
+        Nothing to write, or a scan without any return, which E57 cannot hold as a grid.
     """
-    if not scans:
+    if not scans and not inferred:
         raise InputError("there is no scan to write")
     lib = import_extra("pye57", "e57").libe57
     with atomic_path(path) as temporary:
         image_file = lib.ImageFile(str(temporary), "w")
         try:
             data3d = _begin(lib, image_file)
+            if inferred:
+                image_file.extensionsAdd(*EXTENSION)
             for scan in scans:
                 data3d.append(_scan_node(lib, image_file, scan))
                 _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], _columns(scan))
+            for cloud in inferred:
+                data3d.append(_inferred_node(lib, image_file, cloud))
+                _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], cloud.columns())
         finally:
             image_file.close()
 
@@ -67,11 +75,7 @@ def _scan_node(lib: Any, image_file: Any, scan: RangeImage) -> Any:
     columns = _columns(scan)
     if not len(columns["rowIndex"]):
         raise InputError(f"scan {scan.name!r} has no return; E57 cannot hold an empty grid, use .npz")
-    header = json_text(scan_header(scan), indent=None)
-    node = lib.StructureNode(image_file)
-    guid = content_guid(header.encode(), *(column.tobytes() for column in columns.values()))
-    for name, text in (("guid", guid), ("name", scan.name), ("description", header)):
-        node.set(name, lib.StringNode(image_file, text))
+    node = _named_node(lib, image_file, scan.name, scan_header(scan), columns)
     rows, width = scan.shape
     bounds = {"row": rows - 1, "column": width - 1, "return": 0}
     limits = {f"{name}{end}": top * (end == "Maximum") for name, top in bounds.items() for end in _ENDS}
@@ -79,12 +83,34 @@ def _scan_node(lib: Any, image_file: Any, scan: RangeImage) -> Any:
     if "colorRed" in columns:
         tops = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
         node.set("colorLimits", _structure(lib, image_file, tops))
+    if "intensity" in columns:
+        ends = {f"intensity{end}": float(pick(columns["intensity"])) for end, pick in _PICKS.items()}
+        node.set("intensityLimits", _structure(lib, image_file, ends))
     node.set("cartesianBounds", _structure(lib, image_file, _box(columns)))
     node.set("pose", _pose(lib, image_file, scan))
-    points = lib.CompressedVectorNode(
-        image_file, _prototype(lib, image_file, columns, scan.shape), lib.VectorNode(image_file, True)
-    )
-    node.set("points", points)
+    tops = {"rowIndex": rows - 1, "columnIndex": width - 1}
+    node.set("points", _points_node(lib, image_file, columns, tops))
+    return node
+
+
+def _inferred_node(lib: Any, image_file: Any, cloud: InferredPoints) -> Any:
+    """Everything of a cloud of inferred points but the points."""
+    columns = cloud.columns()
+    node = _named_node(lib, image_file, cloud.name, cloud.description(), columns)
+    tops = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
+    node.set("colorLimits", _structure(lib, image_file, tops))
+    node.set("cartesianBounds", _structure(lib, image_file, _box(columns)))
+    node.set("points", _points_node(lib, image_file, columns, {}))
+    return node
+
+
+def _named_node(lib: Any, image_file: Any, name: str, header: Any, columns: dict[str, Any]) -> Any:
+    """A node with name, description and an identifier that depends on the content alone."""
+    description = json_text(header, indent=None)
+    node = lib.StructureNode(image_file)
+    guid = content_guid(description.encode(), *(column.tobytes() for column in columns.values()))
+    for key, text in (("guid", guid), ("name", name), ("description", description)):
+        node.set(key, lib.StringNode(image_file, text))
     return node
 
 
@@ -98,6 +124,8 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
     columns["rowIndex"], columns["columnIndex"] = row.astype(np.uint16), column.astype(np.uint16)
     if max(scan.shape) > 65536:
         raise InputError(f"E57 rows and columns end at 65536 here, the scan has {scan.shape}")
+    if scan.intensity is not None:
+        columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
     colour = colour_bytes(scan)
     if colour is not None:
         for i, name in enumerate(_CHANNELS):
@@ -110,7 +138,7 @@ def _box(columns: dict[str, Any]) -> dict[str, float]:
     return {
         f"{axis.lower()}{end}": float(pick(columns[f"cartesian{axis}"]))
         for axis in "XYZ"
-        for end, pick in zip(_ENDS, (np.min, np.max), strict=True)
+        for end, pick in _PICKS.items()
     }
 
 
@@ -134,22 +162,25 @@ def _pose(lib: Any, image_file: Any, scan: RangeImage) -> Any:
     return node
 
 
-def _prototype(lib: Any, image_file: Any, columns: dict[str, Any], shape: tuple[int, int]) -> Any:
-    """The record of one point: doubles for coordinates, bounded integers for the rest."""
+def _points_node(lib: Any, image_file: Any, columns: dict[str, Any], tops: dict[str, int]) -> Any:
+    """Points whose record has doubles for coordinates and integers up to `tops`, or 255, for the rest."""
     record = lib.StructureNode(image_file)
-    tops = {"rowIndex": shape[0] - 1, "columnIndex": shape[1] - 1}
     for name in columns:
         if name.startswith("cartesian"):
             record.set(name, lib.FloatNode(image_file, 0.0, lib.E57_DOUBLE))
+        elif name == "intensity":
+            record.set(name, lib.FloatNode(image_file, 0.0, lib.E57_SINGLE))
+        elif ":" in name:
+            record.set(name, field_node(lib, image_file, name))
         else:
             record.set(name, lib.IntegerNode(image_file, 0, 0, tops.get(name, 255)))
-    return record
+    return lib.CompressedVectorNode(image_file, record, lib.VectorNode(image_file, True))
 
 
 def _write_columns(lib: Any, image_file: Any, points: Any, columns: dict[str, Any]) -> None:
     """Pass all points through in one go."""
     buffers = lib.VectorSourceDestBuffer()
-    n_points = len(columns["rowIndex"])
+    n_points = len(columns["cartesianX"])
     for name, column in columns.items():
         buffers.append(lib.SourceDestBuffer(image_file, name, column, n_points, True, True))
     writer = points.writer(buffers)

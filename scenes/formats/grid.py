@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -175,7 +175,12 @@ def _monotonic(angles: FloatArray) -> FloatArray:
 
 
 def organised_scan(
-    points: FloatArray, fit: GridFit, world_from_sensor: Pose, colour: Any, name: str
+    points: FloatArray,
+    fit: GridFit,
+    world_from_sensor: Pose,
+    colour: Any,
+    name: str,
+    intensity: Any = None,
 ) -> RangeImage:
     """Return the scan of organised sensor-frame points; points that lie on their ideal rays become ranges.
 
@@ -183,8 +188,10 @@ def organised_scan(
     proportion beyond, of the projection's ray.
     """
     scan = RangeImage.from_points(points, fit.projection, world_from_sensor, colour, name)
+    if intensity is not None:
+        scan = replace(scan, intensity=np.where(scan.valid, intensity, 0))
     ideal = np.where(scan.valid, scan.ranges, np.nan)[..., None] * fit.projection.directions()
     off = np.linalg.norm(ideal - points, axis=-1)[scan.valid]
     if (off <= _ON_RAY_M * np.maximum(1.0, scan.ranges[scan.valid])).all():
-        return RangeImage(scan.ranges, fit.projection, world_from_sensor, colour=scan.colour, name=name)
+        return replace(scan, sensor_points=None)
     return scan

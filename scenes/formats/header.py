@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,19 +77,34 @@ def scan_from_header(
     """Return the scan of a header and its pixels; a pose given here replaces the header's."""
     if header.get("format") != FORMAT:
         raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
-    sigma = header.get("sigma_m")
-    return RangeImage(
+    scan = RangeImage(
         ranges,
         projection_from_dict(header["projection"]),
-        world_from_sensor or Pose(np.array(header["world_from_sensor"], dtype=np.float64)),
+        world_from_sensor or pose_from_header(header),
         colour=colour,
         sensor_points=sensor_points,
+        intensity=intensity,
+        truth=truth,
+    )
+    return described(scan, header)
+
+
+def pose_from_header(header: dict[str, Any]) -> Pose:
+    """Return where a header of ours says that the sensor stood."""
+    return Pose(np.array(header["world_from_sensor"], dtype=np.float64))
+
+
+def described(scan: RangeImage, header: dict[str, Any] | None) -> RangeImage:
+    """Return `scan` with what a header of ours says of sigma, sensor, noise and name."""
+    if header is None:
+        return scan
+    sigma = header.get("sigma_m")
+    return replace(
+        scan,
         sigma_m=None if sigma is None else float(sigma),
         sensor=str(header.get("sensor", "")),
         noise=str(header.get("noise", "")),
-        intensity=intensity,
-        truth=truth,
-        name=str(header.get("name", "scan")),
+        name=str(header.get("name", scan.name)),
     )
 
 

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,21 @@ from scenes.formats.guard import check_size, import_extra
 from scenes.formats.header import (
     colour_bytes,
     colour_from_bytes,
+    described,
     from_comments,
     projection_from_dict,
     scan_header,
     to_comments,
 )
+from scenes.formats.raw_points import RawPoints
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage
+from scenes.station import scan_from_station
 
 _MAX_HEADER = 1 << 22  # bytes
+_NORMALS = ("normal_x", "normal_y", "normal_z")
+_INTENSITIES = ("intensity", "Intensity", "intensities")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +52,18 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     """Return the organised scan of a .pcd file.
 
     Points are in the sensor frame and VIEWPOINT is `world_from_sensor`, as PCL shows them; where the points
-    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. The
+    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. An
+    unorganised cloud with a VIEWPOINT becomes the spherical image that `scan_from_station` makes of it. The
     projection comes from `intrinsics`, a file of ours states it, else it is estimated from the points.
 
     Raises
     ------
     InputError
-        Unorganised (HEIGHT 1), truncated, or no known projection.
+        Unorganised (HEIGHT 1) without a VIEWPOINT, truncated, or no known projection.
     """
     header = _read_header(path)
     if header.height == 1:
-        raise InputError(
-            f"the cloud is unorganised (HEIGHT 1, {header.width} points): its pixel grid is lost; "
-            "save the organised cloud of the sensor (HEIGHT > 1, NaN where nothing came back)"
-        )
+        return _projected(path, header)
     cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
     values, shape = cloud.pc_data, (header.height, header.width)
     missing = {"x", "y", "z"} - set(values.dtype.names)
@@ -67,14 +71,29 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
         raise InputError(
             f"{len(values)} points with fields {values.dtype.names}, expected x, y, z for {shape}"
         )
-    points = np.stack([values[axis] for axis in "xyz"], axis=-1).astype(np.float64).reshape(*shape, 3)
+    points = _columns(values, "xyz").astype(np.float64).reshape(*shape, 3)
     points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
     colour = _unpack_colour(values, shape)
-    return _placed_scan(points, colour, _viewpoint(cloud.metadata.viewpoint), header, intrinsics, path.stem)
+    light = [values[field].reshape(shape) for field in _INTENSITIES if field in values.dtype.names]
+    viewpoint = _viewpoint(cloud.metadata.viewpoint)
+    return _placed_scan(points, colour, light[0] if light else None, viewpoint, header, intrinsics, path.stem)
 
 
-def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, FloatArray | None, tuple[str, ...]]:
-    """Return points (n, 3) in the world, normals, where the sensor stood (3,), and warnings.
+def _projected(path: Path, header: _PcdHeader) -> RangeImage:
+    """An unorganised cloud as the image that a scanner in the place of VIEWPOINT would have taken."""
+    cloud = read_pcd_points(path)
+    if cloud.origins is None:
+        raise InputError(
+            f"the cloud is unorganised (HEIGHT 1, {header.width} points): its pixel grid is lost; save the "
+            "organised cloud of the sensor (HEIGHT > 1, NaN where nothing came back), or say where the "
+            "scanner stood (--origin X,Y,Z)"
+        )
+    colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
+    return scan_from_station(cloud.points, cloud.origins, path.stem, colour)
+
+
+def read_pcd_points(path: Path) -> RawPoints:
+    """Return the points in the world, where the sensor stood, normals, colours and warnings.
 
     Organised clouds are read as scans where a projection explains them; others are moved by VIEWPOINT.
     Normals and place are None where the file does not tell; without a grid a default VIEWPOINT says nothing.
@@ -85,32 +104,44 @@ def read_pcd_points(path: Path) -> tuple[FloatArray, FloatArray | None, FloatArr
     missing = {"x", "y", "z"} - set(values.dtype.names)
     if missing:
         raise InputError(f"has the fields {', '.join(values.dtype.names)}; x, y, z are needed")
-    points = np.stack([values[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-    normal_fields = ("normal_x", "normal_y", "normal_z")
-    normals = None
-    if set(normal_fields) <= set(values.dtype.names):
-        normals = np.stack([values[axis] for axis in normal_fields], axis=-1).astype(np.float64)
+    points = _columns(values, "xyz").astype(np.float64)
     kept = np.isfinite(points).all(axis=1)
     if header.height > 1:  # an organised cloud says "nothing came back" by NaN or by zeros
         kept &= (points != 0).any(axis=1)
-        points, normals = points[kept], None if normals is None else normals[kept]
+    normals, colour = _columns(values, _NORMALS), _unpack_colour(values, (1, len(values)))
+    held = RawPoints(
+        points[kept],
+        None if normals is None else normals.astype(np.float64)[kept],
+        colour=None if colour is None else np.asarray(np.rint(colour[0] * 255), dtype=np.uint8)[kept],
+    )
     if np.allclose(pose.matrix, np.eye(4)):
-        return points, normals, pose.translation if header.height > 1 else None, ()
+        return replace(held, origins=pose.translation if header.height > 1 else None)
     try:
         scan = read_pcd(path) if header.height > 1 and normals is None else None
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
-        return scan.points()[scan.valid], None, scan.world_from_sensor.translation, ()
-    moved = pose.apply(points)
-    turned = None if normals is None else normals @ pose.rotation.T
-    warning = "moved from the sensor's frame to the world by VIEWPOINT"
-    return moved, turned, pose.translation, (warning,)
+        return replace(held, points=scan.points()[scan.valid], origins=scan.world_from_sensor.translation)
+    return replace(
+        held,
+        points=pose.apply(held.points),
+        normals=None if held.normals is None else pose.rotate(held.normals),
+        origins=pose.translation,
+        warnings=("moved from the sensor's frame to the world by VIEWPOINT",),
+    )
+
+
+def _columns(values: Any, names: Iterable[str]) -> Any:
+    """Fields side by side, None where one is missing."""
+    if not set(names) <= set(values.dtype.names):
+        return None
+    return np.stack([values[name] for name in names], axis=-1)
 
 
 def _placed_scan(
     points: FloatArray,
     colour: Any,
+    intensity: Any,
     pose: Pose,
     header: _PcdHeader,
     intrinsics: tuple[float, float, float, float] | None,
@@ -132,20 +163,7 @@ def _placed_scan(
             fit = fit_grid(points)
     if fit.projection.shape != (header.height, header.width):
         raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
-    scan = organised_scan(points, fit, pose, colour, name)
-    if ours is None:
-        return scan
-    return RangeImage(
-        scan.ranges,
-        scan.projection,
-        pose,
-        colour=scan.colour,
-        sensor_points=scan.sensor_points,
-        sigma_m=ours.get("sigma_m"),
-        sensor=str(ours.get("sensor", "")),
-        noise=str(ours.get("noise", "")),
-        name=str(ours.get("name", name)),
-    )
+    return described(organised_scan(points, fit, pose, colour, name, intensity), ours)
 
 
 def _read_header(path: Path) -> _PcdHeader:
@@ -220,6 +238,9 @@ def write_pcd(scan: RangeImage, path: Path) -> None:
         red, green, blue = colour.reshape(-1, 3).astype(np.uint32).T
         columns.append((red << 16 | green << 8 | blue).view(np.float32))
         fields, types = [*fields, "rgb"], [*types, np.float32]
+    if scan.intensity is not None:
+        columns.append(scan.intensity.ravel())
+        fields, types = [*fields, "intensity"], [*types, np.float32]
     cloud = module.PointCloud.from_points(columns, fields, types)
     x, y, z, w = (float(part) for part in Rotation.from_matrix(scan.world_from_sensor.rotation).as_quat())
     viewpoint = (*(float(part) for part in scan.origin), w, x, y, z)

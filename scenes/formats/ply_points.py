@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.guard import MAX_BYTES
+from scenes.formats.raw_points import RawPoints
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
@@ -30,8 +31,8 @@ class _Vertices:
     lines_before: int = 0
 
 
-def read_ply_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
-    """Return points (n, 3) and normals (n, 3), None where the file has none.
+def read_ply_points(path: Path) -> RawPoints:
+    """Return points, and normals and colours where the file has some.
 
     Raises
     ------
@@ -54,9 +55,17 @@ def read_ply_points(path: Path) -> tuple[FloatArray, FloatArray | None]:
     else:
         column = _read_binary(data, start, vertices)
     points = np.stack([column[axis] for axis in "xyz"], axis=-1)
-    if not {"nx", "ny", "nz"} <= set(vertices.names):
-        return points, None
-    return points, np.stack([column[axis] for axis in ("nx", "ny", "nz")], axis=-1)
+    normals, colour = (
+        np.stack([column[name] for name in names], axis=-1) if set(names) <= set(vertices.names) else None
+        for names in (("nx", "ny", "nz"), ("red", "green", "blue"))
+    )
+    return RawPoints(points, normals, colour=None if colour is None else _bytes(colour, vertices))
+
+
+def _bytes(colour: FloatArray, vertices: _Vertices) -> ColourArray:
+    """Colours as 0..255; those of real type are 0..1."""
+    is_real = vertices.types[vertices.names.index("red")].startswith("f")
+    return np.asarray(np.rint(np.clip(colour * 255 if is_real else colour, 0, 255)), dtype=np.uint8)
 
 
 def _parse_header(text: str) -> _Vertices:

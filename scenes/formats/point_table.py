@@ -14,6 +14,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.formats.guard import MAX_BYTES
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
+TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _NAME = re.compile(r"[a-z]+")
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
 _CURE = "correct the line, or mark it as a comment with #"
@@ -121,6 +122,8 @@ def _layout(lines: list[str]) -> _Layout:
     names: list[str] = []
     count: int | None = None
     for index, line in enumerate(lines[:_MAX_HEADER]):
+        if line.startswith(TEXT_TAG):
+            continue
         fields = _fields(line)
         if not fields:
             names = _names(line) or names

@@ -17,10 +17,12 @@ from scenes.formats.e57 import SCANNER_FROM_SENSOR
 from scenes.formats.grid import fit_grid, organised_scan
 from scenes.formats.guard import check_size
 from scenes.formats.header import colour_bytes, colour_from_bytes
+from scenes.formats.raw_points import RawPoints
 from scenes.formats.trajectory import rounded_pose
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
+_NO_INTENSITY = 0.5  # what stands for an intensity that is not known
 _HEADER_LINES = 10  # columns, rows, 4 lines of scanner position and axes, 4 of the transform
 
 
@@ -58,17 +60,21 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     points = SCANNER_FROM_SENSOR.inverse().apply(points)
     colour = colour_from_bytes(found.table[..., 4:7]) if found.table.shape[2] == 7 else None
     name = f"{path.stem}#{index + 1}" if n_scans > 1 else path.stem
-    return organised_scan(points, fit_grid(points), found.pose @ SCANNER_FROM_SENSOR, colour, name)
+    light = found.table[..., 3]
+    known = None if (light == _NO_INTENSITY).all() else light
+    return organised_scan(points, fit_grid(points), found.pose @ SCANNER_FROM_SENSOR, colour, name, known)
 
 
-def read_ptx_points(path: Path, index: int) -> tuple[FloatArray, FloatArray]:
-    """Return all points (n, 3) of scan `index` (from 0) in the world, and where the scanner stood (3,).
+def read_ptx_points(path: Path, index: int) -> RawPoints:
+    """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
 
     No projection is needed.
     """
     found, _ = _scan(path, index)
-    points = found.table[..., :3].reshape(-1, 3)
-    return found.pose.apply(points[(points != 0).any(axis=1)]), found.pose.translation
+    table = found.table.reshape(-1, found.table.shape[2])
+    table = table[(table[:, :3] != 0).any(axis=1)]
+    colour = table[:, 4:7].astype(np.uint8) if table.shape[1] == 7 else None
+    return RawPoints(found.pose.apply(table[:, :3]), origins=found.pose.translation, colour=colour)
 
 
 def _scan(path: Path, index: int) -> tuple[_PtxScan, int]:
@@ -110,15 +116,16 @@ def _scans(file: TextIO, wanted: int | None = None) -> Iterator[_PtxScan | None]
 def write_ptx(scan: RangeImage, path: Path) -> None:
     """Write `scan` as PTX: points in the scanner's frame to the nanometre, 0 0 0 where nothing came back.
 
-    Intensity is not known and written as 0.5. Sigma, noise and truth are lost.
+    An intensity that is not known is written as 0.5. Sigma, noise and truth are lost.
     """
     rows, columns = scan.shape
     pose = scan.world_from_sensor @ SCANNER_FROM_SENSOR.inverse()
     header = [[float(value) for value in row] for row in [pose.translation, *pose.rotation.T]]
     transform = [[float(value) for value in row] for row in pose.matrix.T]
     local = SCANNER_FROM_SENSOR.apply(np.nan_to_num(scan.points_in_sensor(), nan=0.0))
-    table = [local.swapaxes(0, 1).reshape(-1, 3), np.full((rows * columns, 1), 0.5)]
-    form = ["%.9f"] * 3 + ["%.6f"]
+    light = np.full(scan.shape, _NO_INTENSITY) if scan.intensity is None else scan.intensity
+    table = [local.swapaxes(0, 1).reshape(-1, 3), np.asarray(light, np.float64).T.reshape(-1, 1)]
+    form = ["%.9f"] * 3 + ["%.6f" if scan.intensity is None else "%.9g"]
     colour = colour_bytes(scan)
     if colour is not None:
         table.append(colour.swapaxes(0, 1).reshape(-1, 3))

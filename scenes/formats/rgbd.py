@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.depth_encoding import DepthEncoding, depth_in_metres
 from scenes.formats.guard import check_file, check_size, reading
 from scenes.formats.header import colour_from_bytes
 from scenes.pose import Pose
@@ -23,11 +24,12 @@ Intrinsics = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RgbdFrame:
-    """One pair of images, and where it was taken if known."""
+    """One pair of images; where and when, in seconds, it was taken if known."""
 
     depth: Path
     colour: Path | None = None
     pose: Pose | None = None
+    time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,10 @@ class RgbdFolder:
         Depth values a metre, from such a file, or where the layout fixes it (TUM 5000, Redwood 1000).
     image_size : (width, height), optional
         What that file says of the images.
+    folder : Path
+        Where the frames are.
+    depth_encoding : str
+        How counts become metres.
     """
 
     layout: str
@@ -54,6 +60,7 @@ class RgbdFolder:
     depth_scale: float | None = None
     image_size: tuple[int, int] | None = None
     folder: Path = field(default_factory=Path)
+    depth_encoding: DepthEncoding = "linear"
 
     @property
     def registered(self) -> bool:
@@ -76,6 +83,8 @@ def read_frame(
     frame = folder.frames[index]
     camera, scale = intrinsics or folder.intrinsics, depth_scale or folder.depth_scale
     missing = ["intrinsics (--intrinsics FX,FY,CX,CY)"] * (camera is None)
+    if folder.depth_encoding == "kinect-disparity":
+        scale = 1.0
     missing += ["depth values a metre (--depth-scale N: Kinect 1000, TUM 5000)"] * (scale is None)
     if camera is None or scale is None:
         raise InputError(
@@ -84,8 +93,8 @@ def read_frame(
         )
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--depth-scale must be a positive number of depth values a metre, got {scale}")
-    depth = read_depth_image(frame.depth)
-    height, width = depth.shape
+    counts = read_depth_image(frame.depth)
+    height, width = counts.shape
     if intrinsics is None and folder.image_size not in (None, (width, height)):
         raise InputError(
             f"{frame.depth}: is {width} x {height}, its camera file says {folder.image_size}; "
@@ -94,7 +103,9 @@ def read_frame(
     projection = PinholeProjection(width, height, *camera)
     colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
     pose = frame.pose or Pose.identity()
-    return depth_scan(depth / scale, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
+    with reading(frame.depth, "a depth image"):
+        depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
+    return depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
 
 
 def depth_scan(

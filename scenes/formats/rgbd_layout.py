@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,12 @@ from PIL import Image
 
 from scenes.atomic import atomic_path, write_json
 from scenes.checks import FloatArray, InputError
+from scenes.formats.depth_encoding import DepthEncoding, check_encoding
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
-from scenes.formats.trajectory import read_poses, read_timed_poses, rounded_pose, write_poses
+from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose, write_poses
+from scenes.natural_order import natural_key
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage
@@ -30,7 +31,6 @@ _CAMERAS = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesen
             "intrinsics.txt")  # fmt: skip
 _POSES = ("pose.txt", "poses.txt", "trajectory.txt", "trajectory.log", "poses.json")
 _SCALES = (10000, 5000, 2000, 1000, 500, 200, 100)  # depth values a metre that a writer chooses from
-_TUM_GAP_S = 0.02  # the TUM benchmark's own limit for images that belong together
 
 
 def open_rgbd(folder: Path) -> RgbdFolder:
@@ -40,7 +40,8 @@ def open_rgbd(folder: Path) -> RgbdFolder:
       that way and to 118 mm the other, over 2.7 cm of motion). Frames without images are skipped.
     * TUM: `rgb.txt` and `depth.txt` (or `associations.txt`) with `groundtruth.txt`; 5000 values a metre.
     * Redwood: `color/`, `depth/` and `trajectory.log`, camera to world; 1000 values a metre.
-    * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`.
+    * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`, which may also name the
+      `depth_encoding` (see `scenes.formats.depth_encoding`).
 
     Raises
     ------
@@ -59,18 +60,12 @@ def open_rgbd(folder: Path) -> RgbdFolder:
     return replace(found, folder=folder)
 
 
-def natural_key(path: Path) -> list[tuple[int, int, str]]:
-    """Sort key under which frame 10 comes after frame 9."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
-
-
 def _images(folder: Path, names: Sequence[str]) -> list[Path]:
     """Images of the first of the named subfolders that exists, in natural order."""
     for name in names:
         if (folder / name).is_dir():
             found = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
-            return sorted(found, key=natural_key)
+            return sorted(found, key=lambda path: natural_key(path.name))
     return []
 
 
@@ -100,30 +95,47 @@ def _with_camera(found: RgbdFolder, folder: Path) -> RgbdFolder:
     for name in _CAMERAS:
         if (folder / name).is_file():
             with reading(folder / name, "a camera file"):
-                intrinsics, scale, size = _read_camera(folder / name)
-            return replace(found, intrinsics=intrinsics, depth_scale=scale, image_size=size)
+                camera = _read_camera(folder / name)
+            return replace(
+                found,
+                intrinsics=camera.intrinsics,
+                depth_scale=camera.depth_scale,
+                image_size=camera.image_size,
+                depth_encoding=camera.depth_encoding,
+            )
     return found
 
 
-def _read_camera(path: Path) -> tuple[Intrinsics, float | None, tuple[int, int] | None]:
-    """Intrinsics, depth scale and image size of a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers)."""
+@dataclass(frozen=True, slots=True)
+class _Camera:
+    """What a camera file tells."""
+
+    intrinsics: Intrinsics
+    depth_scale: float | None = None
+    image_size: tuple[int, int] | None = None
+    depth_encoding: DepthEncoding = "linear"
+
+
+def _read_camera(path: Path) -> _Camera:
+    """What a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
     text = check_file(path).read_text(encoding="utf-8")
     if path.suffix == ".txt":
         numbers = [float(word) for word in text.replace(",", " ").split()]
         if len(numbers) == 9:
-            return (numbers[0], numbers[4], numbers[2], numbers[5]), None, None
+            return _Camera((numbers[0], numbers[4], numbers[2], numbers[5]))
         if len(numbers) not in (4, 5):
             raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
         fx, fy, cx, cy = numbers[:4]
-        return (fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None, None
+        return _Camera((fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None)
     values = json.loads(text)
     size = (int(values["width"]), int(values["height"])) if "width" in values else None
     scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
+    encoding = check_encoding(values.get("depth_encoding", "linear"))
     if "intrinsic_matrix" in values:  # Open3D's, column by column
         matrix = np.array(values["intrinsic_matrix"], dtype=np.float64).reshape(3, 3).T
-        return _from_matrix(matrix), scale, size
+        return _Camera(_from_matrix(matrix), scale, size, encoding)
     fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
-    return (fx, fy, cx, cy), scale, size
+    return _Camera((fx, fy, cx, cy), scale, size, encoding)
 
 
 def _from_matrix(matrix: FloatArray) -> Intrinsics:
@@ -160,14 +172,16 @@ def _open_align3d(folder: Path) -> RgbdFolder:
 def _open_tum(folder: Path) -> RgbdFolder:
     """Depth images with the nearest colour image and pose, at most 20 ms away; others are dropped."""
     timed = _tum_pairs(folder)
-    frames = [RgbdFrame(_inside(folder, depth), _inside(folder, colour)) for _, depth, colour in timed]
+    frames = [
+        RgbdFrame(_inside(folder, depth), _inside(folder, colour), time=time) for time, depth, colour in timed
+    ]
     if timed and (folder / "groundtruth.txt").is_file():
         stamps, poses = read_timed_poses(folder / "groundtruth.txt")
         near = [int(np.argmin(np.abs(stamps - time))) for time, _, _ in timed]
         frames = [
             replace(frame, pose=poses[k])
             for frame, k, (time, _, _) in zip(frames, near, timed, strict=True)
-            if abs(stamps[k] - time) <= _TUM_GAP_S
+            if abs(stamps[k] - time) <= TIME_GAP_S
         ]
     found = _with_camera(RgbdFolder("tum", tuple(frames)), folder)
     return replace(found, depth_scale=found.depth_scale or 5000.0)
@@ -190,7 +204,7 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
     return [
         (time, name, colours[k][1])
         for (time, name), k in zip(depths, near, strict=True)
-        if abs(times[k] - time) <= _TUM_GAP_S
+        if abs(times[k] - time) <= TIME_GAP_S
     ]
 
 

@@ -28,14 +28,16 @@ def write_scan_ply(scan: RangeImage, path: Path) -> None:
     """Write `scan` as a point cloud that any PLY viewer shows in world coordinates.
 
     One vertex a pixel, row by row, NaN where nothing came back; properties x y z (double, world, metres),
-    red green blue, range (double), and sensor_x sensor_y sensor_z where measured points lie off the ideal
-    rays. Comment lines keep the rest, so that `read_scan_ply` returns the same scan.
+    red green blue, intensity, range (double), and sensor_x sensor_y sensor_z where measured points lie off
+    the ideal rays. Comment lines keep the rest, so that `read_scan_ply` returns the same scan.
     """
     properties: dict[str, Any] = {}
     colour = colour_bytes(scan)
     if colour is not None:
         channels = colour.reshape(-1, 3).T
         properties |= dict(zip(("red", "green", "blue"), channels, strict=True))
+    if scan.intensity is not None:
+        properties["intensity"] = scan.intensity.ravel()
     properties["range"] = np.where(scan.valid, scan.ranges, np.nan).ravel()
     if scan.sensor_points is not None:
         properties |= dict(zip(_SENSOR_AXES, scan.sensor_points.reshape(-1, 3).T, strict=True))
@@ -77,4 +79,5 @@ def read_scan_ply(path: Path) -> RangeImage:
     if _SENSOR_AXES[0] in values:
         sensor_points = np.stack([values[name] for name in _SENSOR_AXES], axis=-1).reshape(rows, columns, 3)
     ranges = values["range"].reshape(rows, columns)
-    return scan_from_header(header, ranges, colour=colour, sensor_points=sensor_points)
+    light = values["intensity"].reshape(rows, columns) if "intensity" in values else None
+    return scan_from_header(header, ranges, colour=colour, sensor_points=sensor_points, intensity=light)

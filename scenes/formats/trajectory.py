@@ -12,13 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from scenes.atomic import write_text
 from scenes.checks import FloatArray, InputError
+from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.guard import check_file, reading
 from scenes.pose import Pose
 
+TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
 _FORMS = (
     "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
-    "and JSON lists of 4x4 matrices"
+    "JSON lists of 4x4 matrices, and images.txt of COLMAP"
 )
 
 
@@ -27,6 +29,8 @@ def read_poses(path: Path) -> list[Pose]:
 
     Plain lines hold `tx ty tz qx qy qz qw`, TUM lines a timestamp before that; a Redwood .log holds blocks
     of one line of integers and four of a matrix; JSON a list of 4x4 matrices, or a `plan.json` of ours.
+    `images.txt` of COLMAP is turned from sensor-from-world to world-from-sensor, its images in the natural
+    order of their names.
 
     Raises
     ------
@@ -38,6 +42,8 @@ def read_poses(path: Path) -> list[Pose]:
         text = file.read_text(encoding="utf-8")
         if file.suffix.lower() == ".json":
             return _number_checked(_json_matrices(json.loads(text)))
+        if is_colmap(text):
+            return _number_checked(colmap_matrices(text))
         rows = _number_rows(text)
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
@@ -63,6 +69,25 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
         return np.array([row[0] for row in rows]), _number_checked([_matrix(row[1:]) for row in rows])
+
+
+def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
+    """Return the poses of a TUM trajectory nearest to `times` in seconds, at most 20 ms away.
+
+    Raises
+    ------
+    InputError
+        No TUM trajectory, or a time without a pose.
+    """
+    stamps, poses = read_timed_poses(path)
+    near = [int(np.argmin(np.abs(stamps - time))) for time in times]
+    far = [time for time, k in zip(times, near, strict=True) if abs(stamps[k] - time) > TIME_GAP_S]
+    if far:
+        raise InputError(
+            f"{path}: {len(far)} of {len(times)} frames have no pose within {TIME_GAP_S:g} s, the first at "
+            f"{far[0]:.6f}; pick frames with PATH#k, or give one pose a frame"
+        )
+    return [poses[k] for k in near]
 
 
 def _number_rows(text: str) -> list[list[float]]:
@@ -114,8 +139,15 @@ def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
 
 def write_poses(path: Path, poses: Sequence[Pose]) -> None:
     """Write plain lines `tx ty tz qx qy qz qw`, world from sensor, one a pose."""
-    lines = []
-    for pose in poses:
-        quaternion = Rotation.from_matrix(pose.rotation).as_quat()
-        lines.append(" ".join(repr(float(number)) for number in [*pose.translation, *quaternion]))
-    write_text(path, "".join(f"{line}\n" for line in lines))
+    write_text(path, "".join(f"{_line(pose)}\n" for pose in poses))
+
+
+def write_timed_poses(path: Path, times: Sequence[float] | FloatArray, poses: Sequence[Pose]) -> None:
+    """Write a TUM trajectory: `timestamp tx ty tz qx qy qz qw` a line, seconds, world from sensor."""
+    lines = [f"{float(time)!r} {_line(pose)}\n" for time, pose in zip(times, poses, strict=True)]
+    write_text(path, "".join(["# timestamp tx ty tz qx qy qz qw (world from sensor, metres)\n", *lines]))
+
+
+def _line(pose: Pose) -> str:
+    quaternion = Rotation.from_matrix(pose.rotation).as_quat()
+    return " ".join(repr(float(number)) for number in [*pose.translation, *quaternion])

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.export import remainder_mesh
 from completion.extension import Patch
 from completion.meshing import mesh_cells
 from completion.model import CompletedModel
 from completion.openings import find_openings
+from completion.parts import remainder_mesh
 from completion.provenance import Provenance
 from completion.texturing.atlas import Atlas, make_atlas
 from nbv.report.camera import Camera

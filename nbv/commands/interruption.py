@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Interruption: Ctrl-C and SIGTERM end a command in one line, after what it was writing is put away."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import typer
+
+
+class Interruption(KeyboardInterrupt):
+    """A signal that asks the command to end.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def interruptible(command: str) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM raise in the main thread; tell it in one line, exit with 128 + their number.
+
+    Files are written whole or not at all, so that those of the run before are still there, or those of this
+    one, and nothing in between.
+    """
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        handlers = {number: signal.signal(number, _raise) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        number = error.number if isinstance(error, Interruption) else int(signal.SIGINT)
+        name = signal.Signals(number).name
+        typer.echo(f"unseen {command}: ended by {name}; every file is whole: run it again to go on", err=True)
+        raise typer.Exit(128 + number) from None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+def _raise(number: int, _frame: FrameType | None) -> None:
+    raise Interruption(number)

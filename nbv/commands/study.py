@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""`unseen study`: scenes x sensors x requirements x planners x seeds; goes on where it stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from nbv.commands.run import Run, Shared, running
+from nbv.plots import on_white
+from nbv.report.study_report import SHARE, spread, study_page
+from nbv.study.outcome import Outcome
+from nbv.study.pipeline import run_study
+from nbv.study.results import check_results, write_results
+from nbv.study.spec import StudySpec, read_study
+from nbv.study.summary import groups_of
+from nbv.wording import count
+from nbv.workers import workers_of
+from scenes.atomic import write_bytes
+
+
+def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
+    """Run a study file and write its plans, tables, plots and report."""
+    with running("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
+        run.watch.enter("load")
+        spec = read_study(file)
+        check_results(spec.results)
+        with workers_of(scheduler, shared.threads) as workers:
+            outcomes = run_study(
+                spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress
+            )
+        run.watch.enter("report")
+        options = _options(spec)
+        _write(run, spec, outcomes, options, Path(file).stem)
+        scenes = [entry.scene for entry in spec.scenes]
+        sensors = [entry.sensor for entry in spec.sensors]
+        run.finish([file, *scenes, *sensors], options, _summary(outcomes), _lines(outcomes))
+
+
+def _write(
+    run: Run, spec: StudySpec, outcomes: tuple[Outcome, ...], options: dict[str, Any], stem: str
+) -> None:
+    run.outputs.extend(run.out / "plans" / f"{outcome.case.name}.json" for outcome in outcomes)
+    run.outputs.extend(write_results(outcomes, run.out, spec.results))
+    page, plots = study_page(spec, outcomes, options, run.shared.seed, stem)
+    (run.out / "plots").mkdir(exist_ok=True)
+    for name, plot in plots.items():
+        write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
+    page.write(run.path("report.html"))
+
+
+def _options(spec: StudySpec) -> dict[str, Any]:
+    """Return the study for manifest and report, files by name."""
+    content = spec.model_dump(exclude_defaults=True, exclude={"title", "description", "name"})
+    for kind, key in (("scenes", "scene"), ("sensors", "sensor")):
+        content[kind] = [
+            {**entry.model_dump(exclude_defaults=True), key: Path(getattr(entry, key)).name}
+            for entry in getattr(spec, kind)
+        ]
+    return {**content, "seeds": list(spec.seeds)}
+
+
+def _summary(outcomes: tuple[Outcome, ...]) -> dict[str, Any]:
+    """Return the headline numbers."""
+    return {
+        "cases": len(outcomes),
+        "failed": sum(bool(outcome.error) for outcome in outcomes),
+        "views": sum(outcome.n_views for outcome in outcomes),
+    }
+
+
+def _lines(outcomes: tuple[Outcome, ...]) -> list[str]:
+    """Return the headline numbers for people: a line for each planner in each setting."""
+    groups = groups_of(outcomes)
+    width = max(len(group.planner) for group in groups)
+    lines = [f"{count(len(outcomes), 'plan')}; views until {100 * SHARE:g} % of what can be is measured:"]
+    setting = None
+    for group in groups:
+        if group.setting != setting:
+            setting = group.setting
+            lines.append(", ".join(setting))
+        views = spread(group.views_to(SHARE)) or "-"
+        lines.append(f"  {group.planner:<{width}}  {views}")
+    failed = sum(bool(outcome.error) for outcome in outcomes)
+    if failed:
+        lines.append(f"{count(failed, 'case')} could not be planned; report.html says why")
+    return lines

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: MIT
+"""Report of a study: which planner needs how many views, where, and for which requirement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from nbv.plots import Plot
+from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, percent
+from nbv.report.picture import Picture
+from nbv.study.outcome import Outcome
+from nbv.study.plots import colour_of, coverage_curves, views_needed
+from nbv.study.spec import StudySpec
+from nbv.study.summary import Group, groups_of
+from nbv.wording import count
+from scenes.checks import FloatArray
+
+_MOST_PICTURES = 24
+SHARE = 0.95  # of the reachable area, in summary and overview
+
+
+def study_page(
+    spec: StudySpec, outcomes: Sequence[Outcome], options: Mapping[str, Any], seed: int, fallback_title: str
+) -> tuple[Page, dict[str, Plot]]:
+    """Return the report, and its plots by name.
+
+    Parameters
+    ----------
+    spec : StudySpec
+        What was asked.
+    outcomes : sequence of Outcome
+        What was found.
+    options : mapping
+        For the page.
+    seed : int
+        Added to every seed of the study.
+    fallback_title : str
+        What the study is called when it has no title.
+    """
+    groups = groups_of(outcomes)
+    planners = [planner.label for planner in spec.planners]
+    plots = plots_of(groups, planners)
+    failed = [outcome for outcome in outcomes if outcome.error]
+    page = Page(
+        title=spec.title or spec.name or fallback_title,
+        kicker="Study",
+        summary=" ".join(part for part in (spec.description.strip(), _summary(groups)) if part),
+        headlines=_headlines(outcomes, groups),
+        bar=None,
+        sections=(
+            Section("Views that are needed", (_gallery(plots, "views", 1), *_needed(groups, planners))),
+            Section("Coverage by number of views", _curves(groups, plots)),
+            Section("Every case", (_cases_table(outcomes),)),
+            *_failures(failed),
+        ),
+        options=options,
+        seed=seed,
+        warnings=(f"{count(len(failed), 'case')} could not be planned; see below.",) if failed else (),
+    )
+    return page, plots
+
+
+def plots_of(groups: Sequence[Group], planners: Sequence[str]) -> dict[str, Plot]:
+    """Return the plots of a study by name: "views", and "coverage-1" and so on, one a setting."""
+    plots = {"views": views_needed(groups, SHARE, planners)}
+    for number, setting in enumerate(drawn_settings(groups)[:_MOST_PICTURES], start=1):
+        plots[f"coverage-{number}"] = coverage_curves([g for g in groups if g.setting == setting], planners)
+    return plots
+
+
+def drawn_settings(groups: Sequence[Group]) -> list[tuple[str, str, str]]:
+    """Return the settings in which anything could be planned."""
+    return list(dict.fromkeys(group.setting for group in groups if group.outcomes))
+
+
+def spread(values: FloatArray) -> str:
+    """Return the median of numbers, with the least and the most where they differ.
+
+    Examples
+    --------
+    >>> spread(np.array([3.0, 5.0, 4.0])), spread(np.array([3.0, np.inf])), spread(np.array([2.0, 2.0]))
+    ('4 (3 to 5)', '3 to never', '2')
+    """
+    if not len(values) or np.isnan(values).all():
+        return ""
+    low, middle, high = float(values.min()), float(np.median(values)), float(values.max())
+    if np.isinf(low):
+        return "never"
+    most = f"{high:g}" if np.isfinite(high) else "never"
+    if not np.isfinite(middle):
+        return f"{low:g} to {most}"
+    return f"{middle:g}" if low == high else f"{middle:g} ({low:g} to {most})"
+
+
+def _summary(groups: Sequence[Group]) -> str:
+    """Tell for each planner the median of views over all that it planned."""
+    parts = []
+    for planner in dict.fromkeys(group.planner for group in groups):
+        own = [group.views_to(SHARE) for group in groups if group.planner == planner]
+        views = np.concatenate(own) if own else np.zeros(0)
+        if len(views):
+            middle = float(np.median(views))
+            parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
+    if not parts:
+        return "No case could be planned."
+    return (
+        f"Median number of views until {100 * SHARE:g} % of what can be measured is measured as required: "
+        f"{', '.join(parts)}."
+    )
+
+
+def _headlines(outcomes: Sequence[Outcome], groups: Sequence[Group]) -> tuple[Headline, ...]:
+    planned = [outcome for outcome in outcomes if not outcome.error]
+    figures = [
+        Headline(str(len(outcomes)), "", "plans, one for each scene, sensor, requirement, planner and seed"),
+        Headline(str(sum(outcome.n_views for outcome in planned)), "", "views in all of them"),
+    ]
+    bounds = [one for one in planned if one.lower_bound]
+    if bounds:
+        excess = [one.n_views / one.lower_bound for one in bounds if one.lower_bound]
+        figures.append(
+            Headline(f"{float(np.median(excess)):.2f}", "\u00d7", "views of cover beside its certified bound")
+        )
+    reach = np.array([float(np.median(group.values("reachable"))) for group in groups if group.outcomes])
+    if len(reach):
+        low, high = percent(float(reach.min())), percent(float(reach.max()))
+        figures.append(
+            Headline(low if low == high else f"{low}\u2013{high}", "%", "of the area can be measured at all")
+        )
+    return tuple(figures)
+
+
+def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ...]:
+    """A row for each planner in each setting."""
+    rows = []
+    for group in groups:
+        met = group.values("met_of_reachable")
+        bound, added = group.values("lower_bound"), group.values("inferred")
+        middle = float(np.median(met)) if len(met) else 0.0
+        rows.append(
+            (
+                *(Cell(text) for text in group.setting),
+                Cell(group.planner, swatch=colour_of(planners.index(group.planner))),
+                Cell(spread(group.views_to(0.95))),
+                Cell(spread(group.views_to(0.99))),
+                Cell(percent(middle) if len(met) else "", share=middle, state="measured"),
+                Cell(spread(group.values("views"))),
+                Cell(spread(bound[np.isfinite(bound)])),
+                Cell(percent(float(np.median(added))) if len(met) and added.any() else ""),
+            )
+        )
+    columns = (
+        "Scene", "Sensor", "Requirement", "Planner", "#views to 95 %", "#to 99 %", "#reached, %",
+        "#views planned", "#at least", "#inferred, %",
+    )  # fmt: skip
+    note = (
+        "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
+        'candidate could measure as required. "At least" is certified: no plan for the planner\'s target has '
+        "fewer views. All planners of a scene and sensor choose from the same poses and are measured on the "
+        "same samples."
+    )
+    return telling(columns, rows, n_fixed=3), Text(note, is_note=True)
+
+
+def telling(columns: Sequence[str], rows: Sequence[Sequence[Cell]], n_fixed: int) -> Table:
+    """Return the table without columns that are empty, and of the first ones those that never change."""
+    kept = [
+        k
+        for k in range(len(columns))
+        if len({row[k].text for row in rows} - {""}) > (1 if k < n_fixed else 0)
+    ]
+    return Table(tuple(columns[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
+
+
+def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, ...]:
+    settings = drawn_settings(groups)
+    pictures = tuple(
+        _picture(plots[f"coverage-{number}"], ", ".join(setting))
+        for number, setting in enumerate(settings[:_MOST_PICTURES], start=1)
+    )
+    note = "Lines are medians over the seeds; bands reach from the least to the most."
+    if len(settings) > len(pictures):
+        note += f" The first {len(pictures)} of {len(settings)} settings are drawn; all are in the tables."
+    return Gallery(pictures, 2), Text(note, is_note=True)
+
+
+def _gallery(plots: Mapping[str, Plot], name: str, columns: int) -> Gallery:
+    title = f"Views until {100 * SHARE:g} % of what can be is measured."
+    caption = "Dots are seeds, bars medians; of a plan that never got there the dot is at the far right."
+    return Gallery((_picture(plots[name], title, caption),), columns)
+
+
+def _picture(plot: Plot, title: str, caption: str = "") -> Picture:
+    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)
+
+
+def _cases_table(outcomes: Sequence[Outcome]) -> Table:
+    """A row for each plan."""
+    rows = []
+    for outcome in outcomes:
+        labels, share = outcome.case.labels(), float(outcome.of_reachable[-1]) if not outcome.error else 0.0
+        rows.append(
+            (
+                *(Cell(str(labels[name])) for name in ("scene", "sensor", "requirement", "planner", "seed")),
+                Cell("" if outcome.error else str(outcome.n_views)),
+                Cell("" if outcome.error else percent(share), share=share, state="measured"),
+                Cell("could not be planned" if outcome.error else outcome.stopped_because),
+                Cell(f"plans/{outcome.case.name}.json"),
+            )
+        )
+    columns = (
+        "Scene", "Sensor", "Requirement", "Planner", "#Seed", "#views", "#measured of reachable, %",
+        "Ended because", "Plan",
+    )  # fmt: skip
+    return Table(columns, tuple(rows), f"All {len(rows)} plans", is_folded=True)
+
+
+def _failures(failed: Sequence[Outcome]) -> tuple[Section, ...]:
+    if not failed:
+        return ()
+    rows = tuple((Cell(outcome.case.name), Cell(outcome.error)) for outcome in failed)
+    return (Section("What could not be planned", (Table(("Case", "Why"), rows),)),)

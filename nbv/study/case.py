@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Case: one plan of a study, named by what it is made of, and how it is planned."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from nbv.cover.pipeline import CoverOptions
+from nbv.coverage import Coverage
+from nbv.manifest import sha256_of, versions
+from nbv.overlap import OverlapOptions
+from nbv.planning import plan_views
+from nbv.reachability import scene_candidates
+from nbv.samples import SurfaceSamples, sample_surface
+from nbv.scanning.sensor import Sensor, chosen_effects
+from nbv.scanning.sensor_profile import load_sensor
+from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
+from nbv.viewpoints import Candidates
+from scenes.atomic import json_text
+from scenes.checks import InputError
+from scenes.loading import open_scene
+from scenes.scene import Scene
+
+_SLUG = re.compile(r"[^a-z0-9]+")
+_LONGEST = 24  # characters of each part of a name
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One plan of a study.
+
+    Attributes
+    ----------
+    name : str
+        For people and for its file.
+    key : str
+        SHA-256 of all that its result depends on: the scene's bytes, sensor, requirement, planner, sampling,
+        seed, and the versions of the numeric packages.
+    scene, sensor, requirement, planner, sampling
+        Entries of the study.
+    seed : int
+        Of everything random.
+    """
+
+    name: str
+    key: str
+    scene: SceneEntry
+    sensor: SensorEntry
+    requirement: RequirementEntry
+    planner: PlannerEntry
+    sampling: Sampling
+    seed: int
+
+    def labels(self) -> dict[str, Any]:
+        """Return what the case is of, as columns of the results."""
+        return {
+            "scene": self.scene.label,
+            "sensor": self.sensor.label,
+            "requirement": self.requirement.label,
+            "planner": self.planner.label,
+            "seed": self.seed,
+        }
+
+
+def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
+    """Return the cases in the order of the study file, the scene first; all scenes and sensors are opened.
+
+    Raises
+    ------
+    InputError
+        A scene or sensor that cannot be used, or errors that a requirement asks for and a sensor lacks.
+    """
+    scenes = [(entry, _identity(entry)) for entry in spec.scenes]
+    sensors = [(entry, load_sensor(entry.sensor)) for entry in spec.sensors]
+    for (entry, sensor), asked in product(sensors, spec.requirements):
+        gate = (sensor.min_range_m, sensor.max_range_m)
+        effects = sensor.effects if entry.noise == "none" else chosen_effects(sensor, entry.noise)
+        asked.requirement().limits_of(sensor.projection.pixel_angle, effects, gate)
+    common = {"versions": versions(), "sampling": spec.sampling.model_dump()}
+    cases = []
+    for scene, sensor_, asked, planner, seed in product(
+        scenes, sensors, spec.requirements, spec.planners, spec.seeds
+    ):
+        made_of = {
+            **common,
+            "scene": {**scene[0].model_dump(exclude={"name", "scene"}), "content": scene[1]},
+            "sensor": {"profile": sensor_[1].to_json(), "noise": sensor_[0].noise},
+            "requirement": asked.model_dump(exclude={"name"}),
+            "planner": planner.model_dump(exclude={"name"}),
+            "seed": first_seed + seed,
+        }
+        key = hashlib.sha256(json_text(made_of, indent=None).encode()).hexdigest()
+        parts = [entry.label for entry in (scene[0], sensor_[0], asked, planner)]
+        name = "-".join([*map(_slug, parts), f"seed{first_seed + seed}", key[:8]])
+        cases.append(Case(name, key, scene[0], sensor_[0], asked, planner, spec.sampling, first_seed + seed))
+    return tuple(cases)
+
+
+def _identity(entry: SceneEntry) -> str:
+    """Return what stands for a scene's content, after seeing that it opens."""
+    open_scene(entry.scene, up=entry.up, units=entry.units, mode=entry.mode)
+    return entry.scene if entry.is_builtin else sha256_of(Path(entry.scene))
+
+
+def _slug(label: str) -> str:
+    return _SLUG.sub("_", label.lower())[:_LONGEST].strip("_") or "x"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instance:
+    """A scene and a sensor, where it may stand, and where coverage is measured."""
+
+    scene: Scene
+    sensor: Sensor
+    candidates: Candidates
+    samples: SurfaceSamples
+
+
+@lru_cache(maxsize=1)  # neighbours in the list of cases are of the same scene and sensor
+def _instance(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> Instance:
+    world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
+    device = load_sensor(sensor.sensor)
+    candidates = scene_candidates(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
+    return Instance(world, device, candidates, sample_surface(world.mesh, sampling.spacing_m))
+
+
+def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
+    """Plan a case; return its record: the contents of a `plan.json`, with what it is of beside it.
+
+    A case that cannot be planned has an "error" instead of a plan.
+    """
+    head = {"case": case.name, "key": case.key, "labels": case.labels()}
+    try:
+        plan = _planned(case, n_threads)
+    except InputError as error:
+        return {**head, "error": str(error)}
+    if not isinstance(plan.coverage, Coverage):
+        raise TypeError("a fresh plan holds its full coverage")
+    tour = None if plan.stations is None else plan.stations.tour.length_m
+    return {**head, "n_samples": len(plan.coverage.samples), "tour_m": tour, **plan.to_json()}
+
+
+def _planned(case: Case, n_threads: int | None) -> Any:
+    instance, planner = _instance(case.scene, case.sensor, case.sampling), case.planner
+    steps = planner.polish_steps
+    return plan_views(
+        instance.scene,
+        instance.sensor,
+        method=planner.method,
+        requirement=case.requirement.requirement(),
+        target=planner.target,
+        views=planner.views,
+        mode=case.scene.mode,
+        candidates=instance.candidates,
+        samples=instance.samples,
+        noise=case.sensor.noise,
+        budgets=None if steps is None else CoverOptions(polish_steps=steps),
+        overlap=None if planner.overlap is None else OverlapOptions(min_overlap=planner.overlap),
+        infer=planner.infer,
+        rng=case.seed,
+        n_threads=n_threads,
+    )

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""Outcome: what one case of a study found, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nbv.study.case import Case
+from scenes.checks import FloatArray
+
+SHARES = (0.90, 0.95, 0.99)  # of the reachable area, at which views are counted
+COLUMNS = {
+    "case": str, "scene": str, "sensor": str, "requirement": str, "planner": str, "seed": int,
+    "n_candidates": int, "n_samples": int, "total_m2": float, "reachable": float, "met": float,
+    "met_of_reachable": float, "modelled": float, "inferred": float, "unknown": float, "views": int,
+    **{f"views_to_{100 * share:.0f}": int for share in SHARES},
+    "lower_bound": int, "tour_m": float, "stopped_because": str, "error": str,
+}  # fmt: skip
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What one case found.
+
+    Attributes
+    ----------
+    case : Case
+        What was planned.
+    met : (n_views,) float
+        Share of the area that is measured as required after each view.
+    gain_m2 : (n_views,) float
+        Area that each view adds to it, square metres.
+    total_m2, reachable : float
+        Area, and the share of it that any candidate could measure as required.
+    n_candidates, n_samples : int
+        Poses that could be chosen, and samples on which coverage is measured.
+    modelled, inferred, unknown : float
+        Shares of the area; 0 where completion did not stand in for views (unknown: all that is not met).
+    lower_bound : int or None
+        Views that any plan needs, where certified.
+    tour_m : float or None
+        Length of the tour of the stations, where planned.
+    stopped_because : str
+        Why there are no more views.
+    error : str
+        Why the case could not be planned; "" where it could.
+    """
+
+    case: Case
+    met: FloatArray
+    gain_m2: FloatArray
+    total_m2: float = float("nan")
+    reachable: float = float("nan")
+    n_candidates: int = 0
+    n_samples: int = 0
+    modelled: float = 0.0
+    inferred: float = 0.0
+    unknown: float = float("nan")
+    lower_bound: int | None = None
+    tour_m: float | None = None
+    stopped_because: str = ""
+    error: str = ""
+
+    @property
+    def n_views(self) -> int:
+        """How many views were planned."""
+        return len(self.met)
+
+    @property
+    def of_reachable(self) -> FloatArray:
+        """Share of the reachable area that is measured as required, before the first and after each view."""
+        whole = np.concatenate([[0.0], self.met])
+        return whole / self.reachable if self.reachable > 0 else np.zeros(len(whole))
+
+    def views_to(self, share: float) -> int | None:
+        """Views until `share` of the reachable area is measured as required; None where it never is."""
+        enough = np.flatnonzero(self.of_reachable[1:] >= share - _ROUNDING)
+        return int(enough[0]) + 1 if len(enough) else None
+
+    def row(self) -> dict[str, Any]:
+        """Return the row of the results, by `COLUMNS`."""
+        failed = bool(self.error)
+        views = {f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES}
+        return {
+            "case": self.case.name,
+            **self.case.labels(),
+            "n_candidates": self.n_candidates,
+            "n_samples": self.n_samples,
+            "total_m2": None if failed else self.total_m2,
+            "reachable": None if failed else self.reachable,
+            "met": None if failed else float(self.met[-1]) if self.n_views else 0.0,
+            "met_of_reachable": None if failed else float(self.of_reachable[-1]),
+            "modelled": None if failed else self.modelled,
+            "inferred": None if failed else self.inferred,
+            "unknown": None if failed else self.unknown,
+            "views": None if failed else self.n_views,
+            **views,
+            "lower_bound": self.lower_bound,
+            "tour_m": self.tour_m,
+            "stopped_because": self.stopped_because,
+            "error": self.error,
+        }
+
+
+def outcome_of(case: Case, record: Mapping[str, Any]) -> Outcome:
+    """Return the outcome of a case's record."""
+    if record.get("error"):
+        return Outcome(case, np.zeros(0), np.zeros(0), error=str(record["error"]))
+    views, coverage, bound = record["views"], record["coverage"], record["lower_bound"]
+    shares = record["inference"][-1] if record["inference"] else None
+    return Outcome(
+        case,
+        np.array([view["met_fraction"] for view in views], dtype=np.float64),
+        np.array([view["gain_m2"] for view in views], dtype=np.float64),
+        total_m2=float(coverage["total_m2"]),
+        reachable=float(coverage["reachable"]),
+        n_candidates=int(record["n_candidates"]),
+        n_samples=int(record["n_samples"]),
+        modelled=float(shares["modelled"]) if shares else 0.0,
+        inferred=float(shares["inferred"]) if shares else 0.0,
+        unknown=float(shares["unknown"]) if shares else 1.0 - float(coverage["met"]),
+        lower_bound=int(bound["views"]) if bound else None,
+        tour_m=record["tour_m"],
+        stopped_because=str(record["stopped_because"]),
+    )

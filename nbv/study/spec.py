@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: MIT
+"""Study file: which scenes, sensors, requirements, planners and seeds, read from TOML and checked."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from nbv.requirement import Requirement
+from scenes.checks import InputError
+
+Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
+_MOST_BYTES = 1 << 20
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Entry(BaseModel):
+    """What all entries have: no unknown keys, no change after reading, and a label."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, str_strip_whitespace=True)
+    name: str = Field(default="", max_length=80)
+
+    @property
+    def label(self) -> str:
+        """What results call it."""
+        return self.name
+
+
+class SceneEntry(Entry):
+    """A scene: `builtin:NAME`, or a mesh file beside the study file."""
+
+    scene: str = Field(min_length=1)
+    up: Literal["x", "y", "z"] = "z"
+    units: Literal["mm", "cm", "m", "in"] = "m"
+    mode: Literal["room", "object"] | None = None
+
+    @property
+    def is_builtin(self) -> bool:
+        """Whether it comes with the package and is no file."""
+        return self.scene.startswith("builtin:")
+
+    @property
+    def label(self) -> str:
+        """Its name, or that of the file."""
+        return self.name or Path(self.scene.removeprefix("builtin:")).stem
+
+
+class SensorEntry(Entry):
+    """A sensor: a profile by name, or a TOML file beside the study file; and the errors of its scans."""
+
+    sensor: str = Field(default="generic60", min_length=1)
+    noise: str = "none"
+
+    @property
+    def label(self) -> str:
+        """Its name, or that of the profile, with its errors."""
+        own = Path(self.sensor).stem if self.sensor.endswith(".toml") else self.sensor
+        return self.name or (own if self.noise == "none" else f"{own}, {self.noise}")
+
+
+class RequirementEntry(Entry):
+    """What counts as measured; see `nbv.requirement.Requirement`."""
+
+    max_incidence_deg: float = Field(default=60.0, gt=0, le=90)
+    max_range_m: Positive | None = None
+    min_density_per_m2: Positive | None = None
+    max_sd_m: Positive | None = None
+    registration_sd_m: NotNegative = 0.0
+    averaging_radius_m: NotNegative = 0.0
+    k: int = Field(default=1, ge=1)
+
+    def requirement(self) -> Requirement:
+        """Return the requirement."""
+        return Requirement(**self.model_dump(exclude={"name"}))
+
+    @property
+    def label(self) -> str:
+        """Its name, or the requirement in words."""
+        return self.name or self.requirement().describe()
+
+
+class PlannerEntry(Entry):
+    """A planner, and when it ends: at the target, a share of the reachable area, or after so many views."""
+
+    method: Method
+    target: float = Field(default=0.99, gt=0, le=1)
+    views: int | None = Field(default=None, ge=1, le=10_000)
+    infer: bool = False
+    overlap: float | None = Field(default=None, gt=0, lt=1)
+    polish_steps: int | None = Field(default=None, ge=0)
+
+    @model_validator(mode="after")
+    def _fits_its_method(self) -> Self:
+        if self.infer and self.method not in ("nbv", "cover"):
+            raise ValueError(f"infer goes with method nbv or cover, not {self.method}")
+        if self.method != "cover" and (self.overlap is not None or self.polish_steps is not None):
+            raise ValueError(f"overlap and polish_steps go with method cover, not {self.method}")
+        if self.infer and self.overlap is not None:
+            raise ValueError("with infer there can be no overlap")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Its name, or that of the method."""
+        return self.name or self.method + (" with completion" if self.infer else "")
+
+
+class Sampling(BaseModel):
+    """What all planners choose from and are measured on.
+
+    Attributes
+    ----------
+    spacing_m : float, optional
+        Distance of surface samples, metres; such that there are about 20,000 when not given.
+    subdivisions : int
+        How finely the directions of candidates lie: 42, 162 or 642 of the sphere for 1, 2 or 3.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    spacing_m: Positive | None = None
+    subdivisions: int = Field(default=1, ge=0, le=3)
+
+
+class StudySpec(Entry):
+    """A study: every scene with every sensor, requirement, planner and seed.
+
+    Attributes
+    ----------
+    title, description : str
+        For the report.
+    scenes, sensors, requirements, planners : tuple
+        Entries; at least one scene and one planner.
+    seeds : tuple of int
+        A number n in the file stands for 0 to n - 1.
+    sampling : Sampling
+        What all choose from and are measured on.
+    results : "csv" or "parquet"
+        In which format the tables are written.
+    """
+
+    title: str = Field(default="", max_length=200)
+    description: str = ""
+    scenes: tuple[SceneEntry, ...] = Field(min_length=1)
+    sensors: tuple[SensorEntry, ...] = Field(default=(SensorEntry(),), min_length=1)
+    requirements: tuple[RequirementEntry, ...] = Field(default=(RequirementEntry(),), min_length=1)
+    planners: tuple[PlannerEntry, ...] = Field(min_length=1)
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0,), min_length=1)
+    sampling: Sampling = Sampling()
+    results: Literal["csv", "parquet"] = "csv"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _count_of_seeds(cls, given: Any) -> Any:
+        if isinstance(given, dict) and type(given.get("seeds")) is int:
+            if given["seeds"] < 1:
+                raise ValueError("seeds must be at least 1, or a list of seeds")
+            return {**given, "seeds": list(range(given["seeds"]))}
+        return given
+
+    @model_validator(mode="after")
+    def _labels_differ(self) -> Self:
+        for kind in ("scenes", "sensors", "requirements", "planners"):
+            labels = [entry.label for entry in getattr(self, kind)]
+            if twice := {label for label in labels if labels.count(label) > 1}:
+                raise ValueError(f"two {kind} are called {min(twice)!r}: give each a name of its own")
+        if len(set(self.seeds)) < len(self.seeds):
+            raise ValueError("seeds must differ")
+        return self
+
+
+def read_study(path: str | Path) -> StudySpec:
+    """Read a study file; files that it names lie beside it.
+
+    Raises
+    ------
+    InputError
+        No such file, not TOML, or not a study: the field is named, as `planners[1].target`.
+    """
+    file = Path(path)
+    try:
+        if file.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{file}: a study file of more than {_MOST_BYTES:,} bytes is none")
+        table = tomllib.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read study {file}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not TOML: it is not UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{file} is not TOML: {error}") from error
+    try:
+        spec = StudySpec.model_validate(table)
+    except ValidationError as error:
+        raise InputError(f"{file}: {_first_error(error)}") from error
+    return _beside(spec, file.parent)
+
+
+def _first_error(error: ValidationError) -> str:
+    """Return where the first error is and what is wrong, and how many more there are."""
+    found = error.errors(include_url=False, include_context=False, include_input=False)
+    first, rest = found[0], len(found) - 1
+    what = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        what = "there is no such entry; is it spelt as in the documentation?"
+    where = location(first["loc"])
+    more = f" (and {rest} more)" if rest else ""
+    return f"{where}: {what}{more}" if where else f"{what}{more}"
+
+
+def location(parts: Sequence[str | int]) -> str:
+    """Return the place of an entry as one would write it.
+
+    Examples
+    --------
+    >>> location(["planners", 1, "target"])
+    'planners[1].target'
+    """
+    text = ""
+    for part in parts:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _beside(spec: StudySpec, folder: Path) -> StudySpec:
+    """Return the study with its files' paths from where we are."""
+
+    def found(name: str) -> str:
+        return name if Path(name).is_absolute() else str(folder / name)
+
+    scenes = tuple(
+        entry if entry.is_builtin else entry.model_copy(update={"scene": found(entry.scene)})
+        for entry in spec.scenes
+    )
+    sensors = tuple(
+        entry.model_copy(update={"sensor": found(entry.sensor)}) if entry.sensor.endswith(".toml") else entry
+        for entry in spec.sensors
+    )
+    return spec.model_copy(update={"scenes": scenes, "sensors": sensors})

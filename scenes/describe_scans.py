@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""Description of scans for `unseen info`: grid, ranges, projection, pose, and what is doubtful about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from scenes.files import ScanSource, Units, in_metres
+from scenes.loading import units_doubt
+from scenes.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.range_image import RangeImage
+
+_FAR_M, _NEAR_M = 200.0, 0.05  # median ranges beyond which unit or depth scale are doubted
+
+
+def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
+    """Return what the scans of a file or folder hold, or its scan `number` from 1."""
+    picked = range(len(source.readers)) if number is None else [number - 1]
+    scans = [in_metres(source.readers[k](), units) for k in picked]
+    warnings = [] if source.registered else ["frames have no poses; give --poses FILE or a pose.txt"]
+    if len(scans) > 1 and source.registered and _all_at_one_place(scans):
+        warnings.append("all scans have the same pose; if they were taken from several places, register them")
+    entries = [_describe_scan(scan, k + 1) for scan, k in zip(scans, picked, strict=True)]
+    for entry in entries:
+        warnings += [f"scan {entry['number']}: {text}" for text in entry.pop("warnings")]
+    points = np.vstack([np.reshape(_bounds(scan), (2, 3)) for scan in scans])
+    finite = points[np.isfinite(points).all(axis=1)]
+    return {
+        "kind": "scan" if len(scans) == 1 else "scans",
+        "path": str(source.path),
+        "format": source.kind,
+        "count": len(source.readers),
+        "registered": source.registered,
+        "bounds_m": [finite.min(axis=0), finite.max(axis=0)] if len(finite) else None,
+        "scans": entries,
+        "warnings": warnings,
+    }
+
+
+def _bounds(scan: RangeImage) -> Any:
+    points = scan.points()[scan.valid]
+    if not len(points):
+        return np.full((2, 3), np.nan)
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _all_at_one_place(scans: Sequence[RangeImage]) -> bool:
+    first = scans[0].world_from_sensor.matrix
+    return all(np.allclose(scan.world_from_sensor.matrix, first, atol=1e-9) for scan in scans[1:])
+
+
+def _describe_scan(scan: RangeImage, number: int) -> dict[str, Any]:
+    """One scan: size, share of valid pixels, ranges, projection, pose."""
+    ranges = scan.ranges[scan.valid]
+    statistics = [float(pick(ranges)) for pick in (np.min, np.median, np.max)] if len(ranges) else [None] * 3
+    return {
+        "number": number,
+        "name": scan.name,
+        "rows": scan.shape[0],
+        "columns": scan.shape[1],
+        "valid_share": float(scan.valid.mean()),
+        "range_m": dict(zip(("min", "median", "max"), statistics, strict=True)),
+        "bounds_m": None if not len(ranges) else _bounds(scan),
+        "projection": describe_projection(scan.projection),
+        "has_colour": scan.colour is not None,
+        "has_intensity": scan.intensity is not None,
+        "has_truth": scan.truth is not None,
+        "measured_points_off_rays": scan.sensor_points is not None,
+        "grid_residual_px": _grid_residual(scan),
+        "sigma_m": scan.sigma_m,
+        "sensor": scan.sensor,
+        "noise": scan.noise,
+        "world_from_sensor": scan.world_from_sensor.matrix,
+        "warnings": scan_warnings(scan),
+    }
+
+
+def _grid_residual(scan: RangeImage) -> float | None:
+    """Median distance in pixels of the measured points from their own pixels, None where they lie on them."""
+    if scan.sensor_points is None or not scan.valid.any():
+        return None
+    seen = scan.projection.pixels(scan.sensor_points[scan.valid])
+    return float(np.nanmedian(np.hypot(*(seen - np.argwhere(scan.valid)).T)))
+
+
+def scan_warnings(scan: RangeImage) -> list[str]:
+    """Say what is doubtful about a scan: its unit or depth scale, and how little came back."""
+    if not scan.valid.any():
+        return ["nothing came back in any pixel"]
+    median, found = float(np.median(scan.ranges[scan.valid])), []
+    if median > _FAR_M or median < _NEAR_M:
+        found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
+    extent = np.diff(_bounds(scan), axis=0)
+    doubt = units_doubt(float(np.linalg.norm(extent)))
+    if doubt and not found:
+        found.append(doubt)
+    if scan.valid.mean() < 0.05:
+        found.append(f"only {scan.valid.mean():.1%} of the pixels came back")
+    return found
+
+
+def describe_projection(projection: Projection) -> dict[str, Any]:
+    """Return kind, field of view (degrees) and parameters of a projection."""
+    rows, columns = projection.shape
+    if isinstance(projection, PinholeProjection):
+        across = _angle(projection.fx, -0.5 - projection.cx, columns - 0.5 - projection.cx)
+        down = _angle(projection.fy, -0.5 - projection.cy, rows - 0.5 - projection.cy)
+        names = ("fx", "fy", "cx", "cy")
+        details = {name: getattr(projection, name) for name in names}
+    elif isinstance(projection, SphericalProjection):
+        across = abs(float(np.degrees(projection.azimuths[-1] - projection.azimuths[0])))
+        down = abs(float(np.degrees(projection.elevations[-1] - projection.elevations[0])))
+        ends = projection.elevations[[0, -1]]
+        details = {"first_row_elevation_deg": float(np.degrees(ends[0]))}
+        details["last_row_elevation_deg"] = float(np.degrees(ends[1]))
+    else:
+        across, down, details = float("nan"), float("nan"), {}
+    step = float(np.degrees(projection.pixel_angle))
+    return {"kind": projection.kind, "fov_deg": [across, down], "pixel_deg": step, **details}
+
+
+def _angle(focal: float, low: float, high: float) -> float:
+    """Angle in degrees between the rays through two image coordinates."""
+    return float(np.degrees(np.arctan2(high, abs(focal)) - np.arctan2(low, abs(focal))))

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: MIT
+"""LAS header: counts and offsets checked against the file before a decoder believes them and allocates."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import BinaryIO
+
+from scenes.checks import InputError
+from scenes.formats.guard import MAX_BYTES
+
+_START = 375  # bytes of the longest header, LAS 1.4
+_VLR, _EVLR, _CHUNK = 54, 60, 2  # least bytes of a record, an extended one, a packed chunk's entry and data
+_PACKED = 0xC0  # bits of the point format that say the points are compressed
+_RATIO = 1000  # no scan packs better
+
+
+def check_las(path: Path) -> None:
+    """Raise InputError where a LAS or LAZ file announces more than it can hold.
+
+    Decoders allocate what the header says; some end the process when that fails.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(_START)
+        if len(start) < 227 or start[:4] != b"LASF":
+            raise InputError("not a LAS file: it does not begin with LASF and a header")
+        offset, n_records = struct.unpack_from("<II", start, 96)
+        point_format, length, count = struct.unpack_from("<BHI", start, 104)
+        n_extended = first_extended = 0
+        if start[25] >= 4 and len(start) >= 255:
+            first_extended, n_extended, count = struct.unpack_from("<QIQ", start, 235)
+        if offset > size or n_records * _VLR > offset:
+            raise InputError(f"damaged: {n_records} records before points at byte {offset} of {size}")
+        if n_extended and (first_extended > size or n_extended * _EVLR > size):
+            raise InputError(f"damaged: {n_extended} records from byte {first_extended} of {size}")
+        is_packed, unpacked = bool(point_format & _PACKED), count * length
+        if is_packed:
+            file.seek(offset)
+            _check_chunks(file, size)
+    room = (size - offset) * (_RATIO if is_packed else 1)
+    if unpacked > room:
+        raise InputError(f"truncated: {count:,} points of {length} bytes announced, {size} bytes present")
+    if unpacked > MAX_BYTES:
+        raise InputError(f"announces {count:,} points, which is too many")
+
+
+def _check_chunks(file: BinaryIO, size: int) -> None:
+    """Look at the table of packed chunks, whose place stands before the points."""
+    pointer = file.read(8)
+    if len(pointer) < 8:
+        raise InputError("truncated: there are no packed points")
+    (where,) = struct.unpack("<q", pointer)
+    if where == -1:  # written without seeking: the place stands at the end
+        file.seek(size - 8)
+        (where,) = struct.unpack("<q", file.read(8))
+    if not 0 <= where <= size - 8:
+        raise InputError(f"damaged: its table of chunks is at byte {where} of {size}")
+    file.seek(where)
+    _, n_chunks = struct.unpack("<II", file.read(8))
+    if n_chunks * _CHUNK > size:
+        raise InputError(f"damaged: {n_chunks} chunks announced in {size} bytes")
