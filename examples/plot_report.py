@@ -2,7 +2,7 @@
 """The picture of a report in the README: its first screen, as headless Chromium draws it.
 
 Run it with `python examples/plot_report.py [REPORT] [--docs FOLDER]` after `make demo`: it writes
-FOLDER/pictures/report_demo.png (default: docs). Without Chromium it says so and leaves the picture as it is.
+FOLDER/pictures/first_report.png (default: docs). Without Chromium it says so and leaves the picture as it is.
 """
 
 import argparse
@@ -50,8 +50,8 @@ def main(arguments: list[str] | None = None) -> None:
     else:
         folder = asked.docs / "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        photograph(asked.report, browser, folder / "report_demo.png")
-        print("report_demo.png")
+        photograph(asked.report, browser, folder / "first_report.png")
+        print("first_report.png")
 
 
 if __name__ == "__main__":

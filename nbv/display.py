@@ -13,7 +13,7 @@ from typing import Any
 
 from completion.pipeline import Completion
 from nbv.coverage import Coverage
-from nbv.measurement import CoverageTally, measure_coverage
+from nbv.measurement import measure_coverage
 from nbv.plan import Plan
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
@@ -21,6 +21,7 @@ from nbv.report.page import Page
 from nbv.scan_page import scan_page
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.sightings import sightings_of
 from nbv.view import View
 from scenes.checks import InputError
 from scenes.range_image import RangeImage
@@ -121,19 +122,11 @@ def _page_of_coverage(
     seed: int,
     n_threads: int | None,
 ) -> Page:
-    """Return the report of a coverage, with the share that is measured after each station."""
-    tally = CoverageTally.start(scene.ray_caster(n_threads), coverage.samples, coverage.requirement)
-    met = []
-    for station in stations:
-        if isinstance(station, View):
-            tally.add(station)
-        else:
-            tally.add_scan(station)
-        met.append(tally.met_m2() / coverage.samples.total_m2)
-    poses = [station.world_from_sensor for station in stations]
-    sensor = _sensor_of(stations)
+    """Return the report of a coverage, with what each station adds."""
+    caster, sensor = scene.ray_caster(n_threads), _sensor_of(stations)
+    seen = sightings_of(caster, coverage.samples, coverage.requirement, stations)
     asked = {"sensor": sensor.name, "requirement": coverage.requirement.describe(), "mode": scene.mode}
-    return coverage_page(scene, coverage, poses, met, sensor, asked, seed, n_threads)
+    return coverage_page(scene, coverage, stations, seen, sensor, asked, seed, n_threads)
 
 
 def _sensor_of(stations: Sequence[View] | Sequence[RangeImage]) -> Sensor:

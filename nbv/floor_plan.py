@@ -14,6 +14,7 @@ from nbv.zones import EVERYWHERE, Box, Zones
 from scenes.checks import FloatArray
 
 _NOWHERE = np.zeros((0, 3))
+_FAINT = 0.13  # opacity of a field of view
 _MOST_NUMBERS = 6  # spelled out at one place of the plan
 
 
@@ -29,12 +30,14 @@ class FloorPlan:
         What to show at least.
     positions : (n, 3) float
         Stations in order, numbered from 1.
-    directions : (n, 3) float, optional
-        Where each looks; None for scanners that look all round.
+    fields : sequence of (k, 2) float
+        Outline of what each sees from above; none where that is not to be shown.
     highlighted : sequence of int
         Stations in the colour of what is inferred, counted from 0.
     given : (m, 3) float
         Stations that had been there before: hollow squares, with letters.
+    given_fields : sequence of (k, 2) float
+        Outline of what each of these sees from above.
     ways : sequence of (k, 3) float
         Ways from station to station.
     zones : Zones
@@ -44,9 +47,10 @@ class FloorPlan:
     outline: FloatArray
     bounds: FloatArray
     positions: FloatArray
-    directions: FloatArray | None = None
+    fields: Sequence[FloatArray] = ()
     highlighted: Sequence[int] = ()
     given: FloatArray = field(default_factory=lambda: _NOWHERE)
+    given_fields: Sequence[FloatArray] = ()
     ways: Sequence[FloatArray] = ()
     zones: Zones = EVERYWHERE
 
@@ -64,6 +68,7 @@ class FloorPlan:
                 axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
             _draw_zones(axes, theme, self.zones)
             size = 0.07 * float(extent.max())
+            _draw_fields(axes, self.given_fields, [theme.faint] * len(self.given_fields))
             _draw_given(axes, theme, self.given, size)
             self._draw_stations(axes, theme, size)
             axes.set_aspect("equal")
@@ -89,14 +94,17 @@ class FloorPlan:
         special = set(self.highlighted)
         colours = [theme.inferred if k in special else theme.line for k in range(len(self.positions))]
         x, y = self.positions[:, 0], self.positions[:, 1]
-        if self.directions is not None:
-            u, v = (self.directions[:, axis] * size for axis in (0, 1))
-            axes.quiver(
-                x, y, u, v, angles="xy", scale_units="xy", scale=1, width=0.0055, color=colours, zorder=3
-            )
+        _draw_fields(axes, self.fields, colours)
         axes.scatter(x, y, s=22, color=colours, zorder=4, linewidths=0)
         numbers = [str(number) for number in range(1, len(self.positions) + 1)]
         _label(axes, self.positions, numbers, theme.accent, (5, 5), size)
+
+
+def _draw_fields(axes: Axes, fields: Sequence[FloatArray], colours: Sequence[str]) -> None:
+    """Draw what stations see, faintly, so that many of them lie over each other."""
+    for outline, colour in zip(fields, colours, strict=False):
+        axes.fill(*outline.T, facecolor=colour, alpha=_FAINT, linewidth=0, zorder=3)
+        axes.plot(*outline.T, color=colour, alpha=0.55, linewidth=0.7, zorder=3)
 
 
 def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> None:

@@ -56,6 +56,27 @@ def input_records(given: Iterable[str]) -> list[dict[str, Any]]:
     return [_input_record(text) for text in given]
 
 
+def input_digests(given: Iterable[str]) -> tuple[tuple[str, str], ...]:
+    """Return name and SHA-256 of each input that is a file; of a folder, of the list of its files' own.
+
+    Names have no folders: a report is the same wherever its inputs lie.
+
+    Examples
+    --------
+    >>> input_digests(["builtin:two_occluders"])
+    ()
+    """
+    found = []
+    for record in input_records(given):
+        name = Path(record["input"]).name
+        if "sha256" in record:
+            found.append((name, record["sha256"]))
+        elif "files" in record:
+            lines = "".join(f"{file['sha256']}  {file['name']}\n" for file in record["files"])
+            found.append((f"{name}/", hashlib.sha256(lines.encode()).hexdigest()))
+    return tuple(dict.fromkeys(found))
+
+
 def _input_record(text: str) -> dict[str, Any]:
     before, mark, _number = text.rpartition("#")
     path = Path(text) if Path(text).exists() or not mark else Path(before)

@@ -50,17 +50,26 @@ class CoverageTally:
     def add(self, view: View) -> float:
         """Add a view; return the area in square metres that is newly met."""
         before = self.met
-        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
-        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
+        self.see(view)
         return float(self.samples.areas[self.met & ~before].sum())
 
+    def see(self, view: View) -> tuple[NDArray[np.int64], FloatArray]:
+        """Add a view; return the samples that it sees, and their cosines of incidence."""
+        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
+        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
+        return seen
+
     def add_scan(self, scan: RangeImage) -> int:
+        """Add what a scan has measured; return how many samples that is, at any incidence."""
+        return len(self.see_scan(scan)[0])
+
+    def see_scan(self, scan: RangeImage) -> tuple[NDArray[np.int64], FloatArray]:
         """Add what a scan has measured; of the requirement's range limits only its own holds.
 
         Returns
         -------
-        int
-            How many samples it has measured, at any incidence.
+        index, cosine : (m,) int64, (m,) float
+            The samples that it has measured, at any incidence, and its cosine.
         """
         farthest = self.requirement.max_range_m or np.inf
         noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
@@ -68,7 +77,7 @@ class CoverageTally:
         limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
         index, cosine = measured_samples(scan, self.samples, farthest)
         self._add_seen(index, cosine, scan.origin, limits)
-        return len(index)
+        return index, cosine
 
     def _add_seen(
         self, index: NDArray[np.int64], cosine: FloatArray, origin: FloatArray, limits: SightLimits

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import matplotlib as mpl
@@ -17,6 +17,7 @@ from PIL import Image
 from scenes.checks import FloatArray
 
 _DPI = 180
+_DASHES = ((1, 1.5), (4, 1.5), (6, 1.5, 1, 1.5), (10, 2))  # of other planners' curves
 _LAST_STEP = 0.6  # views that the last of stacked steps is wide
 
 
@@ -62,6 +63,7 @@ def coverage_curve(
     bound: int | None,
     inferred: tuple[int, float, float] | None = None,
     start: float = 0.0,
+    others: Mapping[str, FloatArray] | None = None,
 ) -> Plot:
     """Plot the measured share of the area against the number of views.
 
@@ -79,12 +81,22 @@ def coverage_curve(
         Number of scans, share measured by them, and share after what was inferred from them.
     start : float
         Share before the first view.
+    others : mapping, optional
+        What other planners reach: share after each view, by name.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
         views = np.arange(len(met) + 1)
         share = 100 * np.array([start, *met])
         axes.fill_between(views, share, step="post", color=theme.line, alpha=0.14, linewidth=0)
+        for (name, curve), dashes in zip((others or {}).items(), _DASHES, strict=False):
+            steps = np.arange(len(curve) + 1)
+            axes.plot(steps, 100 * np.array([start, *curve]), color=theme.faint, linewidth=1.2, dashes=dashes,
+                      label=name)  # fmt: skip
+        if others:
+            axes.legend(
+                loc="lower right", frameon=False, fontsize=7.5, handlelength=2.6, labelcolor=theme.ink
+            )
         axes.step(views, share, where="post", color=theme.line, linewidth=2)
         axes.plot(views[1:], share[1:], "o", color=theme.line, markersize=3.2 if len(met) <= 60 else 0)
         last = max(len(met), bound or 0, 1)

@@ -20,6 +20,7 @@ MEASURED, SEEN_WORSE, INFERRED, SHADOW, FRONTIER = range(5)
 STATES = ("measured as required", "measured worse than required", "inferred", "edge of a shadow", "frontier")
 _MOST_PIXELS = 100_000  # of a scan; of larger ones every k-th row and column
 _REACH = 4.0  # pixels over which a pixel without a normal is as its neighbours are
+_GREY = 160
 _LONGEST = 6.0  # pixels, and standard deviations, that an edge between neighbouring pixels may span
 
 
@@ -37,12 +38,15 @@ class StateMesh:
         Cosine of incidence of measured vertices; 0 where it is not known, and of all others.
     front : (m, 3) float
         To which side each face looks.
+    colour : (n, 3) uint8
+        Natural colour of each vertex, sRGB; mid grey where none is known.
     """
 
     mesh: LabelledMesh
     state: NDArray[np.uint8]
     cosine: NDArray[np.float32]
     front: FloatArray
+    colour: NDArray[np.uint8]
 
     @classmethod
     def of(cls, coverage: ScanCoverage) -> StateMesh:
@@ -55,7 +59,7 @@ class StateMesh:
         if coverage.completion is not None:
             inferred = coverage.completion.hypothesised
             vertices = coverage.completion.world_from_reference.apply(inferred.vertices)
-            parts.append(_plain(vertices, inferred.faces, INFERRED))
+            parts.append(_plain(vertices, inferred.faces, INFERRED, colour=inferred.colour))
         shadow = coverage.shadow
         for state, here in ((SHADOW, shadow.occluded), (FRONTIER, ~shadow.occluded)):
             chosen = here & ~shadow.explained
@@ -66,6 +70,7 @@ class StateMesh:
             np.concatenate([part.state for part in parts]),
             np.concatenate([part.cosine for part in parts]),
             np.concatenate([part.front for part in parts]),
+            np.concatenate([part.colour for part in parts]),
         )
 
 
@@ -86,7 +91,10 @@ def _measured(scan: RangeImage, pixels: PixelQuality) -> StateMesh:
     faces = number.reshape(-1, 3).astype(np.int32)
     worst = state[used][faces].max(axis=1, initial=MEASURED)
     mesh = LabelledMesh(points.reshape(-1, 3)[used], faces, worst.astype(np.int32))
-    return StateMesh(mesh, state[used], cosine[used], mesh.face_normals())
+    colour = np.full((len(used), 3), _GREY, np.uint8)
+    if scan.colour is not None:
+        colour = np.rint(255 * np.clip(scan.colour[few].reshape(-1, 3)[used], 0, 1)).astype(np.uint8)
+    return StateMesh(mesh, state[used], cosine[used], mesh.face_normals(), colour)
 
 
 def _filled(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:
@@ -98,13 +106,18 @@ def _filled(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:
 
 
 def _plain(
-    vertices: FloatArray, faces: NDArray[np.int32], state: int, front: FloatArray | None = None
+    vertices: FloatArray,
+    faces: NDArray[np.int32],
+    state: int,
+    front: FloatArray | None = None,
+    colour: NDArray[np.uint8] | None = None,
 ) -> StateMesh:
     """Return a mesh of one state."""
     mesh = LabelledMesh(vertices, faces, np.full(len(faces), state, np.int32))
     n = len(vertices)
     front = mesh.face_normals() if front is None else front
-    return StateMesh(mesh, np.full(n, state, np.uint8), np.zeros(n, np.float32), front)
+    colour = np.full((n, 3), _GREY, np.uint8) if colour is None else colour
+    return StateMesh(mesh, np.full(n, state, np.uint8), np.zeros(n, np.float32), front, colour)
 
 
 def _joined_meshes(meshes: list[LabelledMesh]) -> LabelledMesh:

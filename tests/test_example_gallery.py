@@ -31,7 +31,7 @@ def test_it_knows_every_script_that_plots(gallery):
 
 def test_pictures_of_the_readme_come_from_scripts():
     pictures = set(re.findall(r"docs/pictures/(\w+)\.png", (ROOT / "README.md").read_text("utf-8")))
-    made = {"chair_before_wall": "plot_completion", "report_demo": "plot_report"}
+    made = {"chair_before_wall": "plot_completion", "first_report": "plot_report"}
     assert pictures == set(made)
     for picture, script in made.items():
         assert picture in (ROOT / f"examples/{script}.py").read_text("utf-8")
@@ -61,8 +61,8 @@ def test_a_report_is_photographed(tmp_path, capsys):
     page = tmp_path / "report.html"
     page.write_text("<body style='margin:0;background:#2e7acc'><h1 style='color:#fff'>A report</h1></body>")
     load("plot_report").main([str(page), "--docs", str(tmp_path)])
-    assert capsys.readouterr().out == "report_demo.png\n"
-    with Image.open(tmp_path / "pictures/report_demo.png") as picture:
+    assert capsys.readouterr().out == "first_report.png\n"
+    with Image.open(tmp_path / "pictures/first_report.png") as picture:
         pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
     blue = np.abs(pixels.astype(int) - [0x2E, 0x7A, 0xCC]).max(axis=1) < 6
     assert 0.9 < blue.mean() < 1

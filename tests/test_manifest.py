@@ -5,7 +5,15 @@ import hashlib
 import json
 from pathlib import Path
 
-from nbv.manifest import Stopwatch, input_records, manifest_path, sha256_of, version_of, write_manifest
+from nbv.manifest import (
+    Stopwatch,
+    input_digests,
+    input_records,
+    manifest_path,
+    sha256_of,
+    version_of,
+    write_manifest,
+)
 
 
 def test_sha256_is_that_of_the_standard_library(tmp_path):
@@ -75,3 +83,16 @@ def test_a_stage_that_comes_again_adds_up():
 
 def test_what_is_not_installed_has_no_version():
     assert version_of("no-such-distribution-1234") == "unknown"
+
+
+def test_inputs_are_named_without_their_folders_and_hashed(tmp_path):
+    one, folder = tmp_path / "one.ply", tmp_path / "frames"
+    one.write_bytes(b"ply")
+    folder.mkdir()
+    (folder / "b.png").write_bytes(b"b")
+    given = [str(one), f"{one}#2", str(folder), "builtin:office", "generic60"]
+    found = input_digests(given)
+    assert [name for name, _ in found] == ["one.ply", "one.ply#2", "frames/"]
+    assert found[0][1] == found[1][1] == hashlib.sha256(b"ply").hexdigest()
+    (folder / "b.png").write_bytes(b"c")
+    assert input_digests(given)[2] != found[2]

@@ -21,6 +21,7 @@ from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
+from nbv.sightings import sightings_of
 from nbv.view import View
 from scenes.builtin import builtin_scene
 from scenes.mesh import LabelledMesh
@@ -63,7 +64,8 @@ def test_everything_that_comes_from_outside_is_escaped():
         warnings=(EVIL,),
     )
     html = page.to_html()
-    assert "<script" not in html
+    assert EVIL not in html
+    assert html.count("<script") == 1  # the page's own
     assert html.count("&lt;script&gt;") >= 12
 
 
@@ -74,14 +76,17 @@ def test_a_scene_with_evil_names_makes_a_harmless_report(scene, view, coverage):
         coverage.samples, coverage.requirement, coverage.best_cosine, coverage.n_views, coverage.state,
         coverage.reason, names, coverage.n_faces,
     )  # fmt: skip
-    arguments = ([view.world_from_sensor], [coverage.met], view.sensor, {"plan": EVIL}, 0, 1)
+    seen = sightings_of(evil.ray_caster(1), coverage.samples, coverage.requirement, [view])
+    arguments = ([view], seen, view.sensor, {"plan": EVIL}, 0, 1)
     page = coverage_page(evil, named, *arguments)
     html = page.to_html()
-    assert "<script" not in html
+    assert EVIL not in html
+    assert html.count("<script") == html.count("</script") == 2  # the page's own, and the 3-D view's data
     assert "&lt;script&gt;" in html
     assert html == coverage_page(evil, named, *arguments).to_html()
     assert set(re.findall(r'(?:src|srcset|href)="([^":]*):', html)) == {"data"}
-    assert "http" not in html
+    assert "http:" not in html
+    assert "https:" not in html
     assert "url(" not in html
 
 

@@ -20,7 +20,7 @@ from nbv.plots import class_curve
 from nbv.report.baseline_blocks import baselines_section
 from nbv.report.coverage_report import plan_page
 from nbv.report.drawing import mark_modelled
-from nbv.report.inference_blocks import class_overview, class_table, layers
+from nbv.report.inference_blocks import class_pictures, class_table, layers
 from nbv.report.next_stations_report import stations_table
 from nbv.report.picture import INFERRED as INFERRED_COLOUR
 from nbv.report.picture import MEASURED, dots
@@ -136,10 +136,10 @@ def test_a_plan_by_views_alone_is_reported_as_before(plan):
         *("reachable, not yet measured", "out of reach of any candidate"),
     ]
     assert [section.title for section in page.sections] == [
-        *("Views", "Where the surface is measured", "What cannot be reached, and why", "Surface by surface"),
+        *("Where the surface is measured", "Views", "What cannot be reached, and why", "Surface by surface"),
     ]
     with pytest.raises(TypeError, match="by views alone has no classes"):
-        class_overview(ROOM, plain.coverage, 1, EVERYWHERE)
+        class_pictures(ROOM, plain.coverage, 1, EVERYWHERE)
 
 
 def test_the_table_of_surfaces_holds_a_column_for_each_class(plan):
@@ -164,13 +164,13 @@ def test_pictures_show_each_class_in_its_colour(plan):
     assert min(areas.values()) > 0
     for kind, (low, high) in BLUENESS.items():
         only = replace(plan.coverage, classes=np.full(len(SAMPLES), kind, np.int8))
-        red, _, blue, alpha = np.moveaxis(pixels_of(class_overview(ROOM, only, 1, EVERYWHERE)[1]), 2, 0)
+        red, _, blue, alpha = np.moveaxis(pixels_of(class_pictures(ROOM, only, 1, EVERYWHERE)), 2, 0)
         drawn = (blue - red)[alpha > 0]
         assert low < drawn.min() <= drawn.max() < high
 
 
-def pixels_of(gallery):
-    with Image.open(io.BytesIO(gallery.pictures[0].png)) as opened:
+def pixels_of(pictures):
+    with Image.open(io.BytesIO(pictures[0].png)) as opened:
         return np.array(opened).astype(int)
 
 

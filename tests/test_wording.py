@@ -9,6 +9,7 @@ from nbv.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.samples import sample_surface
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.sightings import sightings_of
 from scenes.builtin import builtin_scene
 
 
@@ -33,7 +34,8 @@ def test_reports_of_one_view_speak_of_one_view(room, one_view):
     page = plan_page(room, one_view, one_view.coverage, {}, 0, 1)
     assert page.summary.startswith("1 view with panorama, planned knowing the scene, measures ")
     view = one_view.views[0]
-    page = coverage_page(room, one_view.coverage, [view.world_from_sensor], [0.5], view.sensor, {}, 0, 1)
+    seen = sightings_of(room.ray_caster(1), one_view.coverage.samples, one_view.requirement, [view])
+    page = coverage_page(room, one_view.coverage, [view], seen, view.sensor, {}, 0, 1)
     assert page.summary.startswith("1 station measures ")
 
 

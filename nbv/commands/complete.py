@@ -15,6 +15,7 @@ from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
+from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
@@ -91,9 +92,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
         page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
-        page.write(run.path("report.html"))
-        resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         inputs = [*request.inputs, *([how.edits] if how.edits else [])]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+        resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 

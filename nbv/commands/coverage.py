@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,18 @@ import completion.limits
 from nbv.commands.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
-from nbv.measurement import CoverageTally, measure_coverage, measure_scan_coverage
+from nbv.manifest import input_digests
+from nbv.measurement import measure_coverage, measure_scan_coverage
 from nbv.plan import read_plan
 from nbv.reachability import REASONS, scene_candidates
 from nbv.report.coverage_report import coverage_page
 from nbv.report.page import percent
 from nbv.report.surface_values import fine_coverage
 from nbv.requirement import Requirement
-from nbv.samples import SurfaceSamples, sample_surface
+from nbv.samples import sample_surface
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.sightings import Sightings, sightings_of
 from nbv.unreachable import unreachable_patches
 from nbv.view import View
 from nbv.wording import count
@@ -36,9 +38,7 @@ from scenes.formats.ply import write_mesh_ply
 from scenes.formats.trajectory import read_poses
 from scenes.loading import open_scene
 from scenes.orientation import Axis
-from scenes.pose import Pose
 from scenes.range_image import RangeImage
-from scenes.raycast import RayCaster
 from scenes.scene import Mode, Scene
 
 
@@ -72,11 +72,11 @@ class CoverageRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """Coverage, where the stations stand, and the share measured after each."""
+    """Coverage, the stations, and what they see one after the other."""
 
     coverage: Coverage
-    poses: tuple[Pose, ...]
-    met: tuple[float, ...]
+    stations: Sequence[View] | Sequence[RangeImage]
+    seen: Sightings
     sensor: Sensor
     instruments: list[str]
 
@@ -99,33 +99,34 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         page = coverage_page(
             world,
             coverage,
-            measured.poses,
-            measured.met,
+            measured.stations,
+            measured.seen,
             measured.sensor,
             options,
             shared.seed,
             shared.threads,
         )
-        page.write(run.path("report.html"))
         files = [request.plan] if request.plan else request.scans.inputs
+        inputs = [scene, request.sensor, *files]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
         summary = {
-            "stations": len(measured.poses),
+            "stations": len(measured.stations),
             "coverage": coverage.summary().to_json(),
             "met_of_reachable": coverage.met_of_reachable,
             "unreachable_because": coverage.reasons(),
             "warnings": world.warnings,
         }
         line = (
-            f"{count(len(measured.poses), 'station measures', 'stations measure')} "
+            f"{count(len(measured.stations), 'station measures', 'stations measure')} "
             f"{percent(coverage.met)} % of the area, "
             f"{percent(coverage.met_of_reachable)} % of what can be reached"
         )
-        run.finish([scene, request.sensor, *files], resolved, summary, [line])
+        run.finish(inputs, resolved, summary, [line])
 
 
 def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
-    """Measure by views or by scans; both are walked twice, the first time for the curve."""
+    """Measure by views or by scans; both are walked twice, the second time one after the other."""
     threads = run.shared.threads
     requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
     caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
@@ -137,8 +138,8 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
             world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
-        met = _met_by_views(caster, samples, requirement, views)
-        return _Measured(coverage, tuple(view.world_from_sensor for view in views), met, sensor, [])
+        seen = sightings_of(caster, samples, requirement, views)
+        return _Measured(coverage, views, seen, sensor, [])
     scans = read_request(request.scans)
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
@@ -146,9 +147,8 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         world, scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
-    met = _met_by_scans(caster, samples, requirement, scans)
-    poses = tuple(scan.world_from_sensor for scan in scans)
-    return _Measured(coverage, poses, met, sensor, instruments_of(scans))
+    seen = sightings_of(caster, samples, requirement, scans)
+    return _Measured(coverage, scans, seen, sensor, instruments_of(scans))
 
 
 def _views(file: str, sensor: str) -> Sequence[View]:
@@ -157,30 +157,6 @@ def _views(file: str, sensor: str) -> Sequence[View]:
         return read_plan(file).views
     looks = load_sensor(sensor)
     return [View(pose, looks) for pose in read_poses(Path(file))]
-
-
-def _met_by_views(
-    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, views: Sequence[View]
-) -> tuple[float, ...]:
-    """Share of the area that is measured after each view."""
-    tally = CoverageTally.start(caster, samples, requirement)
-    met = []
-    for view in views:
-        tally.add(view)
-        met.append(tally.met_m2() / samples.total_m2)
-    return tuple(met)
-
-
-def _met_by_scans(
-    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, scans: Sequence[RangeImage]
-) -> tuple[float, ...]:
-    """Share of the area that is measured after each scan."""
-    tally = CoverageTally.start(caster, samples, requirement)
-    met = []
-    for scan in scans:
-        tally.add_scan(scan)
-        met.append(tally.met_m2() / samples.total_m2)
-    return tuple(met)
 
 
 def coverage_content(coverage: Coverage) -> dict[str, Any]:

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from nbv.commands.plan import PlanRequest
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.knowledge import Knowledge
+from nbv.manifest import input_digests
 from nbv.next_stations import check_aperture, plan_next_stations
 from nbv.plan import Plan
 from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -65,7 +67,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
         page = next_stations_page(plan, coverage, title, asked, shared.seed, shared.threads)
-        page.write(run.path("report.html"))
+        replace(page, inputs=input_digests(request.inputs)).write(run.path("report.html"))
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
         run.finish(request.inputs, resolved, summary_of(plan, coverage), lines_of(plan, coverage))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from nbv.commands.scans import ScanRequest, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
 from nbv.journal import FileJournal
-from nbv.manifest import input_records, versions
+from nbv.manifest import input_digests, input_records, versions
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -146,11 +146,12 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines)
-        page.write(run.path("report.html"))
+        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines, scans)
+        inputs = [scene, *request.inputs]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         summary = {**summary_of(plan), "warnings": world.warnings}
-        run.finish([scene, *request.inputs], resolved, summary, lines_of(plan))
+        run.finish(inputs, resolved, summary, lines_of(plan))
         journal.forget()
 
 

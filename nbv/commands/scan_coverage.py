@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
+from nbv.manifest import input_digests
 from nbv.report.page import square_metres
 from nbv.report.scan_coverage_report import scan_coverage_page
 from nbv.requirement import Requirement
@@ -55,8 +57,9 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
         page = scan_coverage_page(coverage, state, sensor, title, asked, shared.seed, shared.threads)
-        page.write(run.path("report.html"))
-        run.finish([request.sensor, *request.scans.inputs], asked, coverage.to_json(), lines_of(coverage))
+        inputs = [request.sensor, *request.scans.inputs]
+        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+        run.finish(inputs, asked, coverage.to_json(), lines_of(coverage))
 
 
 def csv_of(coverage: ScanCoverage) -> str:

@@ -33,7 +33,9 @@ from nbv.report.page import (
 )
 from nbv.report.picture import picture_of, segment_pixels, surface_colour, upright
 from nbv.report.stage import Stage, is_single_camera, solid_bounds
+from nbv.report.station_tables import scans_table
 from nbv.report.verification_blocks import verification_sections
+from nbv.report.viewer.completion_view import completion_view
 from nbv.wording import count
 
 _MOST_SCANS = 3  # of which pictures are shown
@@ -64,7 +66,7 @@ def completion_page(
         bar=area_bar(completion),
         sections=(
             Section("Before and after", before_and_after(completion, n_threads)),
-            Section("What the scanner saw", scan_pictures(completion)),
+            Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
             *edit_sections(completion),
             *verification_sections(completion, verification),
@@ -135,8 +137,14 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
+def scans_of(completion: Completion) -> Table:
+    """A row for each scan."""
+    world = completion.world_from_reference
+    return scans_table([seen.scan.transformed(world) for seen in completion.observations])
+
+
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
-    """The model as measured, with inferred area, and with inferred area marked, from the same viewpoint."""
+    """The model in three dimensions, and as measured, with inferred area, and with that marked."""
     stage = Stage.of(completion, n_threads)
     mesh, scans = stage.after.mesh, stage.scans
     if not len(mesh.faces):
@@ -148,7 +156,8 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
     where = "Seen from a step aside of the scanner." if single else "Seen from outside, near walls left out."
     pictures = stage.shoot(cameras[best], where)
     turned = replace(stage.shoot(cameras[opposite], "")[2], caption="The same from the other side.")
-    return Legend(), Gallery((*pictures, turned), 2)
+    view = completion_view(completion, is_room=not single, camera=cameras[best])
+    return view, Legend(), Gallery((*pictures, turned), 2)
 
 
 def surface_blocks(completion: Completion) -> tuple[Block, ...]:

@@ -6,50 +6,45 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from nbv.baselines import Baseline
 from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.plan import Plan
 from nbv.report.baseline_blocks import baselines_section
+from nbv.report.coverage_tables import reasons, stations_table, surfaces_table, views_table
 from nbv.report.findings import Findings, measured_sentence, met_before
 from nbv.report.inference_blocks import with_inference
 from nbv.report.page import (
     Bar,
     Block,
-    Cell,
     Gallery,
     Headline,
-    Legend,
     Page,
     Section,
     Share,
     State,
-    Table,
     Text,
     percent,
     square_metres,
 )
-from nbv.report.picture import MEASURED, UNKNOWN
+from nbv.report.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.state_pictures import state_pictures
 from nbv.report.station_plots import curve, stations
+from nbv.report.viewer.markers import (
+    given_markers,
+    opening_lines,
+    tour_lines,
+    view_markers,
+    zone_lines,
+)
+from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.scanning.sensor import Sensor
-from nbv.unreachable import unreachable_patches
+from nbv.sightings import Sightings, sightings_of
+from nbv.view import View
 from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
-from scenes.pose import Pose
+from scenes.projection import Projection
+from scenes.range_image import RangeImage
 from scenes.scene import Scene
-
-_MOST_PATCHES = 30  # in the report; coverage.json has all
-REASON_TEXTS = {
-    "hidden": "no candidate position has a free line of sight",
-    "out_of_range": "what sees it is too near or too far",
-    "grazing": "what sees it sees it at too flat an angle",
-    "out_of_aperture": "no candidate direction points there",
-    "too_sparse": "what sees it would measure too few points on a square metre",
-    "too_uncertain": "what sees it would measure it with too large a standard deviation",
-    "too_few_views": "fewer candidates than required can measure it",
-}
 
 
 def plan_page(
@@ -60,9 +55,29 @@ def plan_page(
     seed: int,
     n_threads: int | None,
     baselines: Sequence[Baseline] = (),
+    scans: Sequence[RangeImage] = (),
 ) -> Page:
-    """Return the report of a plan, with what simple planners reach beside it."""
-    found = (with_inference if plan.shares else by_views)(scene, plan, coverage, n_threads)
+    """Return the report of a plan, with what simple planners reach beside it.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    plan : Plan
+        Its views.
+    coverage : Coverage
+        By them.
+    options, seed : mapping, int
+        As asked for.
+    n_threads : int, optional
+        Threads; the page does not depend on it.
+    baselines : sequence of Baseline
+        What simple planners reach.
+    scans : sequence of RangeImage
+        Those that the plan was resumed from.
+    """
+    find = with_inference if plan.shares else by_views
+    found = find(scene, plan, coverage, n_threads, baselines)
     ended = f"The plan ends because: {plan.stopped_because}."
     if plan.lower_bound:
         ended += f" {plan.lower_bound.describe().capitalize()}."
@@ -70,6 +85,7 @@ def plan_page(
     tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
     where = stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)
+    view = _plan_view(scene, plan, coverage, found.pictures, n_threads, scans)
     return Page(
         title=scene.name,
         kicker="View plan",
@@ -78,12 +94,12 @@ def plan_page(
         bar=found.bar,
         sections=(
             *found.meanings,
+            Section(found.overview, (view, Text(found.note, is_note=True))),
             Section(
                 "Views",
                 (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan)),
             ),
             *baselines_section(plan, baselines),
-            found.overview,
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (found.surfaces,)),
         ),
@@ -93,7 +109,42 @@ def plan_page(
     )
 
 
-def by_views(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None) -> Findings:
+def _plan_view(
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    pictures: tuple[Picture, ...],
+    n_threads: int | None,
+    scans: Sequence[RangeImage],
+) -> Block:
+    """The 3-D view of a plan."""
+    caster = scene.ray_caster(n_threads)
+    seen = sightings_of(caster, coverage.samples, plan.requirement, plan.views, scans)
+    projection, before = plan.sensor.projection, plan.resumed_from.poses if plan.resumed_from else ()
+    given = [scan.projection for scan in scans] or [projection] * len(before)
+    poses = [view.world_from_sensor for view in plan.views]
+    return scene_view(
+        scene,
+        coverage,
+        seen,
+        markers=(*given_markers(before, given), *view_markers(poses, [projection] * len(poses))),
+        lines=(
+            *opening_lines([opening.outline for opening in scene.openings]),
+            *tour_lines(plan.stations.tour if plan.stations else None),
+            *zone_lines(plan.zones),
+        ),
+        zones=plan.zones,
+        pictures=pictures,
+    )
+
+
+def by_views(
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    n_threads: int | None,
+    baselines: Sequence[Baseline] = (),
+) -> Findings:
     """Return what views alone achieve."""
     met = [view.met_fraction or 0.0 for view in plan.views]
     bound = plan.lower_bound.views if plan.lower_bound else None
@@ -102,38 +153,77 @@ def by_views(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None
         headlines=coverage_headlines(coverage),
         bar=coverage_bar(coverage),
         meanings=(),
-        curve=curve(met, coverage, plan.target, bound, start=met_before(plan)),
-        overview=Section("Where the surface is measured", overview(scene, coverage, n_threads, plan.zones)),
+        curve=curve(met, coverage, plan.target, bound, start=met_before(plan), others=baselines[1:]),
+        overview="Where the surface is measured",
+        pictures=overview_pictures(scene, coverage, n_threads, plan.zones),
+        note=_NOTE,
         surfaces=surfaces_table(coverage),
     )
+
+
+_NOTE = (
+    "Unknown, hatched, here means reachable, but not measured as required. Surfaces that face away from the "
+    "eye are left out, so that one looks into a room from outside."
+)
 
 
 def coverage_page(
     scene: Scene,
     coverage: Coverage,
-    poses: Sequence[Pose],
-    met: Sequence[float],
+    given: Sequence[View] | Sequence[RangeImage],
+    seen: Sightings,
     sensor: Sensor,
     options: Mapping[str, Any],
     seed: int,
     n_threads: int | None,
 ) -> Page:
-    """Return the report of stations that are given; `met` is the measured share after each of them."""
+    """Return the report of stations that are given.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    coverage : Coverage
+        By the stations.
+    given : sequence of View or RangeImage
+        The stations.
+    seen : Sightings
+        What they see, one after the other.
+    sensor : Sensor
+        By which was reckoned what is reachable.
+    options, seed : mapping, int
+        As asked for.
+    n_threads : int, optional
+        Threads; the page does not depend on it.
+    """
     requirement = coverage.requirement
     summary = (
-        f"{count(len(poses), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
+        f"{count(len(given), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
-    pictures = (curve(met, coverage, None, None), stations(scene, poses, sensor)) if poses else ()
+    poses = [station.world_from_sensor for station in given]
+    blocks: tuple[Block, ...] = (Text("None."),)
+    if poses:
+        where = stations(scene, poses, sensor, projections=projections_of(given))
+        plots = Gallery((curve(seen.met[1:], coverage, None, None), where), 2)
+        blocks = plots, stations_table(poses, seen.met, coverage.total_m2)
+    view = scene_view(
+        scene,
+        coverage,
+        seen,
+        markers=view_markers(poses, projections_of(given)),
+        lines=opening_lines([opening.outline for opening in scene.openings]),
+        pictures=overview_pictures(scene, coverage, n_threads),
+    )
     return Page(
         title=scene.name,
         kicker="Coverage report",
         summary=summary,
-        headlines=(Headline(str(len(poses)), "", "stations"), *coverage_headlines(coverage)),
+        headlines=(Headline(str(len(given)), "", "stations"), *coverage_headlines(coverage)),
         bar=coverage_bar(coverage),
         sections=(
-            Section("Where the surface is measured", overview(scene, coverage, n_threads)),
-            Section("Stations", (Gallery(pictures, 2) if pictures else Text("None."),)),
+            Section("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
+            Section("Stations", blocks),
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (surfaces_table(coverage),)),
         ),
@@ -141,6 +231,11 @@ def coverage_page(
         seed=seed,
         warnings=scene.warnings,
     )
+
+
+def projections_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Projection]:
+    """The geometry of the pixels of each station."""
+    return [one.projection if isinstance(one, RangeImage) else one.sensor.projection for one in given]
 
 
 def _rest(coverage: Coverage) -> str:
@@ -179,115 +274,17 @@ def coverage_bar(coverage: Coverage) -> Bar:
     )
 
 
-def overview(
+def overview_pictures(
     scene: Scene, coverage: Coverage, n_threads: int | None = None, zones: Zones = EVERYWHERE
-) -> tuple[Block, ...]:
+) -> tuple[Picture, ...]:
     """The scene from two opposite sides, by state; what is outside the region in one pale grey."""
-    pale = tuple(0.38 * part + 0.62 for part in UNKNOWN)
-    colours = {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: pale}
-    pictures = state_pictures(
+    return state_pictures(
         scene,
         coverage.samples,
         coverage.state,
-        colours,
+        {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: PALE},
         REACHABLE,
         "Measured, missed, out of reach",
         n_threads,
         zones,
     )
-    note = "The scene from outside; surfaces that face away from the eye are left out."
-    return (
-        Legend(("measured", "unknown", "unreachable")),
-        Gallery(pictures, 2),
-        Text(f"{note} Unknown here means reachable, but not measured as required.", is_note=True),
-    )
-
-
-def reasons(coverage: Coverage) -> tuple[Block, ...]:
-    """A row for each reason for which surface is out of reach."""
-    shares = {name: share for name, share in coverage.reasons().items() if share > 0}
-    if not shares:
-        return (Text("Every part of the surface can be measured as required by some candidate."),)
-    rows = tuple(
-        (
-            Cell(name.replace("_", " ")),
-            Cell(REASON_TEXTS.get(name, "")),
-            Cell(percent(share, 2), share=share / max(coverage.unreachable, 1e-12), state="unreachable"),
-            Cell(square_metres(share * coverage.total_m2)),
-        )
-        for name, share in shares.items()
-    )
-    return Table(("Reason", "What it means", "#% of the area", "#area, m\u00b2"), rows), _patches_table(
-        coverage
-    )
-
-
-def _patches_table(coverage: Coverage) -> Table:
-    """A row for each of the largest patches that are out of reach."""
-    patches = unreachable_patches(coverage)
-    rows = tuple(
-        (
-            Cell(patch.name),
-            Cell(patch.reason.replace("_", " ")),
-            Cell(", ".join(f"{c:.2f}" for c in patch.centre)),
-            Cell(square_metres(patch.area_m2)),
-        )
-        for patch in patches[:_MOST_PATCHES]
-    )
-    title = (
-        f"The largest of {len(patches)} patches out of reach"
-        if len(patches) > 1
-        else "The patch out of reach"
-    )
-    return Table(("Surface", "Reason", "centre x, y, z, m", "#area, m\u00b2"), rows, title, is_folded=True)
-
-
-def surfaces_table(coverage: Coverage) -> Table:
-    """A row for each surface, the worst covered first when there are many."""
-    table = coverage.by_surface()
-    rows = tuple(
-        (
-            Cell(row.name),
-            Cell(square_metres(row.area_m2)),
-            Cell(percent(row.met), share=row.met, state="measured"),
-            Cell(
-                percent(max(row.reachable - row.met, 0.0)),
-                share=max(row.reachable - row.met, 0.0),
-                state="unknown",
-            ),
-            Cell(percent(row.unreachable), share=row.unreachable, state="unreachable"),
-        )
-        for row in table
-    )
-    columns = ("Surface", "#area, m\u00b2", "#measured, %", "#missed, %", "#out of reach, %")
-    many = len(rows) > 40
-    return Table(columns, rows, f"{len(rows)} surfaces" if many else "", is_folded=many)
-
-
-def views_table(plan: Plan) -> Table:
-    """A row for each view."""
-    rows = []
-    for number, view in enumerate(plan.views, start=1):
-        x, y, z = view.world_from_sensor.translation
-        dx, dy, dz = view.world_from_sensor.rotation[:, 2]
-        yaw, pitch = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
-        met = view.met_fraction or 0.0
-        rows.append(
-            (
-                Cell(str(number)),
-                Cell(f"{x:.2f}, {y:.2f}, {z:.2f}"),
-                Cell(f"{yaw:.0f}"),
-                Cell(f"{pitch:.0f}"),
-                Cell(square_metres(view.gain_m2 or 0.0)),
-                Cell(percent(met), share=met, state="measured"),
-            )
-        )
-    columns = (
-        "View",
-        "position x, y, z, m",
-        "#heading, \u00b0",
-        "#elevation, \u00b0",
-        "#gain, m\u00b2",
-        "#measured, %",
-    )
-    return Table(columns, tuple(rows), "Every view", is_folded=True)

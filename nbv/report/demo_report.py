@@ -12,8 +12,8 @@ from completion.pipeline import Completion
 from nbv.coverage import Coverage
 from nbv.plan import Plan
 from nbv.report import picture
-from nbv.report.completion_report import before_and_after, scan_pictures, surface_blocks
-from nbv.report.coverage_report import reasons, views_table
+from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
+from nbv.report.coverage_tables import reasons, views_table
 from nbv.report.page import (
     Bar,
     Block,
@@ -33,6 +33,9 @@ from nbv.report.page import (
 from nbv.report.state_pictures import state_pictures
 from nbv.report.station_plots import curve, stations
 from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
+from nbv.report.viewer.markers import view_markers
+from nbv.report.viewer.scene_view import colours_of_views, scene_view
+from nbv.sightings import sightings_of
 from nbv.wording import count
 from scenes.scene import Scene
 
@@ -69,6 +72,8 @@ def demo_page(
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
     poses = [view.world_from_sensor for view in plan.views]
+    seen = sightings_of(scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views)
+    markers = view_markers(poses, [plan.sensor.projection] * len(poses), colours_of_views(len(poses), chosen))
     return Page(
         title="A room with two occluders",
         kicker="Scan what can be scanned, infer what cannot",
@@ -92,6 +97,7 @@ def demo_page(
             Section(
                 "What the scanner alone would need",
                 (
+                    scene_view(scene, coverage, seen, markers=markers),
                     Gallery(
                         (
                             curve(
@@ -106,7 +112,7 @@ def demo_page(
                 ),
             ),
             Section("What no view reaches, and why", reasons(coverage)),
-            Section(f"What the {few} scans saw", scan_pictures(completion)),
+            Section(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces that were recognised", surface_blocks(completion)),
         ),
         options=options,

@@ -28,8 +28,12 @@ class Findings:
         What the parts mean, where that needs telling.
     curve : Picture
         The parts by number of views.
-    overview : Section
-        Where they are.
+    overview : str
+        Title above where they are.
+    pictures : tuple of Picture
+        Where they are, for those who cannot see it in three dimensions.
+    note : str
+        What the colours mean.
     surfaces : Table
         The parts of each surface.
     """
@@ -39,7 +43,9 @@ class Findings:
     bar: Bar
     meanings: tuple[Section, ...]
     curve: Picture
-    overview: Section
+    overview: str
+    pictures: tuple[Picture, ...]
+    note: str
     surfaces: Table
 
 

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from completion.pipeline import CompletionOptions
+from nbv.baselines import Baseline
 from nbv.classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
 from nbv.coverage import Coverage
 from nbv.distances import CLOSE_M
@@ -17,9 +20,7 @@ from nbv.report.page import (
     Bar,
     Block,
     Cell,
-    Gallery,
     Headline,
-    Legend,
     Section,
     Share,
     State,
@@ -53,7 +54,13 @@ _SWATCHES = {
 }
 
 
-def with_inference(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None) -> Findings:
+def with_inference(
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    n_threads: int | None,
+    _baselines: Sequence[Baseline] = (),
+) -> Findings:
     """Return what views and the completion of their scans achieve together."""
     shares = plan.shares[-1]
     summary = (
@@ -67,10 +74,10 @@ def with_inference(scene: Scene, plan: Plan, coverage: Coverage, n_threads: int 
         bar=class_bar(shares, coverage.total_m2),
         meanings=(Section("What counts as what", meanings(plan, coverage)),),
         curve=curve_of_classes(plan, coverage),
-        overview=Section(
-            "Where the surface is measured, and where inferred",
-            class_overview(scene, coverage, n_threads, plan.zones),
-        ),
+        overview="Where the surface is measured, and where inferred",
+        pictures=class_pictures(scene, coverage, n_threads, plan.zones),
+        note="The true scene from outside; surfaces that face away from the eye are left out. What is "
+        "modelled and inferred is known after the last view alone.",
         surfaces=class_table(coverage),
     )
 
@@ -198,13 +205,13 @@ def curve_of_classes(plan: Plan, coverage: Coverage) -> Picture:
     )
 
 
-def class_overview(
+def class_pictures(
     scene: Scene, coverage: Coverage, n_threads: int | None, zones: Zones
-) -> tuple[Block, ...]:
+) -> tuple[Picture, ...]:
     """The scene from two opposite sides, by class."""
     if coverage.classes is None:
         raise TypeError("coverage by views alone has no classes")
-    pictures = state_pictures(
+    return state_pictures(
         scene,
         coverage.samples,
         coverage.classes,
@@ -215,8 +222,6 @@ def class_overview(
         zones,
         dotted=MODELLED,
     )
-    note = "The true scene from outside; surfaces that face away from the eye are left out."
-    return Legend(_STATES), Gallery(pictures, 2), Text(note, is_note=True)
 
 
 def class_table(coverage: Coverage) -> Table:

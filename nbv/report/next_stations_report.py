@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from nbv.plan import Plan
 from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
 from nbv.report.scan_coverage_blocks import (
@@ -16,8 +14,10 @@ from nbv.report.scan_coverage_blocks import (
     boundary_blocks,
     state_blocks,
     stations_plan,
+    surfaces_blocks,
 )
 from nbv.report.scan_coverage_report import summary
+from nbv.report.station_tables import PLACE_COLUMNS, place_cells, scans_table
 from nbv.scan_coverage import ScanCoverage
 from nbv.state_mesh import StateMesh
 from nbv.wording import count
@@ -51,15 +51,17 @@ def next_stations_page(
             Section(
                 "Where to stand next",
                 (
-                    Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 2),
+                    Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 1),
                     *stations_table(plan, infers=coverage.completion is not None),
                 ),
             ),
             Section(
                 "What was measured, and where the unknown begins",
-                state_blocks(coverage, StateMesh.of(coverage), n_threads),
+                state_blocks(coverage, StateMesh.of(coverage), n_threads, poses, plan.sensor, plan.zones),
             ),
             Section("Where the unknown begins", boundary_blocks(coverage)),
+            Section("Scans so far", (scans_table(survey.scans, lettered=True),)),
+            *((Section("Surfaces", surfaces_blocks(coverage)),) if coverage.completion else ()),
         ),
         options=options,
         seed=seed,
@@ -77,22 +79,15 @@ def _where(plan: Plan) -> str:
 
 def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
     """A row for each station, and why there are no more."""
-    rows = []
-    for number, view in enumerate(plan.views, start=1):
-        dx, dy, dz = view.world_from_sensor.rotation[:, 2]
-        heading, elevation = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
-        place = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.translation)
-        gain = square_metres(view.predicted_gain_m2 or 0.0)
-        rows.append(
-            tuple(Cell(text) for text in (str(number), place, f"{heading:.0f}", f"{elevation:.0f}", gain))
+    rows = tuple(
+        (
+            Cell(str(number)),
+            *place_cells(view.world_from_sensor),
+            Cell(square_metres(view.predicted_gain_m2 or 0.0)),
         )
-    columns = (
-        "Station",
-        "position x, y, z, m",
-        "#heading, \u00b0",
-        "#elevation, \u00b0",
-        "#predicted gain, m\u00b2",
+        for number, view in enumerate(plan.views, start=1)
     )
+    columns = ("Station", *PLACE_COLUMNS, "#predicted gain, m\u00b2")
     gain = (
         "area that is likely to be news beyond the unknown's boundary, inferred surface by its doubt alone, "
         "and of surface measured worse than required, which counts little where a fitted surface is exact,"
@@ -106,4 +101,4 @@ def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
         "it supposes that the ones before have seen what was predicted. The list ends because: "
         f"{plan.stopped_because}."
     )
-    return (Table(columns, tuple(rows)),) * bool(rows) + (Text(note, is_note=True),)
+    return (Table(columns, rows),) * bool(rows) + (Text(note, is_note=True),)

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from nbv.manifest import versions
+from nbv.report.page_scripts import policy, script_of, style_of
 from nbv.report.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
+from nbv.report.viewer.block import Viewer
 from scenes.atomic import write_text
 
 State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
@@ -93,7 +96,7 @@ class Table:
     kind: ClassVar[str] = "table"
 
 
-Block = Bar | Text | Gallery | Legend | Table
+Block = Bar | Text | Gallery | Legend | Table | Viewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,10 @@ class Page:
         What was asked for; no times, no paths.
     seed : int
         Of everything random.
+    warnings : tuple of str
+        What the reader should know first.
+    inputs : tuple of (str, str)
+        Name of each input file, and its SHA-256.
     """
 
     title: str
@@ -135,12 +142,27 @@ class Page:
     options: Mapping[str, Any]
     seed: int
     warnings: tuple[str, ...] = field(default=())
+    inputs: tuple[tuple[str, str], ...] = field(default=())
 
     def to_html(self) -> str:
         """Return the page as one HTML text that needs nothing else."""
         template = _environment().get_template("report.html.j2")
         rows = [(key.replace("_", " "), plain_text(value)) for key, value in self.options.items()]
-        return template.render(page=self, options=rows, versions=versions(), colours=_colours())
+        script = script_of(has_view=self.has_view)
+        return template.render(
+            page=self,
+            options=rows,
+            versions=versions(),
+            colours=_colours(),
+            script=Markup(script),
+            style=Markup(style_of(has_view=self.has_view)),
+            policy=policy(script),
+        )
+
+    @property
+    def has_view(self) -> bool:
+        """Whether there is a 3-D view on it."""
+        return any(isinstance(block, Viewer) for section in self.sections for block in section.blocks)
 
     def write(self, path: Path) -> None:
         """Write the page."""

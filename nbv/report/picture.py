@@ -89,10 +89,16 @@ def surface_colour(number: int) -> str:
     return "#c9c9c6" if number <= 0 else _SURFACES[(number - 1) % len(_SURFACES)]
 
 
+def surface_rgb(number: int) -> tuple[float, float, float]:
+    """Return the same colour as red, green and blue, 0..1."""
+    red, green, blue = (int(surface_colour(number)[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    return red, green, blue
+
+
 def segment_pixels(owner: NDArray[np.int32], valid: BoolArray) -> FloatArray:
     """Colour (h, w, 4) of the surface that each pixel belongs to; see-through where nothing came back."""
     numbers = range(int(owner.max(initial=0)) + 1)
-    palette = np.array([[int(surface_colour(k)[i : i + 2], 16) for i in (1, 3, 5)] for k in numbers]) / 255
+    palette = np.array([surface_rgb(k) for k in numbers])
     return np.dstack([palette[owner], valid.astype(np.float64)])
 
 

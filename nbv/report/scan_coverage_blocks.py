@@ -15,7 +15,6 @@ from nbv.report.page import (
     Bar,
     Block,
     Cell,
-    Gallery,
     Headline,
     Share,
     State,
@@ -25,7 +24,9 @@ from nbv.report.page import (
 )
 from nbv.report.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
 from nbv.report.stage import is_single_camera, part_of, solid_bounds
-from nbv.report.station_plots import places_of, zones_caption
+from nbv.report.station_plots import field_length, fields_of, places_of, zones_caption
+from nbv.report.viewer.scene_view import PALE
+from nbv.report.viewer.state_view import state_view
 from nbv.scan_coverage import ScanCoverage
 from nbv.scanning.sensor import Sensor
 from nbv.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
@@ -38,8 +39,7 @@ from scenes.pose import Pose
 _WIDTH = 760
 _CUT_M = 1.0  # above the floor
 _THICK_M = 0.15  # half the height over which seen voxels are drawn
-_PALE = tuple(0.45 * part + 0.55 for part in UNKNOWN)
-_COLOURS = (MEASURED, _PALE, INFERRED, UNKNOWN)
+_COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
 
 
 def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
@@ -79,10 +79,30 @@ def area_bar(coverage: ScanCoverage) -> Bar:
     return Bar("Areas of surface", shares)
 
 
-def state_blocks(coverage: ScanCoverage, state: StateMesh, n_threads: int | None) -> tuple[Block, ...]:
-    """What was measured, inferred and hidden, in pictures from two sides, and what the colours mean."""
+def state_blocks(
+    coverage: ScanCoverage,
+    state: StateMesh,
+    n_threads: int | None,
+    poses: Sequence[Pose] = (),
+    sensor: Sensor | None = None,
+    zones: Zones = EVERYWHERE,
+) -> tuple[Block, ...]:
+    """What was measured, inferred and hidden, in three dimensions, with the next stations of `sensor`."""
     if not len(state.mesh.faces):
         return (Text("There is no surface to show."),)
+    view = state_view(
+        coverage, state, state_pictures(coverage, state, n_threads), poses=poses, sensor=sensor, zones=zones
+    )
+    legend = (
+        f"Hatched: {STATES[SHADOW]}, behind which nobody knows: faces of voxels between known empty space "
+        f"and the unknown, not surface. The {STATES[FRONTIER]}, beyond which no scan has looked, is left "
+        "out at first, and so are faces that look away."
+    )
+    return view, Text(legend, is_note=True)
+
+
+def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | None) -> tuple[Picture, ...]:
+    """What was measured, inferred and hidden, from two sides."""
     scans = list(coverage.survey.scans)
     drawn = state.mesh.face_surface != FRONTIER  # it would hide what was measured
     mesh = part_of(state.mesh, drawn)
@@ -105,12 +125,7 @@ def state_blocks(coverage: ScanCoverage, state: StateMesh, n_threads: int | None
             image[here, 3] = 1.0
         image = blend(mark_unknown(image, found == SHADOW), found == SHADOW)
         pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
-    legend = (
-        f"Grey: {STATES[0]}; pale orange: {STATES[1]}; blue: {STATES[2]}; hatched: {STATES[SHADOW]}, behind "
-        "which nobody knows: faces of voxels between known empty space and the unknown, not surface. The "
-        f"{STATES[FRONTIER]}, beyond which no scan has looked, is left out, and so are faces that look away."
-    )
-    return Gallery(tuple(pictures), 2), Text(legend, is_note=True)
+    return tuple(pictures)
 
 
 def stations_plan(
@@ -118,18 +133,21 @@ def stations_plan(
 ) -> Picture:
     """The floor plan: where the scans were taken, and where the next ones are to be."""
     outline, height = _outline(survey)
-    directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
+    reach = field_length(survey.bounds)
+    projections = [scan.projection for scan in survey.scans]
     plot = FloorPlan(
         outline=outline,
         bounds=survey.bounds,
         positions=places_of(poses),
-        directions=None if sensor.kind == "spherical" else directions,
+        fields=fields_of(poses, [sensor.projection] * len(poses), reach),
         given=places_of([scan.world_from_sensor for scan in survey.scans]),
+        given_fields=fields_of([scan.world_from_sensor for scan in survey.scans], projections, reach),
         zones=zones,
     ).plot()
     caption = "Squares with letters: where the scans have been taken."
     if poses:
-        caption += " Dots: the next stations, in order; arrows point where they look."
+        caption += " Dots: the next stations, in order."
+    caption += f" Around each its field of view up to {reach:.2g} m."
     caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
     return Picture("Plan.", caption, plot.light, plot.width, plot.height, plot.dark)
 

@@ -15,6 +15,7 @@ from nbv.report.scan_coverage_blocks import (
     stations_plan,
     surfaces_blocks,
 )
+from nbv.report.station_tables import scans_table
 from nbv.scan_coverage import ScanCoverage
 from nbv.scanning.sensor import Sensor
 from nbv.state_mesh import StateMesh
@@ -31,6 +32,7 @@ def scan_coverage_page(
     n_threads: int | None = None,
 ) -> Page:
     """Return the report of a coverage, with its mesh and the sensor that was reckoned with."""
+    scans = coverage.survey.scans
     return Page(
         title=title,
         kicker="Coverage of scans",
@@ -41,7 +43,10 @@ def scan_coverage_page(
             Section(
                 "What was measured, and where the unknown begins", state_blocks(coverage, state, n_threads)
             ),
-            Section("Stations", (Gallery((stations_plan(coverage.survey, sensor),), 2),)),
+            Section(
+                "Stations",
+                (Gallery((stations_plan(coverage.survey, sensor),), 1), scans_table(scans, lettered=True)),
+            ),
             Section("Where the unknown begins", boundary_blocks(coverage)),
             Section("Surfaces", surfaces_blocks(coverage)),
         ),

@@ -12,6 +12,7 @@ from nbv.report.camera import overview_cameras
 from nbv.report.drawing import Canvas, blend, mark_modelled, mark_unknown
 from nbv.report.picture import Picture, picture_of
 from nbv.report.surface_values import nearest_samples
+from nbv.report.viewer.framing import best_side
 from nbv.samples import SurfaceSamples
 from nbv.zones import EVERYWHERE, Zones
 from scenes.scene import Scene
@@ -56,8 +57,10 @@ def state_pictures(
     """
     canvas = Canvas(scene.mesh, n_threads=n_threads)
     cameras = overview_cameras(scene.mesh.bounds())
+    best = best_side(cameras, scene.mesh.corners)
     pictures = []
-    for side, camera in (("one side", cameras[0]), ("the other side", cameras[len(cameras) // 2])):
+    for side, number in (("one side", best), ("the other side", best + len(cameras) // 2)):
+        camera = cameras[number % len(cameras)]
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)

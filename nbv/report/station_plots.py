@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import trimesh
+from shapely import MultiPoint
 
+from nbv.baselines import Baseline
 from nbv.coverage import Coverage
 from nbv.floor_plan import FloorPlan
 from nbv.plots import Plot, coverage_curve
@@ -18,8 +20,10 @@ from nbv.wording import count
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
+from scenes.projection import Projection
 from scenes.scene import Scene
 
+_RAYS = 25  # along each side of a field of view
 _CUT_M = 1.0  # above the floor: where the floor plan cuts walls and furniture
 
 
@@ -30,12 +34,16 @@ def curve(
     bound: int | None,
     inferred: tuple[int, float, float] | None = None,
     start: float = 0.0,
+    others: Sequence[Baseline] = (),
 ) -> Picture:
     """The coverage curve; `start` is the share that is measured before the first view."""
-    plot = coverage_curve(met, coverage.reachable, target, bound, inferred, start)
+    beside = {other.name: np.median(other.met, axis=0) for other in others}
+    plot = coverage_curve(met, coverage.reachable, target, bound, inferred, start, beside)
     caption = "Share of all surface area that some view so far has measured within range and incidence."
     if inferred:
         caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
+    if others:
+        caption += " Thin: what simple planners reach on the same candidates, medians of their runs."
     return _picture(plot, "Coverage by number of views.", caption)
 
 
@@ -47,21 +55,22 @@ def stations(
     given: Sequence[Pose] = (),
     tour: Tour | None = None,
     zones: Zones = EVERYWHERE,
+    projections: Sequence[Projection] = (),
 ) -> Picture:
-    """The floor plan."""
+    """The floor plan; `projections` of the stations where they are not the sensor's."""
     bounds = scene.mesh.bounds()
-    directions = np.array([pose.rotation[:, 2] for pose in poses]).reshape(-1, 3)
+    reach = field_length(bounds)
     plan = FloorPlan(
         outline=outline_of(scene),
         bounds=bounds,
         positions=places_of(poses),
-        directions=None if sensor.kind == "spherical" else directions,
+        fields=fields_of(poses, projections or [sensor.projection] * len(poses), reach),
         highlighted=highlighted,
         given=places_of(given),
         ways=[] if tour is None else [leg.path for leg in tour.legs],
         zones=zones,
     )
-    caption = "Dots are stations, numbered by view; arrows point where they look."
+    caption = f"Dots are stations, numbered by view, each with its field of view up to {reach:.2g} m."
     if highlighted:
         caption += " Blue: the stations whose scans were completed."
     if given:
@@ -73,6 +82,32 @@ def stations(
     caption += zones_caption(zones)
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     return _picture(plan.plot(), "Plan.", f"{caption} Cut at {height:.2f} m height.")
+
+
+def field_length(bounds: FloatArray) -> float:
+    """How far fields of view are drawn, metres: short enough to tell them apart."""
+    return 0.16 * float(np.ptp(bounds[:, :2], axis=0).max())
+
+
+def fields_of(poses: Sequence[Pose], projections: Sequence[Projection], reach_m: float) -> list[FloatArray]:
+    """Outlines (k, 2) of what sensors see up to a distance, from above: steep ones are short."""
+    rays = {id(projection): _some_rays(projection) for projection in projections}
+    return [
+        _outline(pose.translation, pose.translation + reach_m * pose.rotate(rays[id(projection)]))
+        for pose, projection in zip(poses, projections, strict=True)
+    ]
+
+
+def _some_rays(projection: Projection) -> FloatArray:
+    """Rays (n, 3) all over a field of view, its corners among them."""
+    rows, columns = (np.unique(np.linspace(0, n - 1, _RAYS).astype(np.int64)) for n in projection.shape)
+    return projection.directions()[np.ix_(rows, columns)].reshape(-1, 3)
+
+
+def _outline(origin: FloatArray, ends: FloatArray) -> FloatArray:
+    """Convex outline (k, 2) of what lies between a place and others, from above."""
+    hull = MultiPoint(np.vstack([origin, ends])[:, :2]).convex_hull
+    return np.asarray(getattr(hull, "exterior", hull).coords, dtype=np.float64)
 
 
 def zones_caption(zones: Zones) -> str:

@@ -38,6 +38,10 @@ class FineCoverage:
     ----------
     corners : (m, 3, 3) float
         Metres.
+    weights : (m, 3, 3) float
+        Weights of the scene's face's corners at each corner.
+    sample : (m,) int64
+        The sample whose values each piece has.
     face, surface : (m,) int32
         Face of the scene's mesh and surface that each lies on.
     best_cosine : (m,) float
@@ -51,6 +55,8 @@ class FineCoverage:
     """
 
     corners: FloatArray
+    weights: FloatArray
+    sample: NDArray[np.int64]
     face: NDArray[np.int32]
     surface: NDArray[np.int32]
     best_cosine: FloatArray
@@ -59,23 +65,31 @@ class FineCoverage:
     reason: NDArray[np.int8]
 
 
-def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
-    """Cut a mesh's faces as finely as its samples lie, and give each piece its nearest sample's values."""
+def fine_coverage(
+    mesh: LabelledMesh, coverage: Coverage, samples_a_face: float = _SAMPLES_A_FACE
+) -> FineCoverage:
+    """Cut a mesh's faces as finely as its samples lie, and give each piece its nearest sample's values.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        The scene's.
+    coverage : Coverage
+        Of its samples.
+    samples_a_face : float
+        Faces that stand for more samples are cut into four.
+    """
     samples = coverage.samples
-    limit = _SAMPLES_A_FACE * samples.total_m2 / max(len(samples), 1)
+    limit = samples_a_face * samples.total_m2 / max(len(samples), 1)
     kept = np.flatnonzero(mesh.face_areas() > 0)
-    corners, face = mesh.corners[kept], kept
-    for _ in range(_MOST_LEVELS):
-        large = triangle_areas(corners) > limit
-        if not large.any():
-            break
-        corners = np.concatenate([corners[~large], _quartered(corners[large])])
-        face = np.concatenate([face[~large], np.repeat(face[large], 4)])
-    order = np.argsort(face, kind="stable")
-    corners, face = corners[order], face[order]
+    corners, weights = mesh.corners[kept], np.broadcast_to(np.eye(3), (len(kept), 3, 3))
+    pieces, part = cut_finely(np.concatenate([corners, weights], axis=2), limit)
+    corners, face = pieces[..., :3], kept[part]
     nearest = nearest_samples(samples, corners.mean(axis=1), face)
     return FineCoverage(
         corners,
+        pieces[..., 3:],
+        nearest,
         face.astype(np.int32),
         mesh.face_surface[face],
         coverage.best_cosine[nearest],
@@ -85,9 +99,35 @@ def fine_coverage(mesh: LabelledMesh, coverage: Coverage) -> FineCoverage:
     )
 
 
+def cut_finely(corners: FloatArray, limit_m2: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Cut triangles into four until none is larger than a limit, or often enough.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3 + k) float
+        Corners in metres, and what else varies linearly across each triangle.
+    limit_m2 : float
+        Square metres.
+
+    Returns
+    -------
+    pieces, part : (n, 3, 3 + k) float, (n,) int64
+        The same of the pieces, and the triangle that each is part of, ascending.
+    """
+    part = np.arange(len(corners))
+    for _ in range(_MOST_LEVELS):
+        large = triangle_areas(corners[..., :3]) > limit_m2
+        if not large.any():
+            break
+        corners = np.concatenate([corners[~large], _quartered(corners[large])])
+        part = np.concatenate([part[~large], np.repeat(part[large], 4)])
+    order = np.argsort(part, kind="stable")
+    return corners[order], part[order]
+
+
 def _quartered(corners: FloatArray) -> FloatArray:
     """Each triangle as four, face by face: by the middles of its sides."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     parts = [np.stack(part, axis=1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-    return np.stack(parts, axis=1).reshape(-1, 3, 3)
+    return np.stack(parts, axis=1).reshape(-1, *corners.shape[1:])

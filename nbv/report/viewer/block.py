@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""The 3-D view as a part of the page: layers, stations, lines, and pictures for where it cannot be drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from nbv.report.camera import Camera
+from nbv.report.picture import Picture
+from nbv.report.viewer.layers import Colour, Layer
+from scenes.checks import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marker:
+    """A station.
+
+    Attributes
+    ----------
+    name : str
+        Number of a view, or the letter of a scan that was given.
+    origin : (3,) float
+        World, metres.
+    axes : (3, 3) float
+        Rows: right, down, forward.
+    slope : (float, float) or None
+        Tangents of half its field of view across and down; None for one that looks around.
+    colour : tuple or None
+        Of its dot; None for the page's ink.
+    is_step : bool
+        Whether it is one of the views that are stepped through.
+    """
+
+    name: str
+    origin: FloatArray
+    axes: FloatArray
+    slope: tuple[float, float] | None
+    colour: Colour | None = None
+    is_step: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """Lines that are shown or hidden together.
+
+    Attributes
+    ----------
+    key, label : str
+        Their name in the program, and for people.
+    ends : (n, 2, 3) float
+        World, metres.
+    colour : tuple
+        sRGB, 0..1.
+    shown : bool
+        Whether they are shown at first.
+    """
+
+    key: str
+    label: str
+    ends: FloatArray
+    colour: Colour
+    shown: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewer:
+    """The 3-D view.
+
+    Attributes
+    ----------
+    label : str
+        What it shows, for those who cannot see it.
+    layers : tuple of Layer
+        Surface.
+    mode : str
+        Key of the channel by which it is coloured at first; "skin" for natural colours, "marked" for these
+        with what is inferred marked.
+    markers : tuple of Marker
+        Stations.
+    lines : tuple of Lines
+        Openings, ways, boxes.
+    is_room : bool
+        Whether it is looked into from outside: faces that look away are left out at first.
+    met : tuple of float
+        Share of the area that is measured before the first view and after each; empty without steps.
+    pictures : tuple of Picture
+        Instead of it, in print and where it cannot be drawn.
+    camera : Camera, optional
+        From which side it is seen at first; from above and the side that shows most when not given.
+    one : "view" or "scan"
+        What a station is called.
+    """
+
+    label: str
+    layers: tuple[Layer, ...]
+    mode: str = "state"
+    markers: tuple[Marker, ...] = ()
+    lines: tuple[Lines, ...] = ()
+    is_room: bool = True
+    met: tuple[float, ...] = ()
+    pictures: tuple[Picture, ...] = field(default=())
+    camera: Camera | None = None
+    one: Literal["view", "scan"] = "view"
+    kind: ClassVar[str] = "viewer"
+
+    @property
+    def data(self) -> str:
+        """All of it, packed, as base64."""
+        from nbv.report.viewer.encoding import encoded
+
+        return encoded(self)
+
+    def bounds(self) -> FloatArray:
+        """Smallest and largest coordinates (2, 3) of all surface, metres; zeros without any."""
+        ends = [layer.vertices[layer.faces].reshape(-1, 3) for layer in self.layers if len(layer.faces)]
+        if not ends:
+            return np.zeros((2, 3))
+        low, high = (np.array([end(part, axis=0) for part in ends]) for end in (np.min, np.max))
+        return np.stack([low.min(axis=0), high.max(axis=0)])

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: MIT
+"""3-D view of a completed model: what was measured, what was inferred and why, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.extension import Patch
+from completion.meshing import mesh_cells
+from completion.model import CompletedModel
+from completion.openings import find_openings
+from completion.parts import remainder_mesh
+from completion.provenance import Provenance
+from completion.texturing.atlas import Atlas, make_atlas
+from nbv.report.camera import Camera
+from nbv.report.picture import Picture, surface_rgb
+from nbv.report.surface_values import cut_finely
+from nbv.report.viewer.block import Viewer
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
+from nbv.report.viewer.markers import opening_lines, view_markers
+from nbv.report.viewer.scan_channels import (
+    INFERRED,
+    MEASURED,
+    provenance_categories,
+    quality_channels,
+    scan_sightings,
+)
+from nbv.report.viewer.thinning import thinned
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh import Appearance
+from scenes.range_image import RangeImage
+
+_PIECES = 40_000  # into which recognised surface is cut, about
+_MOST_FACES = 400_000  # of what belongs to no surface
+_HIDES = 0.02  # share of another surface's inferred cells that an occluder hides
+_GREY = 0.72
+_NO_SURFACE = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pieces:
+    """Small faces of one surface or of the remainder, world coordinates; `image` is -1 without a texture."""
+
+    corners: FloatArray
+    number: int
+    is_inferred: bool
+    provenance: NDArray[np.int64]
+    sd: FloatArray
+    confidence: FloatArray
+    colour: NDArray[np.float32]
+    uv: FloatArray
+    image: int
+
+
+def completion_view(
+    completion: CompletedModel,
+    pictures: tuple[Picture, ...] = (),
+    *,
+    is_room: bool,
+    camera: Camera | None = None,
+) -> Viewer:
+    """Return the view of a completed model.
+
+    Parameters
+    ----------
+    completion : CompletedModel
+        World coordinates are its scans'.
+    pictures : tuple of Picture
+        Instead of it.
+    is_room : bool
+        Whether it is looked into from outside.
+    camera : Camera, optional
+        From where it is seen at first.
+    """
+    world = completion.world_from_reference
+    scans = [seen.scan.transformed(world) for seen in completion.observations]
+    atlas = make_atlas(completion.textures or (None,) * len(completion.patches))
+    pieces = [*_surfaces(completion, atlas), _remainder(completion)]
+    occluders = {0, *occluding(completion.patches)}
+    groups = (
+        (
+            "measured",
+            "measured surfaces",
+            [p for p in pieces if not p.is_inferred and p.number not in occluders],
+        ),
+        (
+            "occluders",
+            "occluders, measured",
+            [p for p in pieces if not p.is_inferred and p.number in occluders],
+        ),
+        ("inferred", "hypothesised (inferred)", [p for p in pieces if p.is_inferred]),
+    )
+    outlines = [world.apply(hole.points) for patch in completion.patches for hole in find_openings(patch)]
+    names = _names(completion)
+    most_sd = max((float(p.sd.max(initial=0)) for p in pieces), default=0.0)
+    layers = [_layer(key, label, parts, names, most_sd, atlas, scans) for key, label, parts in groups]
+    return Viewer(
+        "The completed model.",
+        tuple(layer for layer in layers if len(layer.faces)),
+        mode="marked" if completion.textures else "state",
+        markers=view_markers([s.world_from_sensor for s in scans], [s.projection for s in scans]),
+        lines=opening_lines(outlines),
+        is_room=is_room,
+        pictures=pictures,
+        camera=camera,
+        one="scan",
+    )
+
+
+def occluding(patches: Sequence[Patch]) -> list[int]:
+    """Numbers of the surfaces that hide a part of others."""
+    found: set[int] = set()
+    for patch in patches:
+        behind = patch.evidence.occluder[patch.hypothesised]
+        share = np.bincount(behind[behind > 0]) / max(len(behind), 1)
+        found.update(int(number) for number in np.flatnonzero(share >= _HIDES))
+    return sorted(found)
+
+
+def _surfaces(completion: CompletedModel, atlas: Atlas) -> Iterator[_Pieces]:
+    """Measured and inferred pieces of each surface, the latter by provenance."""
+    total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
+    for index, patch in enumerate(completion.patches):
+        yield _pieces(completion, atlas, index, patch.observed, Provenance.MEASURED, total / _PIECES)
+        for why in sorted(set(np.unique(patch.provenance[patch.hypothesised]))):
+            here = patch.hypothesised & (patch.provenance == why)
+            yield _pieces(completion, atlas, index, here, Provenance(int(why)), total / _PIECES)
+
+
+def _pieces(
+    completion: CompletedModel, atlas: Atlas, index: int, cells: BoolArray, why: Provenance, limit_m2: float
+) -> _Pieces:
+    """Cells of one surface, cut finely."""
+    patch, is_inferred = completion.patches[index], why != Provenance.MEASURED
+    cuts, trims = (patch.limits.cuts, patch.trims) if is_inferred else ((), ())
+    mesh = mesh_cells(patch.grid, cells, cuts, trims, merged=True)
+    uv = atlas.coordinates(index, patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
+    whole = np.concatenate([mesh.vertices, uv, mesh.cells], axis=1)[mesh.faces]
+    parts = cut_finely(whole.reshape(-1, 3, 7), limit_m2)[0]
+    middle = parts.mean(axis=1)
+    top = np.array(patch.grid.shape) - 1
+    row, column = np.clip(np.floor(middle[:, 5:]).astype(np.int64), 0, top).T
+    n, page = len(parts), int(atlas.page[index])
+    grey = np.full((n, 3, 3), 1.0 if page >= 0 else _GREY, np.float32)
+    return _Pieces(
+        completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
+        index + 1,
+        is_inferred,
+        np.full(n, int(why)),
+        patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
+        patch.confidence[row, column],
+        grey,
+        parts[..., 3:5],
+        page,
+    )
+
+
+def _remainder(completion: CompletedModel) -> _Pieces:
+    """What was measured and belongs to no surface."""
+    rest = remainder_mesh(completion)
+    vertices = completion.world_from_reference.apply(rest.vertices)
+    vertices, faces, kept = thinned(vertices, rest.faces, _MOST_FACES)
+    n = len(faces)
+    return _Pieces(
+        vertices[faces],
+        _NO_SURFACE,
+        False,
+        np.zeros(n, np.int64),
+        rest.sd[kept][faces].mean(axis=1) if n else np.zeros(0),
+        np.ones(n),
+        (rest.colour[kept][faces] / 255.0).astype(np.float32),
+        np.zeros((n, 3, 2)),
+        -1,
+    )
+
+
+def _layer(
+    key: str,
+    label: str,
+    parts: Sequence[_Pieces],
+    names: tuple[Category, ...],
+    most_sd: float,
+    atlas: Atlas,
+    scans: Sequence[RangeImage],
+) -> Layer:
+    """Pieces as a layer with their values."""
+    is_inferred = key == "inferred"
+    corners = np.concatenate([np.zeros((0, 3, 3)), *(part.corners for part in parts)])
+    n, sizes = len(corners), [len(part.corners) for part in parts]
+    number = np.repeat([part.number for part in parts], sizes).astype(np.uint16)
+    sd = np.concatenate([np.zeros(0), *(part.sd for part in parts)])
+    provenance = np.concatenate([np.zeros(0, np.int64), *(part.provenance for part in parts)])
+    channels: list[Classes | Numbers] = [
+        Classes("state", "State", (MEASURED, INFERRED), np.full(n, int(is_inferred), np.uint16)),
+        Classes("provenance", "Provenance", provenance_categories(), provenance.astype(np.uint16)),
+        Numbers("sd", "Standard deviation", "mm", 1000 * sd, 0, max(1000 * most_sd, 1e-3), 2),
+    ]
+    sightings = None
+    if is_inferred:
+        likely = np.concatenate([np.zeros(0), *(part.confidence for part in parts)])
+        channels.append(Numbers("confidence", "Confidence", "", likely, 0, 1, 2, small_is_good=False))
+    else:
+        sightings = scan_sightings(scans, corners)
+        channels += quality_channels(sightings, len(scans))
+    channels.append(Classes("surface", "Surface", names, number))
+    image = np.repeat([part.image for part in parts], sizes).astype(np.int32)
+    skin = Appearance(
+        np.concatenate([np.zeros((0, 3, 3), np.float32), *(part.colour for part in parts)]),
+        atlas.pages,
+        image if len(atlas.pages) else None,
+        np.concatenate([np.zeros((0, 3, 2)), *(part.uv for part in parts)]).astype(np.float32),
+    )
+    faces = np.arange(3 * n).reshape(-1, 3)
+    return Layer(
+        key,
+        label,
+        corners.reshape(-1, 3),
+        faces,
+        INFERRED if is_inferred else MEASURED,
+        channels=tuple(channels),
+        sightings=sightings,
+        skin=skin,
+        is_marked=is_inferred,
+    )
+
+
+def _names(completion: CompletedModel) -> tuple[Category, ...]:
+    """The surfaces by number, 0 for what belongs to none, in the colours of the tables."""
+    kinds = [patch.source.fit.surface.kind for patch in completion.patches]
+    named = (Category(f"{k} {kind}", surface_rgb(k)) for k, kind in enumerate(kinds, start=1))
+    return Category("none", surface_rgb(0)), *named

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: MIT
+"""Layers of the 3-D view: triangles, and what is known of each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray, InputError
+from scenes.mesh import Appearance
+
+Pattern = Literal["plain", "hatched", "dotted"]
+Colour = tuple[float, float, float]
+NOTHING = 65535  # index of a category: none applies
+
+
+@dataclass(frozen=True, slots=True)
+class Category:
+    """A class of faces: its name, colour (sRGB, 0..1) and pattern."""
+
+    label: str
+    colour: Colour
+    pattern: Pattern = "plain"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Classes:
+    """A channel that says of which class each place is.
+
+    Attributes
+    ----------
+    key, label : str
+        Its name in the program, and for people.
+    categories : tuple of Category
+        Fewer than `NOTHING`.
+    values : (n,) uint16
+        Index into `categories`, `NOTHING` where none applies.
+    since : (n,) int, optional
+        Number of the view from which on this holds, 0 for always.
+    before : int
+        Category until then.
+    can_hide : bool
+        Whether each class can be hidden.
+    """
+
+    key: str
+    label: str
+    categories: tuple[Category, ...]
+    values: NDArray[np.uint16]
+    since: NDArray[np.int64] | None = None
+    before: int = NOTHING
+    can_hide: bool = False
+    kind: ClassVar[str] = "classes"
+
+    def __post_init__(self) -> None:
+        if self.since is not None and len(self.since) != len(self.values):
+            raise InputError(f"{self.key}: {len(self.values)} values, but {len(self.since)} views")
+        used = self.values[self.values != NOTHING]
+        if len(used) and int(used.max()) >= len(self.categories):
+            raise InputError(f"{self.key}: category {int(used.max())} of {len(self.categories)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """A channel of numbers with a unit.
+
+    Attributes
+    ----------
+    key, label, unit : str
+        Its name in the program, and for people.
+    values : (n,) float
+        In `unit`; NaN where there is none.
+    low, high : float
+        Ends of the colour bar.
+    digits : int
+        Decimals with which a value is read out.
+    absent : str
+        What it means that there is none.
+    limit : float, optional
+        Up to which value the requirement holds.
+    small_is_good : bool
+        Whether the colour bar runs from bright to dark.
+    """
+
+    key: str
+    label: str
+    unit: str
+    values: FloatArray
+    low: float
+    high: float
+    digits: int = 0
+    absent: str = "none"
+    limit: float | None = None
+    small_is_good: bool = True
+    kind: ClassVar[str] = "numbers"
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(f"{self.key}: a colour bar from {self.low} to {self.high}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """Which views see each place, and at which incidence.
+
+    Attributes
+    ----------
+    start : (n + 1,) int
+        Those of place k are `start[k]` to `start[k + 1]`.
+    view : (m,) int
+        Number of the view, from 1, ascending for each place.
+    incidence_deg : (m,) float
+        Degrees.
+    """
+
+    start: NDArray[np.int64]
+    view: NDArray[np.int64]
+    incidence_deg: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """Triangles that are shown or hidden together.
+
+    Attributes
+    ----------
+    key, label : str
+        Its name in the program, and for people; "" for a layer that cannot be hidden.
+    vertices : (n, 3) float
+        World, metres.
+    faces : (m, 3) int
+        Counter-clockwise seen from the side that is to be seen.
+    paint : Category
+        What it looks like where a channel says nothing.
+    place : (m,) int, optional
+        The place whose values each face has; its own number when not given.
+    channels : tuple of Classes or Numbers
+        Values of the places.
+    sightings : Sightings, optional
+        Which views see the places.
+    skin : Appearance, optional
+        Natural colours, of corners and from images.
+    shown : bool
+        Whether it is shown at first.
+    is_marked : bool
+        Whether it can be marked by its paint among natural colours: what is inferred.
+    facts : mapping
+        What else is read out at a picked point, for the whole layer.
+    """
+
+    key: str
+    label: str
+    vertices: FloatArray
+    faces: NDArray[Any]
+    paint: Category
+    place: NDArray[Any] | None = None
+    channels: tuple[Classes | Numbers, ...] = ()
+    sightings: Sightings | None = None
+    skin: Appearance | None = None
+    shown: bool = True
+    is_marked: bool = False
+    facts: Mapping[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.faces) if self.place is None else int(np.max(self.place, initial=-1)) + 1
+        for channel in self.channels:
+            if len(channel.values) < n or (self.place is None and len(channel.values) != n):
+                raise InputError(f"{channel.key}: {len(channel.values)} values for {n} places")
+        if self.skin is not None and len(self.skin.corner_colour) != len(self.faces):
+            raise InputError(f"colours of {len(self.skin.corner_colour)} faces for {len(self.faces)}")

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: MIT
+"""3-D view of a known scene: what views measure of it, how well, and what they cannot reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from nbv.classes import INFERRED as CLASS_INFERRED
+from nbv.classes import MET as CLASS_MET
+from nbv.classes import MODELLED as CLASS_MODELLED
+from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.reachability import REASONS
+from nbv.report import picture
+from nbv.report.picture import Picture, surface_rgb
+from nbv.report.surface_values import FineCoverage, fine_coverage
+from nbv.report.viewer.block import Lines, Marker, Viewer
+from nbv.report.viewer.layers import NOTHING, Category, Classes, Colour, Layer, Numbers, Sightings
+from nbv.sightings import NEVER
+from nbv.sightings import Sightings as Seen
+from nbv.zones import EVERYWHERE, Zones
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh import Appearance
+from scenes.scene import Scene
+
+_SAMPLES_A_FACE = 1.0
+_NEAR_HULL = 0.02  # of the scene's extent: what encloses it
+_AT_FACES_M = 1e-3  # of the region
+PALE: Colour = (0.962, 0.856, 0.658)  # of the unknown, laid over white
+_OUTSIDE = Category("outside the region", (0.86, 0.86, 0.84))
+_REASON_COLOURS = (3, 2, 5, 6, 1, 7, 11)  # numbers in the palette of surfaces
+
+
+def scene_view(
+    scene: Scene,
+    coverage: Coverage,
+    seen: Seen,
+    *,
+    markers: tuple[Marker, ...] = (),
+    lines: tuple[Lines, ...] = (),
+    zones: Zones = EVERYWHERE,
+    pictures: tuple[Picture, ...] = (),
+) -> Viewer:
+    """Return the view of a scene whose coverage is known.
+
+    Parameters
+    ----------
+    scene : Scene
+        With its own colours, if it has any.
+    coverage : Coverage
+        By all views.
+    seen : Sightings
+        Of the coverage's samples by the same views, one after the other.
+    markers, lines : tuples
+        Stations, ways, openings.
+    zones : Zones
+        What lies outside the region counts for nothing.
+    pictures : tuple of Picture
+        Instead of it.
+    """
+    fine = fine_coverage(scene.mesh, coverage, _SAMPLES_A_FACE)
+    place = np.where(
+        zones.concern(fine.corners.mean(axis=1), _AT_FACES_M), fine.sample, len(coverage.samples)
+    )
+    channels, sightings = channels_of(coverage, seen), sightings_of(seen)
+    skin = _skin(scene.mesh.appearance, fine)
+    layers = []
+    for key, label, here in _parts(scene, fine):
+        corners, chosen = fine.corners[here], np.flatnonzero(here)
+        layers.append(
+            Layer(
+                key,
+                label,
+                corners.reshape(-1, 3),
+                np.arange(3 * len(corners)).reshape(-1, 3),
+                _OUTSIDE,
+                place[here],
+                channels,
+                sightings,
+                None if skin is None else skin_of_faces(skin, chosen),
+            )
+        )
+    return Viewer(
+        f"{scene.name}: what the views measure.",
+        tuple(layers),
+        markers=markers,
+        lines=lines,
+        is_room=scene.mode == "room",
+        met=seen.met if len(seen.met) > 1 else (),
+        pictures=pictures,
+    )
+
+
+def _parts(scene: Scene, fine: FineCoverage) -> list[tuple[str, str, BoolArray]]:
+    """What encloses a room apart from what stands in it; an object is one."""
+    if scene.mode == "room":
+        inner = ~near_hull(fine.corners.mean(axis=1), scene.mesh.vertices)
+        if inner.any() and not inner.all():
+            return [("enclosure", "walls, floor, ceiling", ~inner), ("occluders", "occluders", inner)]
+    return [("surface", "", np.ones(len(fine.corners), np.bool_))]
+
+
+def near_hull(points: FloatArray, vertices: FloatArray) -> BoolArray:
+    """Tell which points (n, 3) lie near the convex hull's boundary of vertices; all where there is none."""
+    try:
+        sides = ConvexHull(vertices).equations
+    except QhullError:
+        return np.ones(len(points), np.bool_)
+    sides = np.unique(np.round(sides, 9), axis=0)
+    depth = np.full(len(points), -np.inf)
+    for side in sides:
+        depth = np.maximum(depth, points @ side[:3] + side[3])
+    return np.asarray(depth >= -_NEAR_HULL * float(np.ptp(vertices, axis=0).max()))
+
+
+def channels_of(coverage: Coverage, seen: Seen) -> tuple[Classes | Numbers, ...]:
+    """What is known of each sample, and at the end of a place outside the region."""
+    limit = coverage.requirement.max_incidence_deg
+    is_seen = coverage.n_views > 0
+    angle = np.where(is_seen, np.degrees(np.arccos(np.clip(coverage.best_cosine, 0, 1))), np.nan)
+    n_views = np.where(is_seen, coverage.n_views, np.nan).astype(np.float64)
+    most = max(float(np.nanmax(n_views, initial=1)), 2.0)
+    return (
+        _state_channel(coverage, seen),
+        Numbers(
+            "quality", "Best incidence", "\u00b0", _and_outside(angle), 0, 90, 1, "seen by no view", limit
+        ),
+        Numbers("views", "Views that see it", "", _and_outside(n_views), 1, most, 0, "seen by no view",
+                small_is_good=False),
+        *_reason_channel(coverage),
+        _surface_channel(coverage),
+    )  # fmt: skip
+
+
+def _state_channel(coverage: Coverage, seen: Seen) -> Classes:
+    """Measured or not; with completion, the classes."""
+    met, unknown = Category("measured as required", picture.MEASURED), picture.UNKNOWN
+    first = np.where(seen.first_met == NEVER, 0, seen.first_met)
+    categories: tuple[Category, ...]
+    if coverage.classes is None:
+        categories = (
+            Category("out of reach", PALE),
+            Category("reachable, not measured", unknown, "hatched"),
+            met,
+        )
+        since = np.where(coverage.state == MET, first, 0)
+        return _state(categories, coverage.state, since, REACHABLE)
+    categories = (
+        met,
+        Category("modelled", picture.MODELLED, "dotted"),
+        Category("inferred", picture.INFERRED),
+        Category("unknown", unknown, "hatched"),
+    )
+    late = np.isin(coverage.classes, (CLASS_MODELLED, CLASS_INFERRED))
+    since = np.where(coverage.classes == CLASS_MET, first, np.where(late, len(seen.met) - 1, 0))
+    return _state(categories, coverage.classes, since, len(categories) - 1)
+
+
+def _state(
+    categories: tuple[Category, ...], values: NDArray[np.int8], since: NDArray[np.int64], before: int
+) -> Classes:
+    kinds = np.append(values.astype(np.uint16), np.uint16(NOTHING))
+    return Classes("state", "State", categories, kinds, np.append(since, 0), before, can_hide=True)
+
+
+def _reason_channel(coverage: Coverage) -> tuple[Classes, ...]:
+    """Why samples are out of reach; nothing where none is."""
+    away = coverage.state == UNREACHABLE
+    if not away.any():
+        return ()
+    found = np.unique(coverage.reason[away])
+    categories = tuple(Category(REASONS[k].replace("_", " "), surface_rgb(_REASON_COLOURS[k])) for k in found)
+    values = np.where(away, np.searchsorted(found, coverage.reason), len(found))
+    categories += (Category("can be reached", (0.80, 0.81, 0.81)),)
+    return (Classes("reason", "Why out of reach", categories, _and_nothing(values)),)
+
+
+def _surface_channel(coverage: Coverage) -> Classes:
+    ids, index = np.unique(coverage.samples.surface, return_inverse=True)
+    categories = tuple(
+        Category(coverage.surface_names[surface], surface_rgb(number))
+        for number, surface in enumerate(ids, 1)
+    )
+    return Classes("surface", "Surface", categories, _and_nothing(index))
+
+
+def _and_nothing(values: NDArray[np.int64]) -> NDArray[np.uint16]:
+    return np.append(values, NOTHING).astype(np.uint16)
+
+
+def _and_outside(values: FloatArray) -> FloatArray:
+    return np.append(values, np.nan)
+
+
+def sightings_of(seen: Seen) -> Sightings:
+    """Return sightings for the view, with a place outside the region at the end."""
+    angle = np.degrees(np.arccos(np.clip(seen.cosine, 0, 1)))
+    return Sightings(np.append(seen.start, seen.start[-1]), seen.view, angle)
+
+
+def _skin(look: Appearance | None, fine: FineCoverage) -> Appearance | None:
+    """The scene's own colours on the pieces of its faces."""
+    if look is None:
+        return None
+    colour = np.einsum("mij,mjk->mik", fine.weights, look.corner_colour[fine.face])
+    if not look.images or look.face_image is None or look.corner_uv is None:
+        return Appearance(colour.astype(np.float32))
+    uv = np.einsum("mij,mjk->mik", fine.weights, look.corner_uv[fine.face])
+    return Appearance(
+        colour.astype(np.float32), look.images, look.face_image[fine.face], uv.astype(np.float32)
+    )
+
+
+def skin_of_faces(skin: Appearance, chosen: NDArray[np.int64]) -> Appearance:
+    """The colours of some faces."""
+    return replace(
+        skin,
+        corner_colour=skin.corner_colour[chosen],
+        face_image=None if skin.face_image is None else skin.face_image[chosen],
+        corner_uv=None if skin.corner_uv is None else skin.corner_uv[chosen],
+    )
+
+
+def colours_of_views(n: int, highlighted: Sequence[int]) -> list[Colour | None]:
+    """The colour of each of `n` views: that of what is inferred for those whose scans were completed."""
+    return [picture.INFERRED if k in set(highlighted) else None for k in range(n)]
