@@ -92,8 +92,6 @@ def known_page():
 
 
 KINDS = (
-    "plan-nbv", "plan-cover", "coverage", "completion", "demo", "next-stations", "scan-coverage", "study",
-)  # fmt: skip
     "plan-nbv",
     "plan-cover",
     "coverage",
