@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """A small 3-D view of which everything is known, and pages of each kind of report."""
 
+import tempfile
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from nbv.report.demo_report import demo_page
 from nbv.report.next_stations_report import next_stations_page
 from nbv.report.page import Cell, Page, Section, Table
 from nbv.report.scan_coverage_report import scan_coverage_page
+from nbv.report.study_report import study_page
 from nbv.report.truth import compare
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
@@ -26,11 +29,14 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.sightings import sightings_of
 from nbv.state_mesh import StateMesh
+from nbv.study.pipeline import run_study
+from nbv.study.spec import read_study
 from nbv.survey import Survey
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from scenes.builtin import builtin_scene
 from scenes.pose import Pose
+from tests.study_examples import write_study
 
 EVIL = "<img src=x onerror=alert(1)></script><!-- \"'"
 UTM = np.array([500_000.25, 5_000_000.5, 100.125])
@@ -85,8 +91,17 @@ def known_page():
     return Page(EVIL, "Test", EVIL, (), None, sections, {EVIL: EVIL}, 0)
 
 
-KINDS = ("plan-nbv", "plan-cover", "coverage", "completion", "demo", "next-stations", "scan-coverage")
-FEW = ("plan-nbv", "completion", "next-stations")  # the others are put together of the same parts
+KINDS = (
+    "plan-nbv",
+    "plan-cover",
+    "coverage",
+    "completion",
+    "demo",
+    "next-stations",
+    "scan-coverage",
+    "study",
+)
+FEW = ("plan-nbv", "completion", "next-stations", "study")  # the others are put together of the same parts
 ROOM = builtin_scene("two_occluders")
 CAMERA = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
 AROUND = SphericalSensor(width=240, height=90, name="around")
@@ -106,12 +121,22 @@ def online_plan():
     return plan_views(ROOM, CAMERA, views=5, options=COARSE, **SHARED)
 
 
+def page_of_study():
+    """The report of a small study."""
+    with tempfile.TemporaryDirectory() as folder:
+        spec = read_study(write_study(folder))
+        outcomes = run_study(spec, Path(folder) / "plans")
+    return study_page(spec, outcomes, {"seeds": [0, 1]}, 0, "study")[0]
+
+
 def report_page(kind):
     """The report of a kind, of a small scene."""
     if kind == "plan-cover":
         budgets = CoverOptions(polish_steps=0)
         plan = plan_views(ROOM, CAMERA, method="cover", views=6, budgets=budgets, **SHARED)
         return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
+    if kind == "study":
+        return page_of_study()
     if kind in ("next-stations", "scan-coverage"):
         return page_of_scans(kind)
     plan = online_plan()

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from nbv.commands.run import Run, Shared, running
+from nbv.manifest import input_digests
 from nbv.plots import on_white
 from nbv.report.study_report import SHARE, spread, study_page
 from nbv.study.outcome import Outcome
@@ -31,14 +33,18 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
             )
         run.watch.enter("report")
         options = _options(spec)
-        _write(run, spec, outcomes, options, Path(file).stem)
-        scenes = [entry.scene for entry in spec.scenes]
-        sensors = [entry.sensor for entry in spec.sensors]
-        run.finish([file, *scenes, *sensors], options, _summary(outcomes), _lines(outcomes))
+        inputs = [file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)]
+        _write(run, spec, outcomes, options, Path(file).stem, inputs)
+        run.finish(inputs, options, _summary(outcomes), _lines(outcomes))
 
 
 def _write(
-    run: Run, spec: StudySpec, outcomes: tuple[Outcome, ...], options: dict[str, Any], stem: str
+    run: Run,
+    spec: StudySpec,
+    outcomes: tuple[Outcome, ...],
+    options: dict[str, Any],
+    stem: str,
+    inputs: list[str],
 ) -> None:
     run.outputs.extend(run.out / "plans" / f"{outcome.case.name}.json" for outcome in outcomes)
     run.outputs.extend(write_results(outcomes, run.out, spec.results))
@@ -46,7 +52,7 @@ def _write(
     (run.out / "plots").mkdir(exist_ok=True)
     for name, plot in plots.items():
         write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
-    page.write(run.path("report.html"))
+    replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
 
 
 def _options(spec: StudySpec) -> dict[str, Any]:
