@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
     (here / "scan.npz").write_bytes(b"PK")
     (here / "coverage.json").write_text(json.dumps({"total_m2": 1.0}))
     (here / "room.glb").write_bytes(b"glTF")
-    (here / "notes.txt").write_text("no plan")
+    (here / "notes.json").write_text("no plan")
     return here
 
 
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
         (f"complete {ROOM}", f"take a scan of it first: unseen scan {ROOM} --at X,Y,Z --look X,Y,Z"),
         ("complete {0}/room.glb", "simulate one with `unseen scan SCENE -o FILE.npz`"),
         (f"coverage {ROOM} --plan {{0}}/coverage.json", "give the plan.json that `unseen plan` wrote"),
-        (f"coverage {ROOM} --plan {{0}}/notes.txt", "no JSON"),
+        (f"coverage {ROOM} --plan {{0}}/notes.json", "no JSON"),
         (f"coverage {ROOM} --plan {{0}}/absent.json", "cannot read plan {0}/absent.json: No such file"),
         (f"plan {ROOM} --target 95", "write 0.95 for 95 %"),
         (f"plan {ROOM} --sensor absent.toml", "cannot read sensor absent.toml: No such file"),
