@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test install bench format clean
+.PHONY: demo test install bench docs gallery format clean
 
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
@@ -24,6 +24,13 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
+docs: .venv/docs
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site
+	@echo "open out/site/index.html"
+
+gallery: .venv/dev
+	$(BIN)/python examples/gallery.py
+
 format: .venv/dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -43,6 +50,10 @@ format: .venv/dev
 .venv/bench: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	touch $@ .venv/dev .venv/demo
+
+.venv/docs: pyproject.toml | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
 
 clean:
 	rm -rf out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -84,7 +84,30 @@ class CompletionOptions:
 
 
 class Completion(CompletedModel):
-    """What `complete` found: the completed model, and the way to save it."""
+    """What `complete` found: the completed model, and the way to save it.
+
+    Attributes
+    ----------
+    observations : tuple of Observation
+        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
+    patches : tuple of Patch
+        The completed surfaces, working frame; number i + 1 in files.
+    textures : tuple of ChartTexture or None
+        Colour of each patch; empty when texture was not asked for.
+    hypothesised : LabelledPoints
+        All inferred area as one mesh, working frame, with provenance, confidence and predicted standard
+        deviation (metres) at every vertex.
+    audit : AuditResult
+        How much of it stands where a beam went through.
+    owners : tuple of (rows, columns) int32
+        For each scan, the number of the surface that each pixel belongs to; 0 for none.
+    mode : str
+        Mode it was made in.
+    edits : tuple of Edit
+        What a person said of the surfaces, world coordinates.
+    world_from_reference : Pose
+        From the working frame to the world.
+    """
 
     __slots__ = ()
 
@@ -111,6 +134,12 @@ class Completion(CompletedModel):
             Another suffix, a folder that does not exist, or pye57 is not installed.
         """
         return export_completion(self, path)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
+        from completion.cards import card_of_completion  # only notebooks need it
+
+        return card_of_completion(self).to_html()
 
 
 def complete(

@@ -53,7 +53,13 @@ class SurfaceVerification:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """What other scans say of a completion, surface by surface, in the completion's order."""
+    """What other scans say of a completion.
+
+    Attributes
+    ----------
+    surfaces : tuple of SurfaceVerification
+        Surface by surface, in the completion's order.
+    """
 
     surfaces: tuple[SurfaceVerification, ...]
 

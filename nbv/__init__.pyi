@@ -5,6 +5,7 @@ from .coverage import Coverage as Coverage
 from .coverage import CoverageSummary as CoverageSummary
 from .coverage import FaceCoverage as FaceCoverage
 from .coverage import SurfaceCoverage as SurfaceCoverage
+from .display import show as show
 from .measurement import measure_coverage as measure_coverage
 from .measurement import measure_scan_coverage as measure_scan_coverage
 from .plan import Plan as Plan

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +17,33 @@ from nbv.requirement import Requirement
 from nbv.samples import SurfaceSamples
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 
+if TYPE_CHECKING:
+    from nbv.view import View
+    from scenes.range_image import RangeImage
+    from scenes.scene import Scene
+
 UNREACHABLE, REACHABLE, MET = 0, 1, 2
 STATES = ("unreachable", "reachable", "met")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCoverage:
-    """Coverage of one surface: its name, area in square metres, and fractions of that area."""
+    """Coverage of one surface.
+
+    Attributes
+    ----------
+    surface, name : int, str
+        Its id in the scene, and its name.
+    area_m2 : float
+        Square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met.
+    mean_cosine : float
+        Area-weighted mean of the best cosines of incidence.
+    """
 
     surface: int
     name: str
@@ -56,7 +78,19 @@ class FaceCoverage:
 
 @dataclass(frozen=True, slots=True)
 class CoverageSummary:
-    """The `coverage` entry of `plan.json`: area in square metres, and fractions of it."""
+    """The `coverage` entry of `plan.json`.
+
+    Attributes
+    ----------
+    total_m2 : float
+        Area of the scene, square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met;
+        None in files that do not tell it.
+    """
 
     total_m2: float
     met: float
@@ -230,6 +264,20 @@ class Coverage:
             "unreachable_because": self.reasons(),
             "surfaces": surfaces,
         }
+
+    def show(
+        self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None
+    ) -> Path:
+        """Show the full report of this coverage of `scene` by `stations`; see `nbv.show`."""
+        from nbv.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, stations, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured, missed and unreachable area."""
+        from nbv.cards import card_of_coverage  # only notebooks need it
+
+        return card_of_coverage(self).to_html()
 
     def _is(self, kind: int) -> BoolArray:
         """Samples of a class; none where completion does not stand in for views."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nbv.classes import Shares
 from nbv.cover.result import LowerBound
@@ -20,6 +20,12 @@ from nbv.viewpoints import Candidates
 from nbv.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError
 from scenes.pose import Pose
+
+if TYPE_CHECKING:
+    from scenes.scene import Scene
+
+
+_CURE = "give the plan.json that `unseen plan` wrote"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +126,26 @@ class Plan:
             **self.zones.to_json(),
         }
 
+    def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
+        """Show the full report of this plan of `scene`; see `nbv.show`."""
+        from nbv.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: views, coverage and its curve."""
+        from nbv.cards import card_of_plan  # only notebooks need it
+
+        return card_of_plan(self).to_html()
+
 
 def read_plan(path: str | Path) -> Plan:
     """Read a `plan.json`.
+
+    Parameters
+    ----------
+    path : str or path
+        As `unseen plan` writes it. Of the coverage it holds the summary alone.
 
     Raises
     ------
@@ -131,14 +154,16 @@ def read_plan(path: str | Path) -> Plan:
     """
     try:
         content = json.loads(Path(path).read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read plan {path}: {error}") from error
+    except OSError as error:
+        raise InputError(f"cannot read plan {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not a plan: no JSON ({error}); {_CURE}") from error
     try:
         return _plan_of(content)
     except KeyError as error:
-        raise InputError(f"{path} is not a plan: it has no {error}") from error
+        raise InputError(f"{path} is not a plan: it has no {error}; {_CURE}") from error
     except (InputError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is not a plan: {error}") from error
+        raise InputError(f"{path} is not a plan: {error}; {_CURE}") from error
 
 
 def _plan_of(content: dict[str, Any]) -> Plan:

@@ -133,11 +133,16 @@ def plan_views(
     if method not in get_args(Method):
         raise InputError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if not 0 < target <= 1:
-        raise InputError(f"target must be a fraction of the reachable area, 0 < target <= 1, got {target}")
+        cure = f"; write {target / 100:g} for {target:g} %" if 1 < target <= 100 else ""
+        raise InputError(
+            f"target must be a fraction of the reachable area, 0 < target <= 1, got {target:g}{cure}"
+        )
     if views is not None and views < 1:
         raise InputError(f"views must be at least 1, got {views}")
     if infer and method in BASELINES:
         raise InputError(f"completion can stand in for views of method nbv or cover, not of {method}")
+    if overlap is not None and method != "cover":
+        raise InputError(f"overlap is asked of plans of a known scene: method cover, not {method}")
     if infer and overlap is not None:
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):

@@ -128,6 +128,11 @@ def allowed(candidates: Candidates, zones: Zones) -> Candidates:
 def load_candidates(path: str | Path) -> Candidates:
     """Return the candidates of an .npz file: `positions`, `directions`, and what else `Candidates` holds.
 
+    Parameters
+    ----------
+    path : str or path
+        World coordinates, metres; entries that `Candidates` does not know are left alone.
+
     Raises
     ------
     InputError
@@ -137,6 +142,8 @@ def load_candidates(path: str | Path) -> Candidates:
         with open(path, "rb") as file:
             archive = np.load(file, allow_pickle=False)
             held = {key: archive[key] for key in archive.files}
+    except OSError as error:
+        raise InputError(f"cannot read candidates from {path}: {error.strerror or error}") from error
     except Exception as error:  # zipfile, zlib and numpy raise a dozen types on what is no archive
         raise InputError(f"cannot read candidates from {path}: {error}") from error
     missing = [key for key in ("positions", "directions") if key not in held]

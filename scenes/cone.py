@@ -23,6 +23,24 @@ class Cone:
     chart is cut along the generator opposite `zero_direction` and returns after a turn, not a shift, so
     `period` is inf. `concave` is True for a funnel seen from within.
 
+    Parameters
+    ----------
+    point, direction : (3,) float
+        On the axis, metres, and along it to where the cone grows wider; made a unit vector.
+    radius : float
+        At `point`, metres.
+    half_angle : float
+        Between axis and generator, radians.
+    zero_direction : (3,) float, optional
+        From the axis to the generator on which u is 0.
+    concave : bool
+        Whether it is seen from within.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not finite, a radius or an angle out of range, a direction without length.
+
     Examples
     --------
     >>> hat = Cone(point=(0, 0, 1), direction=(0, 0, 1), radius=1.0, half_angle=np.pi / 4)

@@ -21,6 +21,22 @@ class Cylinder:
     along the axis from `point`. `concave` is True for a wall seen from within (a vault, the inside of a
     pipe): normals then point to the axis and a ray meets the farther wall.
 
+    Parameters
+    ----------
+    point, direction : (3,) float
+        On the axis, metres, and along it; made a unit vector.
+    radius : float
+        Metres.
+    zero_direction : (3,) float, optional
+        From the axis to where arc length is 0.
+    concave : bool
+        Whether it is seen from within.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not finite, a radius that is not positive, a direction without length.
+
     Examples
     --------
     >>> post = Cylinder(point=(0, 0, 0), direction=(0, 0, 1), radius=0.5)

@@ -23,6 +23,7 @@ from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, worl
 from scenes.scene import Mode, Scene
 
 _ARCHIVES = {"zip", "tar", "gz", "bz2", "xz", "7z"}
+_SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 _NAMELESS = re.compile(
     r"^\d+$|_[0-9a-f]{6}$"
 )  # node numbers, and what trimesh draws at random for parts of one
@@ -32,7 +33,20 @@ SMALL_M, LARGE_M = 0.05, 1e5  # diagonals beyond which the unit is doubted
 def open_scene(
     spec: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
 ) -> Scene:
-    """Return `builtin:NAME`, or the scene of a mesh file; parameters as for `load_scene`."""
+    """Return `builtin:NAME`, or the scene of a mesh file.
+
+    Parameters
+    ----------
+    spec : str or path
+        What the command line takes as SCENE.
+    up, units, mode
+        Of mesh files, as for `load_scene`; built-in scenes know their own.
+
+    Raises
+    ------
+    InputError
+        As `builtin_scene` and `load_scene`.
+    """
     text = os.fspath(spec)
     if not text.startswith("builtin:"):
         return load_scene(text, up=up, units=units, mode=mode)
@@ -104,6 +118,11 @@ def _check_mesh_file(path: Path) -> Path:
     suffix = file.suffix.lower()[1:]
     known = set(trimesh.exchange.load.mesh_formats()) - _ARCHIVES
     if suffix not in known:
+        if file.suffix.lower() in _SCAN_SUFFIXES:
+            raise InputError(
+                f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
+                "or complete them (unseen complete)"
+            )
         common = "glb, gltf, obj, ply, stl, off"
         raise InputError(
             f"{file}: cannot read meshes from {file.suffix or 'a file without suffix'}; known: {common}"

@@ -17,6 +17,20 @@ from scenes.surface import reference_direction
 class Plane:
     """The plane through `point` with unit `normal`; chart origin `point`, u along `u_direction`.
 
+    Parameters
+    ----------
+    point : (3,) float
+        On the plane, metres.
+    normal : (3,) float
+        To the side it is seen from; made a unit vector, kept as `normal_direction`.
+    u_direction : (3,) float, optional
+        First chart axis; its part across the normal counts. Any, but always the same, when not given.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not finite, a direction without length, an axis along the normal.
+
     Examples
     --------
     >>> wall = Plane(point=(4, 0, 0), normal=(-1, 0, 0))

@@ -56,6 +56,20 @@ def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
 class PinholeProjection:
     """A pinhole camera: column = fx x / z + cx, row = fy y / z + cy; a negative fy is used as given.
 
+    Parameters
+    ----------
+    width, height : int
+        Columns and rows.
+    fx, fy : float
+        Focal lengths, pixels.
+    cx, cy : float
+        Principal point, pixels; the centre of the first pixel is at (0, 0).
+
+    Raises
+    ------
+    InputError
+        Fewer than one pixel, focal lengths that are zero or not finite.
+
     Examples
     --------
     >>> camera = PinholeProjection(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -126,6 +140,18 @@ class SphericalProjection:
 
     Azimuth is atan2(x, z), growing to the right; elevation is asin(-y), growing upwards. Both sequences
     must be strictly monotonic (either way) and azimuths may cross +-pi if unwrapped.
+
+    Parameters
+    ----------
+    azimuths : (columns,) float
+        Radians.
+    elevations : (rows,) float
+        Radians.
+
+    Raises
+    ------
+    InputError
+        Angles that are not finite or not monotonic, azimuths that span more than a turn.
 
     Examples
     --------

@@ -223,6 +223,12 @@ class RangeImage:
         """Return the same scan in a world moved by `pose`."""
         return replace(self, world_from_sensor=pose @ self.world_from_sensor)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: figures and a small picture."""
+        from scenes.scan_card import card_of_scan  # only notebooks need it
+
+        return card_of_scan(self).to_html()
+
 
 def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:
     """Return colours that are finite and, where something came back, in 0..1."""

@@ -60,7 +60,7 @@ class Hits:
     barycentric : (n, 3) float
         Weights of the face's corners, zero for a miss.
     incidence_cosine : (n,) float
-        |cosine| between ray and face normal, zero for a miss.
+        `|cosine|` between ray and face normal, zero for a miss.
     n_not_finite : int
         Rays that were not finite (in float32, as Embree works) or had no direction; they count as misses.
     """

@@ -75,3 +75,9 @@ class Scene:
         surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
         openings = tuple(opening.transformed(pose) for opening in self.openings)
         return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces, openings=openings)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: size, surfaces and warnings."""
+        from scenes.scene_card import card_of_scene  # only notebooks need it
+
+        return card_of_scene(self).to_html()

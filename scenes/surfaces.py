@@ -31,6 +31,13 @@ def surfaces_close(first: Surface, second: Surface, *, angle: float, length: flo
     Planes are compared at the first one's chart origin; surfaces with an axis by axis distance there, and by
     their radii; spheres by centre and radius; cones also by half angle, and both ways of their axis differ.
     The side from which they are seen does not count.
+
+    Parameters
+    ----------
+    first, second : Surface
+        Surfaces of different kinds never agree.
+    angle, length : float
+        How far directions (radians), and points and radii (metres) may be apart.
     """
     if isinstance(first, Plane) and isinstance(second, Plane):
         offset = abs(float(second.distance(first.point[None])[0]))

@@ -103,8 +103,8 @@ def measure_phase_error(
     The hole is cut into tiles, each at least a period and a quarter of the hole wide. For a tile T and a
     displacement s within one cell of the lattice, A(s) is the mean correlation of T with what is known at
     k p + s, over the eight nearest repetitions k p at which at least half of T meets known pixels. The tile
-    is out of step by the s of the highest A, in periods: s = a p1 + b p2 with |a|, |b| <= 1/2, and the larger
-    of |a| and |b| counts. With one period, s lies along it.
+    is out of step by the s of the highest A, in periods: s = a p1 + b p2 with `|a|, |b| <= 1/2`, and the
+    larger of `|a|` and `|b|` counts. With one period, s lies along it.
 
     Parameters
     ----------

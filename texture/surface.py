@@ -53,6 +53,12 @@ class SurfaceFill:
         image.flags.writeable = False
         object.__setattr__(self, "image", image)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the image, and where its pixels came from."""
+        from texture.picture import show_fill  # only notebooks need it
+
+        return show_fill(self.image, self.synthesis)
+
 
 def fill_surface(
     image: ArrayLike,

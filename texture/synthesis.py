@@ -60,6 +60,12 @@ class Synthesis:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the image, and where its pixels came from."""
+        from texture.picture import show_fill  # only notebooks need it
+
+        return show_fill(self.image, self)
+
 
 def collect(
     canvas: Canvas, sample: Sample, pixels: Pixels, background: Pixels, tally: Tally, check: WindowCheck

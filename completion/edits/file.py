@@ -30,7 +30,7 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
     """Return the edits of a JSON file, in order.
 
     The file is an object with a list "edits"; a `completion.json` to which edits were added is such a file.
-    Each edit is an object that says what to "do", and to which "surface" (merge: "surfaces"):
+    Each edit is an object that says what to "do", and to which "surface" (merge: "surfaces")::
 
         {"do": "reject",  "surface": 3}                    perhaps only inside an "outline": [[x, y, z], ...]
         {"do": "accept",  "surface": 4}                    likewise
@@ -41,6 +41,11 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
 
     A surface is a point [x, y, z] where it was measured, or a number: the "id" of one of the file's own
     "surfaces", which says by its "anchor" where that is. World coordinates, metres. A "note" may be anything.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
 
     Raises
     ------

@@ -107,6 +107,12 @@ class SurfaceFit:
             return total | {"half_angle_deg": float(np.degrees(half_angle)), "apex": apex}
         return total
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the parameters and how well they are known."""
+        from completion.cards import card_of_fit  # only notebooks need it
+
+        return card_of_fit(self).to_html()
+
 
 def surface_parameters(surface: Surface) -> dict[str, object]:
     """The parameters of a surface by name, in the order that files use."""

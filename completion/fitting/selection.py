@@ -62,6 +62,18 @@ def select(points: object, *, robust: bool = False) -> Selection:
     """Fit every shape to points (n, 3) and weigh the evidence; see `Selection`.
 
     Residuals count as independent; where they are not (a wall that bends a little), the ratios overstate.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Metres.
+    robust : bool
+        Whether many of them may belong to something else.
+
+    Raises
+    ------
+    InputError
+        Points of another shape, or not finite.
     """
     cloud = check_points("points", points)
     fits: dict[str, SurfaceFit] = {}

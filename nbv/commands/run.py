@@ -147,7 +147,7 @@ def _prepared(out: Path, *, is_folder: bool) -> Path:
         if out.is_dir():
             raise InputError(f"{out}: is a folder; name a file to write")
         if not out.parent.is_dir():
-            raise InputError(f"{out}: there is no folder {out.parent}")
+            raise InputError(f"{out}: there is no folder {out.parent}; make it first")
         return out
     try:
         out.mkdir(parents=True, exist_ok=True)

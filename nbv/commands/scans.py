@@ -73,6 +73,12 @@ def read_request(request: ScanRequest) -> list[RangeImage]:
     InputError
         Unusable files; several scans whose poses are not known.
     """
+    scene = next((path for path in request.paths if path.startswith("builtin:")), None)
+    if scene is not None:
+        raise InputError(
+            f"{scene} is a scene, not a scan; take a scan of it first: "
+            f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
+        )
     if request.origins:
         return _read_clouds(request)
     camera: Intrinsics | None = None

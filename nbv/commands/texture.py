@@ -121,7 +121,7 @@ def read_mask(path: str) -> NDArray[np.bool_]:
     """Return where an image (h, w) is not zero in any of its colours; alpha does not count."""
     with _opened(path) as opened:
         if opened.mode not in ("1", "L", "LA", "RGB", "RGBA") and not opened.mode.startswith(("I", "F")):
-            opened = opened.convert("RGB")
+            opened = opened.convert("RGBA" if opened.has_transparency_data else "RGB")
         values = np.array(opened)
     if values.ndim == 2:
         return np.asarray(values != 0, dtype=np.bool_)

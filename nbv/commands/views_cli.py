@@ -85,6 +85,9 @@ def plan(
         raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
     if scheduler is not None and method != "cover":
         raise typer.BadParameter("--scheduler casts for planners that know the scene: add --method cover")
+    if method != "cover" and (overlap is not None or time_budget is not None):
+        option = "--time-budget" if overlap is None else "--overlap"
+        raise typer.BadParameter(f"{option} is for plans of a known scene: add --method cover")
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")

@@ -45,7 +45,7 @@ class Intensity:
     def of(
         self, ranges: FloatArray, cosine: FloatArray, reflectivity: FloatArray | float
     ) -> NDArray[np.float32]:
-        """Intensity of echoes from `ranges` (m) at this |cosine| of incidence; 0 where nothing was met."""
+        """Intensity of echoes from `ranges` (m) at this `|cosine|` of incidence; 0 where nothing was met."""
         with np.errstate(divide="ignore", invalid="ignore"):
             light = reflectivity * cosine * (self.reference_range_m / ranges) ** 2
         return np.asarray(np.where(np.isfinite(ranges) & (ranges > 0), light, 0.0), dtype=np.float32)

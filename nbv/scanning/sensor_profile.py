@@ -63,6 +63,11 @@ def sensor_names() -> tuple[str, ...]:
 def load_sensor(name_or_path: str | Path) -> Sensor:
     """Return the sensor of a shipped profile, by name, or of a TOML file.
 
+    Parameters
+    ----------
+    name_or_path : str or path
+        One of `sensor_names()`, or a file that ends in `.toml`.
+
     Raises
     ------
     InputError
@@ -86,7 +91,9 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
     try:
         return _parse(path.read_text("utf-8"), name)
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read sensor {name}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
         raise InputError(f"cannot read sensor {name}: {error}") from error
 
 

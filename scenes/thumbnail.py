@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""Thumbnails: a scan's ranges and colours as small pictures, the way up that a person would see them."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.card import CardPicture
+from scenes.checks import FloatArray
+from scenes.projection import Projection, SphericalProjection
+from scenes.range_image import RangeImage
+
+_MOST = 220  # pixels, the longer side
+
+
+def thumbnails(scan: RangeImage) -> tuple[CardPicture, ...]:
+    """Return pictures of the ranges, near yellow and far violet, and of the colours where there are any."""
+    ranges = _small(scan.ranges, scan.projection)
+    known = np.isfinite(ranges)
+    low, high = np.quantile(ranges[known], [0.01, 0.99]) if known.any() else (0.0, 0.0)
+    pictures = [
+        _picture(_range_colours(ranges, float(low), float(high)), f"range, {low:.2f} to {high:.2f} m")
+    ]
+    if scan.colour is not None:
+        colour = np.rint(255 * _small(scan.colour, scan.projection)).astype(np.uint8)
+        opacity = np.where(known, 255, 0).astype(np.uint8)
+        pictures.append(_picture(np.dstack([colour, opacity]), "colour"))
+    return tuple(pictures)
+
+
+def _range_colours(ranges: FloatArray, low: float, high: float) -> NDArray[np.uint8]:
+    """Ranges (rows, columns) as sRGB with opacity: see-through where nothing came back."""
+    import cv2  # slow to import: only where pictures are made
+
+    known = np.isfinite(ranges)
+    place = np.clip((np.where(known, ranges, low) - low) / max(high - low, 1e-9), 0, 1)
+    grey = np.rint(255 * (1 - place)).astype(np.uint8)
+    colours = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS))[..., ::-1]
+    return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])
+
+
+def _small(pixels: NDArray[Any], projection: Projection) -> NDArray[Any]:
+    """Every k-th row and column; of panoramas by equal angles, up upwards and right to the right."""
+    n_rows, n_columns = projection.shape
+    if not isinstance(projection, SphericalProjection):
+        step = max(1, -(-max(n_rows, n_columns) // _MOST))
+        return pixels[::step, ::step]
+    sides = (projection.elevations, projection.azimuths)
+    widest = max(*(float(np.ptp(angles)) for angles in sides), 1e-9)
+    rows, columns = (
+        np.linspace(0, len(angles) - 1, int(np.clip(_MOST * np.ptp(angles) / widest, 1, _MOST))).round()
+        for angles in sides
+    )
+    rows = rows if sides[0][0] >= sides[0][-1] else rows[::-1]
+    columns = columns if sides[1][0] <= sides[1][-1] else columns[::-1]
+    return pixels[np.ix_(rows.astype(np.int64), columns.astype(np.int64))]
+
+
+def _picture(pixels: NDArray[np.uint8], caption: str) -> CardPicture:
+    from PIL import Image  # slow to import: only where pictures are made
+
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "PNG", optimize=False, compress_level=9)
+    return CardPicture(data.getvalue(), caption, 150)
