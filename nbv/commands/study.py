@@ -10,11 +10,11 @@ from typing import Any
 from nbv.commands.run import Run, Shared, running
 from nbv.manifest import input_digests
 from nbv.plots import on_white
-from nbv.report.study_report import SHARE, spread, study_page
+from nbv.report.study_report import spread, study_page
 from nbv.study.outcome import Outcome
 from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
-from nbv.study.spec import StudySpec, read_study
+from nbv.study.spec import StudySpec, common_share, read_study
 from nbv.study.summary import groups_of
 from nbv.wording import count
 from nbv.workers import workers_of
@@ -35,7 +35,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
         options = _options(spec)
         inputs = [file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)]
         _write(run, spec, outcomes, options, Path(file).stem, inputs)
-        run.finish(inputs, options, _summary(outcomes), _lines(outcomes))
+        run.finish(inputs, options, _summary(outcomes), _lines(outcomes, common_share(spec)))
 
 
 def _write(
@@ -75,17 +75,17 @@ def _summary(outcomes: tuple[Outcome, ...]) -> dict[str, Any]:
     }
 
 
-def _lines(outcomes: tuple[Outcome, ...]) -> list[str]:
+def _lines(outcomes: tuple[Outcome, ...], share: float) -> list[str]:
     """Return the headline numbers for people: a line for each planner in each setting."""
     groups = groups_of(outcomes)
     width = max(len(group.planner) for group in groups)
-    lines = [f"{count(len(outcomes), 'plan')}; views until {100 * SHARE:g} % of what can be is measured:"]
+    lines = [f"{count(len(outcomes), 'plan')}; views until {100 * share:g} % of what can be is measured:"]
     setting = None
     for group in groups:
         if group.setting != setting:
             setting = group.setting
             lines.append(", ".join(setting))
-        views = spread(group.views_to(SHARE)) or "-"
+        views = spread(group.views_to(share)) or "-"
         lines.append(f"  {group.planner:<{width}}  {views}")
     failed = sum(bool(outcome.error) for outcome in outcomes)
     if failed:

@@ -13,13 +13,12 @@ from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table
 from nbv.report.picture import Picture
 from nbv.study.outcome import Outcome
 from nbv.study.plots import colour_of, coverage_curves, views_needed
-from nbv.study.spec import StudySpec
+from nbv.study.spec import StudySpec, common_share
 from nbv.study.summary import Group, groups_of
 from nbv.wording import count
 from scenes.checks import FloatArray
 
 _MOST_PICTURES = 24
-SHARE = 0.95  # of the reachable area, in summary and overview
 
 
 def study_page(
@@ -42,16 +41,17 @@ def study_page(
     """
     groups = groups_of(outcomes)
     planners = [planner.label for planner in spec.planners]
-    plots = plots_of(groups, planners)
+    share = common_share(spec)
+    plots = plots_of(groups, planners, share)
     failed = [outcome for outcome in outcomes if outcome.error]
     page = Page(
         title=spec.title or spec.name or fallback_title,
         kicker="Study",
-        summary=" ".join(part for part in (spec.description.strip(), _summary(groups)) if part),
+        summary=" ".join(part for part in (spec.description.strip(), _summary(groups, share)) if part),
         headlines=_headlines(outcomes, groups),
         bar=None,
         sections=(
-            Section("Views that are needed", (_gallery(plots, "views", 1), *_needed(groups, planners))),
+            Section("Views that are needed", (_gallery(plots, share), *_needed(groups, planners, share))),
             Section("Coverage by number of views", _curves(groups, plots)),
             Section("Every case", (_cases_table(outcomes),)),
             *_failures(failed),
@@ -63,9 +63,9 @@ def study_page(
     return page, plots
 
 
-def plots_of(groups: Sequence[Group], planners: Sequence[str]) -> dict[str, Plot]:
+def plots_of(groups: Sequence[Group], planners: Sequence[str], share: float) -> dict[str, Plot]:
     """Return the plots of a study by name: "views", and "coverage-1" and so on, one a setting."""
-    plots = {"views": views_needed(groups, SHARE, planners)}
+    plots = {"views": views_needed(groups, share, planners)}
     for number, setting in enumerate(drawn_settings(groups)[:_MOST_PICTURES], start=1):
         plots[f"coverage-{number}"] = coverage_curves([g for g in groups if g.setting == setting], planners)
     return plots
@@ -95,11 +95,11 @@ def spread(values: FloatArray) -> str:
     return f"{middle:g}" if low == high else f"{middle:g} ({low:g} to {most})"
 
 
-def _summary(groups: Sequence[Group]) -> str:
+def _summary(groups: Sequence[Group], share: float) -> str:
     """Tell for each planner the median of views over all that it planned."""
     parts = []
     for planner in dict.fromkeys(group.planner for group in groups):
-        own = [group.views_to(SHARE) for group in groups if group.planner == planner]
+        own = [group.views_to(share) for group in groups if group.planner == planner]
         views = np.concatenate(own) if own else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
@@ -107,7 +107,7 @@ def _summary(groups: Sequence[Group]) -> str:
     if not parts:
         return "No case could be planned."
     return (
-        f"Median number of views until {100 * SHARE:g} % of what can be measured is measured as required: "
+        f"Median number of views until {100 * share:g} % of what can be measured is measured as required: "
         f"{', '.join(parts)}."
     )
 
@@ -133,7 +133,7 @@ def _headlines(outcomes: Sequence[Outcome], groups: Sequence[Group]) -> tuple[He
     return tuple(figures)
 
 
-def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ...]:
+def _needed(groups: Sequence[Group], planners: Sequence[str], share: float) -> tuple[Block, ...]:
     """A row for each planner in each setting."""
     rows = []
     for group in groups:
@@ -144,8 +144,7 @@ def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ..
             (
                 *(Cell(text) for text in group.setting),
                 Cell(group.planner, swatch=colour_of(planners.index(group.planner))),
-                Cell(spread(group.views_to(0.95))),
-                Cell(spread(group.views_to(0.99))),
+                Cell(spread(group.views_to(share))),
                 Cell(percent(middle) if len(met) else "", share=middle, state="measured"),
                 Cell(spread(group.values("views"))),
                 Cell(spread(bound[np.isfinite(bound)])),
@@ -153,7 +152,7 @@ def _needed(groups: Sequence[Group], planners: Sequence[str]) -> tuple[Block, ..
             )
         )
     columns = (
-        "Scene", "Sensor", "Requirement", "Planner", "#views to 95 %", "#to 99 %", "#reached, %",
+        "Scene", "Sensor", "Requirement", "Planner", f"#views to {100 * share:g} %", "#reached, %",
         "#views planned", "#at least", "#inferred, %",
     )  # fmt: skip
     note = (
@@ -187,10 +186,10 @@ def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, 
     return Gallery(pictures, 2), Text(note, is_note=True)
 
 
-def _gallery(plots: Mapping[str, Plot], name: str, columns: int) -> Gallery:
-    title = f"Views until {100 * SHARE:g} % of what can be is measured."
+def _gallery(plots: Mapping[str, Plot], share: float) -> Gallery:
+    title = f"Views until {100 * share:g} % of what can be is measured."
     caption = "Dots are seeds, bars medians; of a plan that never got there the dot is at the far right."
-    return Gallery((_picture(plots[name], title, caption),), columns)
+    return Gallery((_picture(plots["views"], title, caption),), 1)
 
 
 def _picture(plot: Plot, title: str, caption: str = "") -> Picture:

@@ -15,6 +15,7 @@ from scenes.checks import InputError
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _MOST_BYTES = 1 << 20
+_COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -171,6 +172,18 @@ class StudySpec(Entry):
         if len(set(self.seeds)) < len(self.seeds):
             raise ValueError("seeds must differ")
         return self
+
+
+def common_share(spec: StudySpec) -> float:
+    """Return the share of the reachable area at which planners are compared: that which all aim at, or 95 %.
+
+    Examples
+    --------
+    >>> planners = [{"method": "nbv"}, {"method": "random", "target": 0.8}]
+    >>> common_share(StudySpec(scenes=[{"scene": "builtin:office"}], planners=planners))
+    0.8
+    """
+    return min(_COMPARED, *(planner.target for planner in spec.planners))
 
 
 def read_study(path: str | Path) -> StudySpec:
