@@ -65,7 +65,7 @@ class CompletedModel:
     observations : tuple of Observation
         The scans as they were used; their frame is the first scan's sensor frame, the working frame.
     patches : tuple of Patch
-        The completed surfaces, working frame, largest first; number i + 1 in files.
+        The completed surfaces, working frame; number i + 1 in files.
     textures : tuple of ChartTexture or None
         Colour of each patch; empty when texture was not asked for.
     hypothesised : LabelledPoints

@@ -7,8 +7,9 @@ import numpy as np
 
 from nbv.plots import range_colours
 from nbv.report.page import Gallery, Headline, Page, Section, Text
-from nbv.report.picture import Picture, picture_of, upright
+from nbv.report.picture import Picture, picture_of
 from scenes.range_image import RangeImage
+from scenes.thumbnail import upright
 
 
 def scan_page(scan: RangeImage, seed: int = 0) -> Page:

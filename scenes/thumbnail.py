@@ -19,14 +19,14 @@ _MOST = 220  # pixels, the longer side
 
 def thumbnails(scan: RangeImage) -> tuple[CardPicture, ...]:
     """Return pictures of the ranges, near yellow and far violet, and of the colours where there are any."""
-    ranges = _small(scan.ranges, scan.projection)
+    ranges = upright(scan.ranges, scan.projection, _MOST)
     known = np.isfinite(ranges)
     low, high = np.quantile(ranges[known], [0.01, 0.99]) if known.any() else (0.0, 0.0)
     pictures = [
         _picture(_range_colours(ranges, float(low), float(high)), f"range, {low:.2f} to {high:.2f} m")
     ]
     if scan.colour is not None:
-        colour = np.rint(255 * _small(scan.colour, scan.projection)).astype(np.uint8)
+        colour = np.rint(255 * upright(scan.colour, scan.projection, _MOST)).astype(np.uint8)
         opacity = np.where(known, 255, 0).astype(np.uint8)
         pictures.append(_picture(np.dstack([colour, opacity]), "colour"))
     return tuple(pictures)
@@ -43,21 +43,26 @@ def _range_colours(ranges: FloatArray, low: float, high: float) -> NDArray[np.ui
     return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])
 
 
-def _small(pixels: NDArray[Any], projection: Projection) -> NDArray[Any]:
-    """Every k-th row and column; of panoramas by equal angles, up upwards and right to the right."""
-    n_rows, n_columns = projection.shape
+def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> NDArray[Any]:
+    """Return an image of a scan as a person would see it, neither side longer than `most` pixels.
+
+    Panoramas are drawn with equal angles along both sides, up upwards and right to the right, however their
+    rows and columns run; camera images keep their order and lose every k-th pixel.
+    """
     if not isinstance(projection, SphericalProjection):
-        step = max(1, -(-max(n_rows, n_columns) // _MOST))
+        step = max(1, -(-max(pixels.shape[:2]) // most))
         return pixels[::step, ::step]
-    sides = (projection.elevations, projection.azimuths)
-    widest = max(*(float(np.ptp(angles)) for angles in sides), 1e-9)
+    spans = [abs(float(angles[-1] - angles[0])) for angles in (projection.elevations, projection.azimuths)]
+    scale = most / max(*spans, 1e-9)
     rows, columns = (
-        np.linspace(0, len(angles) - 1, int(np.clip(_MOST * np.ptp(angles) / widest, 1, _MOST))).round()
-        for angles in sides
+        np.rint(np.linspace(0, n - 1, int(np.clip(round(span * scale), 1, most)))).astype(np.int64)
+        for n, span in zip(projection.shape, spans, strict=True)
     )
-    rows = rows if sides[0][0] >= sides[0][-1] else rows[::-1]
-    columns = columns if sides[1][0] <= sides[1][-1] else columns[::-1]
-    return pixels[np.ix_(rows.astype(np.int64), columns.astype(np.int64))]
+    if projection.elevations[0] < projection.elevations[-1]:
+        rows = rows[::-1]
+    if projection.azimuths[0] > projection.azimuths[-1]:
+        columns = columns[::-1]
+    return pixels[np.ix_(rows, columns)]
 
 
 def _picture(pixels: NDArray[np.uint8], caption: str) -> CardPicture:

@@ -15,7 +15,7 @@ from nbv.report.camera import aim, aside_cameras, overview_cameras
 from nbv.report.coverage_report import coverage_page
 from nbv.report.drawing import Canvas, passes_hidden
 from nbv.report.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text, percent
-from nbv.report.picture import hatch, picture_of, segment_pixels, surface_colour, upright
+from nbv.report.picture import hatch, picture_of, segment_pixels, surface_colour
 from nbv.report.station_plots import outline_of
 from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
@@ -28,6 +28,7 @@ from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
 from scenes.range_image import RangeImage
+from scenes.thumbnail import upright
 
 EVIL = "<script>alert('x')</script>"
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.report.picture import upright
 from scenes.checks import FloatArray
 from scenes.range_image import RangeImage
+from scenes.thumbnail import upright
 
 ASIDE_DEG = (
     (-38.0, 8.0),

@@ -31,12 +31,13 @@ from nbv.report.page import (
     Text,
     square_metres,
 )
-from nbv.report.picture import picture_of, segment_pixels, surface_colour, upright
+from nbv.report.picture import picture_of, segment_pixels, surface_colour
 from nbv.report.stage import Stage, is_single_camera, solid_bounds
 from nbv.report.station_tables import scans_table
 from nbv.report.verification_blocks import verification_sections
 from nbv.report.viewer.completion_view import completion_view
 from nbv.wording import count
+from scenes.thumbnail import upright
 
 _MOST_SCANS = 3  # of which pictures are shown
 

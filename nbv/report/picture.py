@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.projection import Projection, SphericalProjection
 
 # Blue and orange (Okabe and Ito's palette) stay apart under all common kinds of colour blindness; unknown
 # area is hatched as well, and modelled area, a lighter tone of measured, is dotted, so that they survive a
@@ -100,28 +99,6 @@ def segment_pixels(owner: NDArray[np.int32], valid: BoolArray) -> FloatArray:
     numbers = range(int(owner.max(initial=0)) + 1)
     palette = np.array([surface_rgb(k) for k in numbers])
     return np.dstack([palette[owner], valid.astype(np.float64)])
-
-
-def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> NDArray[Any]:
-    """Return an image of a scan as a person would see it, neither side longer than `most` pixels.
-
-    Panoramas are drawn with equal angles along both sides, up upwards and right to the right, however their
-    rows and columns run; camera images keep their order and lose every k-th pixel.
-    """
-    if not isinstance(projection, SphericalProjection):
-        step = max(1, -(-max(pixels.shape[:2]) // most))
-        return pixels[::step, ::step]
-    spans = [abs(float(angles[-1] - angles[0])) for angles in (projection.elevations, projection.azimuths)]
-    scale = most / max(*spans, 1e-9)
-    rows, columns = (
-        np.rint(np.linspace(0, n - 1, int(np.clip(round(span * scale), 1, most)))).astype(np.int64)
-        for n, span in zip(projection.shape, spans, strict=True)
-    )
-    if projection.elevations[0] < projection.elevations[-1]:
-        rows = rows[::-1]
-    if projection.azimuths[0] > projection.azimuths[-1]:
-        columns = columns[::-1]
-    return pixels[np.ix_(rows, columns)]
 
 
 def _data_uri(png: bytes) -> str:
