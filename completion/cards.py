@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from completion.fitting.result import SurfaceFit
-from completion.model import CompletedModel
 from scenes.card import INFERRED, MEASURED, Card, Share
 from scenes.thumbnail import thumbnails
+
+if TYPE_CHECKING:
+    from completion.fitting.result import SurfaceFit
+    from completion.model import CompletedModel
 
 _MOST_SURFACES = 6  # that are listed
 

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from nbv.coverage import Coverage, CoverageSummary
-from nbv.plan import Plan
 from nbv.wording import count
 from scenes.card import INFERRED, MEASURED, UNKNOWN, UNREACHABLE, Card, CardPicture, Share
+
+if TYPE_CHECKING:
+    from nbv.coverage import Coverage, CoverageSummary
+    from nbv.plan import Plan
 
 _WIDTH, _HEIGHT = 240, 120  # of the curve, CSS pixels
 _WORST = 5  # surfaces that are listed

@@ -15,12 +15,22 @@ from types import ModuleType
 from typing import Any
 
 from nbv.manifest import versions
-from nbv.workers import Item, Result, Work
+from nbv.workers import Item, Result, ThisProcess, Work, Workers
 from scenes.checks import InputError
 
 _WAIT_S = 30.0  # for the scheduler to answer, and for the first worker
 _DEATHS = 10  # of workers under the same piece of work, before it is blamed
 _LOCAL = "local"
+
+
+@contextmanager
+def workers_of(scheduler: str | None, n_threads: int | None) -> Iterator[Workers]:
+    """Yield this process, or the cluster at an address (`cluster`, which raises InputError)."""
+    if scheduler is None:
+        yield ThisProcess(n_threads)
+        return
+    with cluster(scheduler, n_threads) as workers:
+        yield workers
 
 
 @contextmanager

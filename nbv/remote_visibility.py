@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from nbv.cluster import workers_of
 from nbv.requirement import SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.visibility import Progress, stack_rows, visible_from_positions
-from nbv.workers import Workers, workers_of
+from nbv.workers import Workers
 from scenes.atomic import atomic_path
 from scenes.checks import FloatArray, InputError
 from scenes.mesh import LabelledMesh

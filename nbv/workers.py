@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -28,18 +27,6 @@ class Workers(Protocol):
         self, work: Work[Item, Result], items: Sequence[Item], keys: Sequence[str]
     ) -> Iterator[tuple[int, Result]]:
         """Yield the number of each item and its result, as they come; equal `keys` mean equal work."""
-
-
-@contextmanager
-def workers_of(scheduler: str | None, n_threads: int | None) -> Iterator[Workers]:
-    """Yield this process, or the cluster at an address (`nbv.cluster.cluster`, which raises InputError)."""
-    if scheduler is None:
-        yield ThisProcess(n_threads)
-        return
-    from nbv.cluster import cluster
-
-    with cluster(scheduler, n_threads) as workers:
-        yield workers
 
 
 @dataclass(frozen=True, slots=True)

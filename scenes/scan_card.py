@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from scenes.card import Card
 from scenes.projection import PinholeProjection, SphericalProjection
-from scenes.range_image import RangeImage
 from scenes.thumbnail import thumbnails
+
+if TYPE_CHECKING:
+    from scenes.range_image import RangeImage
 
 
 def card_of_scan(scan: RangeImage) -> Card:

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from scenes.card import Card
-from scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from scenes.scene import Scene
 
 
 def card_of_scene(scene: Scene) -> Card:

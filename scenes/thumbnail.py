@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from scenes.card import CardPicture
 from scenes.checks import FloatArray
 from scenes.projection import Projection, SphericalProjection
-from scenes.range_image import RangeImage
+
+if TYPE_CHECKING:
+    from scenes.range_image import RangeImage
 
 _MOST = 220  # pixels, the longer side
 

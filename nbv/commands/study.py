@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from nbv.cluster import workers_of
 from nbv.commands.run import Run, Shared, running
 from nbv.manifest import input_digests
 from nbv.plots import on_white
@@ -17,7 +18,6 @@ from nbv.study.results import check_results, write_results
 from nbv.study.spec import StudySpec, common_share, read_study
 from nbv.study.summary import groups_of
 from nbv.wording import count
-from nbv.workers import workers_of
 from scenes.atomic import write_bytes
 
 

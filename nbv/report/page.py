@@ -15,6 +15,7 @@ from nbv.manifest import versions
 from nbv.report.page_scripts import policy, script_of, style_of
 from nbv.report.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
 from nbv.report.viewer.block import Viewer
+from nbv.report.viewer.encoding import encoded
 from scenes.atomic import write_text
 
 State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
@@ -231,10 +232,12 @@ def _colours() -> dict[str, str]:
 
 
 def _environment() -> Environment:
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("nbv.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["encoded"] = encoded
+    return environment

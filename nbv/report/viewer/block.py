@@ -106,13 +106,6 @@ class Viewer:
     one: Literal["view", "scan"] = "view"
     kind: ClassVar[str] = "viewer"
 
-    @property
-    def data(self) -> str:
-        """All of it, packed, as base64."""
-        from nbv.report.viewer.encoding import encoded
-
-        return encoded(self)
-
     def bounds(self) -> FloatArray:
         """Smallest and largest coordinates (2, 3) of all surface, metres; zeros without any."""
         ends = [layer.vertices[layer.faces].reshape(-1, 3) for layer in self.layers if len(layer.faces)]
