@@ -22,7 +22,8 @@ from scenes.formats.npz import read_npz, write_npz
 from scenes.formats.pcd import read_pcd, write_pcd
 from scenes.formats.ptx import count_ptx, read_ptx, write_ptx
 from scenes.formats.rgbd import read_frame
-from scenes.formats.rgbd_layout import open_rgbd, write_rgbd
+from scenes.formats.rgbd_layout import open_rgbd
+from scenes.formats.rgbd_writer import Layout, write_rgbd
 from scenes.formats.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scan_text import read_scan_text, write_scan_text
 from scenes.formats.trajectory import poses_at, read_poses
@@ -301,8 +302,19 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
         writer(scan, target)
 
 
-def write_scans(scans: Sequence[RangeImage], path: str | os.PathLike[str]) -> None:
+def write_scans(
+    scans: Sequence[RangeImage], path: str | os.PathLike[str], *, layout: Layout = "plain"
+) -> None:
     """Write several scans to one `.e57` file, or pinhole scans of one camera to an RGB-D folder.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        What to write.
+    path : str or path
+        A file by its suffix; a name without suffix is a folder.
+    layout : "plain", "tum" or "redwood"
+        Of a folder; see `scenes.formats.rgbd_writer.write_rgbd`.
 
     Raises
     ------
@@ -313,7 +325,7 @@ def write_scans(scans: Sequence[RangeImage], path: str | os.PathLike[str]) -> No
     if target.suffix.lower() == ".e57":
         write_e57(scans, target)
     elif target.suffix == "":
-        write_rgbd(scans, target)
+        write_rgbd(scans, target, layout)
     elif len(scans) == 1:
         write_scan(scans[0], target)
     else:

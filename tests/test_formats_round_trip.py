@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
-from scenes.files import read_scan, read_scans, write_scan, write_scans
+from scenes.files import open_scans, read_scan, read_scans, write_scan, write_scans
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import TRUTH_CHANNELS, RangeImage
@@ -142,6 +142,38 @@ def test_rgbd_folder_reads_back_to_its_depth_step(tmp_path: Path, kind: str) -> 
         assert_same_scan(scan, back, half_step_m)
     assert backs[10].name == "folder#11"
     assert_same_scan(scans[9], read_scan(f"{tmp_path / 'folder'}#10"), half_step_m)
+
+
+@pytest.mark.parametrize("shift", [(0, 0, 0), (5e5, 5e6, 100)], ids=["origin", "UTM"])
+@pytest.mark.parametrize(("layout", "scale"), [("tum", 5000), ("redwood", 1000)])
+def test_rgbd_folders_of_others_read_back_to_their_depth_step(tmp_path, layout, scale, shift) -> None:
+    poses = [
+        Pose.from_parts(np.eye(3), shift) @ POSE @ Pose.looking_at((k, 0, 0), (k, 5, 1)) for k in range(3)
+    ]
+    scans = [example_scan(PROJECTIONS["pinhole"], seed=k, pose=pose) for k, pose in enumerate(poses)]
+    write_scans(scans, tmp_path / "folder", layout=layout)
+    opened = open_scans(tmp_path / "folder")
+    assert opened.kind == f"rgbd ({layout})"
+    assert opened.registered
+    for scan, back in zip(scans, read_scans(tmp_path / "folder"), strict=True):
+        assert_same_scan(scan, back, 0.5 / scale * 1.5)
+        np.testing.assert_allclose(
+            back.world_from_sensor.translation, scan.world_from_sensor.translation, rtol=0, atol=1e-9
+        )
+
+
+def test_rgbd_folders_of_others_hold_what_theirs_do(tmp_path: Path) -> None:
+    far = [RangeImage(np.full((3, 4), 40.0), PinholeProjection(4, 3, 3.0, 3.0, 1.5, 1.0), POSE)]
+    with pytest.raises(InputError, match="16 bits at 5000 values a metre; write it plain"):
+        write_scans(far, tmp_path / "tum", layout="tum")
+    near = [RangeImage(np.full((3, 4), 4.0), PinholeProjection(4, 3, 3.0, 3.0, 1.5, 1.0), POSE)]
+    with pytest.raises(InputError, match="a TUM folder holds colours"):
+        write_scans(near, tmp_path / "tum", layout="tum")
+    with pytest.raises(InputError, match="layout must be one of plain, tum, redwood, got 'kitti'"):
+        write_scans(near, tmp_path / "kitti", layout="kitti")
+    assert not list(tmp_path.iterdir())
+    write_scans(near, tmp_path / "redwood", layout="redwood")
+    assert read_scan(tmp_path / "redwood").ranges.max() > 4
 
 
 def test_far_depths_get_a_coarser_scale(tmp_path: Path) -> None:

@@ -10,19 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from scenes.atomic import atomic_path, write_json
 from scenes.checks import FloatArray, InputError
 from scenes.formats.depth_encoding import DepthEncoding, check_encoding
 from scenes.formats.guard import check_file, reading
-from scenes.formats.header import colour_bytes
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
-from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose, write_poses
+from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose
 from scenes.natural_order import natural_key
 from scenes.pose import Pose
-from scenes.projection import PinholeProjection
-from scenes.range_image import RangeImage
 
 _DEPTH_FOLDERS = ("depth", "depths")
 _COLOUR_FOLDERS = ("color", "colour", "rgb", "image", "images")
@@ -30,7 +25,6 @@ _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp"}
 _CAMERAS = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesense.json", "camera.txt",
             "intrinsics.txt")  # fmt: skip
 _POSES = ("pose.txt", "poses.txt", "trajectory.txt", "trajectory.log", "poses.json")
-_SCALES = (10000, 5000, 2000, 1000, 500, 200, 100)  # depth values a metre that a writer chooses from
 
 
 def open_rgbd(folder: Path) -> RgbdFolder:
@@ -214,43 +208,3 @@ def _tum_rows(path: Path, n_words: int) -> list[list[str]]:
     if any(len(row) != n_words for row in rows):
         raise InputError(f"expected {n_words} words a line in {path.name}")
     return rows
-
-
-def write_rgbd(scans: Sequence[RangeImage], folder: Path) -> None:
-    """Write pinhole scans as a plain folder: `color/`, `depth/` (16 bit), `pose.txt`, `camera.json`.
-
-    Depth is rounded to 1 / depth_scale metres; the finest of 10000 ... 100 values a metre that holds the
-    largest depth is chosen and written to `camera.json`.
-
-    Raises
-    ------
-    InputError
-        No scan, spherical scans, or different cameras.
-    """
-    if not scans:
-        raise InputError("there is no scan to write")
-    camera = scans[0].projection
-    if not isinstance(camera, PinholeProjection) or any(scan.projection != camera for scan in scans):
-        raise InputError(f"{folder}: an RGB-D folder holds scans of one pinhole camera; use .npz or .e57")
-    depths = [np.nan_to_num(scan.points_in_sensor()[..., 2], nan=0.0) for scan in scans]
-    largest = max(float(depth.max()) for depth in depths)
-    scale = next((scale for scale in _SCALES if largest * scale < 65535), None)
-    if scale is None:
-        raise InputError(f"{folder}: depths up to {largest:.0f} m do not fit into 16 bits; use .npz or .e57")
-    has_colour = all(scan.colour is not None for scan in scans)
-    for name in ["depth", "color"][: 1 + has_colour]:
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    for k, (scan, depth) in enumerate(zip(scans, depths, strict=True), start=1):
-        counts = np.rint(depth * scale).astype(np.uint16)
-        _save_png(counts, folder / "depth" / f"{k:05d}.png")
-        if has_colour:
-            _save_png(colour_bytes(scan), folder / "color" / f"{k:05d}.png")
-    write_poses(folder / "pose.txt", [scan.world_from_sensor for scan in scans])
-    names = ("width", "height", "fx", "fy", "cx", "cy")
-    values = {name: getattr(camera, name) for name in names}
-    write_json(folder / "camera.json", values | {"depth_scale": scale})
-
-
-def _save_png(values: Any, path: Path) -> None:
-    with atomic_path(path) as temporary:
-        Image.fromarray(values).save(temporary)
