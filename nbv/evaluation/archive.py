@@ -122,7 +122,7 @@ def from_record(kind: Any, record: Any) -> Any:
         return kind(
             **{field.name: from_record(hints[field.name], record[field.name]) for field in fields(kind)}
         )
-    if origin is np.ndarray:
+    if isinstance(record, Mapping):  # an array, whatever numpy's alias for its type is made of
         return np.array(record["values"], dtype=record["type"]).reshape(record["shape"])
     if origin is tuple:
         inner = get_args(kind)
