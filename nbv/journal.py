@@ -19,6 +19,7 @@ import numpy as np
 from nbv.gain import BestView
 from nbv.glimpse import Glimpse
 from scenes.atomic import atomic_path, json_text, write_text
+from scenes.checks import InputError
 from scenes.pose import Pose
 
 _KEY_FILE = "key.json"
@@ -55,7 +56,10 @@ class FileJournal:
         self.folder = folder
         if self._key() != key:
             self.forget()
-            folder.mkdir(parents=True)
+            try:
+                folder.mkdir(parents=True)
+            except OSError as error:
+                raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
             write_text(folder / _KEY_FILE, json_text({"key": key}))
 
     def remembered(self, number: int) -> BestView | None:

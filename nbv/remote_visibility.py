@@ -182,10 +182,11 @@ def remote_visibility(
     scheduler: str | None, n_threads: int | None, folder: Path
 ) -> Iterator[RemoteVisibility | None]:
     """Yield the workers of a scheduler, None without one; what they share lies in `folder` meanwhile."""
+    shared = folder / _SHARED
     if scheduler is None:
+        rmtree(shared, ignore_errors=True)  # of a run with a scheduler that was killed
         yield None
         return
-    shared = folder / _SHARED
     try:
         with workers_of(scheduler, n_threads) as workers:
             yield RemoteVisibility(workers, shared)

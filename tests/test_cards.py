@@ -17,14 +17,9 @@ import nbv.report.picture as report_picture
 from completion.fitting import fit
 from completion.pipeline import CompletionOptions, complete
 from nbv.cover.result import LowerBound
-from nbv.measurement import measure_coverage
 from nbv.plan import Plan, Resumption
-from nbv.samples import sample_surface
-from nbv.scanning.sensor import PinholeSensor
 from nbv.stations import Stations
 from nbv.tour import Leg, Tour
-from nbv.view import View
-from nbv.viewpoints import Candidates
 from scenes import card
 from scenes.builtin import builtin_scene
 from scenes.card import Card, CardPicture, Share
@@ -32,6 +27,7 @@ from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
 from scenes.range_image import RangeImage
 from tests.completion_examples import example
+from tests.room_examples import ROOM, VIEW, covered_by_two
 from texture import fill, fill_surface
 
 EVIL = "<script>alert('x')</script> & \"more\""
@@ -55,18 +51,17 @@ def pixels_of(html, number=0):
 
 @pytest.fixture(scope="module")
 def scene():
-    return builtin_scene("two_occluders")
+    return ROOM
 
 
 @pytest.fixture(scope="module")
 def view():
-    return View(Pose.looking_at((0.5, 0.5, 1.5), (5, 4, 1)), PinholeSensor(fov_deg=70, width=64, height=48))
+    return VIEW
 
 
 @pytest.fixture(scope="module")
-def coverage(scene, view):
-    candidates = Candidates(np.array([[0.5, 0.5, 1.5], [5, 4, 1.5]]), np.array([[1.0, 1, 0], [-1, -1, 0]]))
-    return measure_coverage(scene, [view], samples=sample_surface(scene.mesh, 0.3), candidates=candidates)
+def coverage():
+    return covered_by_two()
 
 
 @pytest.fixture(scope="module")

@@ -13,17 +13,14 @@ import pytest
 
 from completion.pipeline import CompletionOptions, complete
 from nbv import show
-from nbv.measurement import measure_coverage
 from nbv.plan import Plan, read_plan
-from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from nbv.view import View
-from nbv.viewpoints import Candidates
-from scenes.builtin import builtin_scene
 from scenes.checks import InputError
 from scenes.pose import Pose
 from tests.completion_examples import example
+from tests.room_examples import ROOM, VIEW, covered_by_two
 
 
 @pytest.fixture
@@ -37,18 +34,17 @@ def opened(monkeypatch):
 
 @pytest.fixture(scope="module")
 def scene():
-    return builtin_scene("two_occluders")
+    return ROOM
 
 
 @pytest.fixture(scope="module")
 def view():
-    return View(Pose.looking_at((0.5, 0.5, 1.5), (5, 4, 1)), PinholeSensor(fov_deg=70, width=64, height=48))
+    return VIEW
 
 
 @pytest.fixture(scope="module")
-def coverage(scene, view):
-    candidates = Candidates(np.array([[0.5, 0.5, 1.5], [5, 4, 1.5]]), np.array([[1.0, 1, 0], [-1, -1, 0]]))
-    return measure_coverage(scene, [view], samples=sample_surface(scene.mesh, 0.3), candidates=candidates)
+def coverage():
+    return covered_by_two()
 
 
 @pytest.fixture(scope="module")

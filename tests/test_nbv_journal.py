@@ -73,7 +73,7 @@ def test_a_journal_of_something_else_or_with_damage_is_not_believed(tmp_path):
 
 def test_a_journal_needs_a_folder_that_can_be_made(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="file"):
+    with pytest.raises(InputError, match="cannot make this folder"):
         FileJournal(tmp_path / "file" / "journal", "key")
 
 

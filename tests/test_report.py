@@ -20,27 +20,25 @@ from nbv.report.station_plots import outline_of
 from nbv.report.surface_values import fine_coverage, nearest_samples
 from nbv.samples import sample_surface
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
 from nbv.sightings import sightings_of
-from nbv.view import View
-from scenes.builtin import builtin_scene
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, SphericalProjection
 from scenes.range_image import RangeImage
 from scenes.thumbnail import upright
+from tests.room_examples import ROOM, VIEW
 
 EVIL = "<script>alert('x')</script>"
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return builtin_scene("two_occluders")
+    return ROOM
 
 
 @pytest.fixture(scope="module")
 def view():
-    return View(Pose.looking_at((0.5, 0.5, 1.5), (5, 4, 1)), PinholeSensor(fov_deg=70, width=64, height=48))
+    return VIEW
 
 
 @pytest.fixture(scope="module")

@@ -65,4 +65,4 @@ class PlanArchive:
             raise InputError(f"{file}: no plan of this case can be read: {error}") from error
         if not isinstance(record, dict) or record.get("key") != case.key:
             raise InputError(f"{file}: is not the plan of this case: it was made of something else")
-        return {**record, "labels": case.labels()}
+        return dict(record)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from scenes.checks import InputError
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _MOST_BYTES = 1 << 20
+_MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -158,8 +160,8 @@ class StudySpec(Entry):
     @classmethod
     def _count_of_seeds(cls, given: Any) -> Any:
         if isinstance(given, dict) and type(given.get("seeds")) is int:
-            if given["seeds"] < 1:
-                raise ValueError("seeds must be at least 1, or a list of seeds")
+            if not 1 <= given["seeds"] <= _MOST_CASES:
+                raise ValueError(f"seeds must be a list, or a number of them from 1 to {_MOST_CASES:,}")
             return {**given, "seeds": list(range(given["seeds"]))}
         return given
 
@@ -171,6 +173,9 @@ class StudySpec(Entry):
                 raise ValueError(f"two {kind} are called {min(twice)!r}: give each a name of its own")
         if len(set(self.seeds)) < len(self.seeds):
             raise ValueError("seeds must differ")
+        kinds = (self.scenes, self.sensors, self.requirements, self.planners, self.seeds)
+        if (n_cases := math.prod(len(kind) for kind in kinds)) > _MOST_CASES:
+            raise ValueError(f"these are {n_cases:,} plans; a study has at most {_MOST_CASES:,}: part it")
         return self
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - dispari
 
 def check_encoding(name: object) -> DepthEncoding:
     """Return `name` when it is a known encoding; raise InputError otherwise."""
-    for known in get_args(DepthEncoding):
-        if name == known:
-            return known  # type: ignore[no-any-return]
+    if name in get_args(DepthEncoding):
+        return cast(DepthEncoding, name)
     raise InputError(f"unknown depth_encoding {name!r}; known: {', '.join(get_args(DepthEncoding))}")
 
 
