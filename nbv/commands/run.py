@@ -39,6 +39,8 @@ class Shared:
         Threads; one for each core when not given. Results do not depend on it.
     max_memory : int, optional
         Bytes.
+    limits : mapping
+        Limits of what files may hold, by name, other than the defaults; see `scenes.limits`.
     """
 
     out: Path | None
@@ -47,6 +49,7 @@ class Shared:
     quiet: bool
     threads: int | None
     max_memory: int | None
+    limits: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
@@ -89,7 +92,7 @@ class Run:
             command=self.command,
             seed=self.shared.seed,
             inputs=inputs,
-            options={**options, "max_memory": self.shared.max_memory},
+            options={**options, "max_memory": self.shared.max_memory, "limits": dict(self.shared.limits)},
             threads=self.shared.threads,
             outputs=self.outputs,
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
@@ -119,13 +122,14 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
+    from scenes.limits import limits
     from scenes.lock import locked
 
     watch = Stopwatch()
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
         guard = locked(out) if is_folder else nullcontext()
-        with interruptible(command), guard, _progress(shared, watch) as progress:
+        with limits(**shared.limits), interruptible(command), guard, _progress(shared, watch) as progress:
             yield Run(command, shared, out, is_folder, watch, progress)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
