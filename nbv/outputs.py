@@ -18,6 +18,7 @@ from scenes.checks import InputError
 from scenes.formats.arrays import open_arrays
 from scenes.formats.guard import check_file, reading
 from scenes.formats.ply import read_mesh_ply
+from scenes.formats.references import within_folder
 
 _STATES = ("observed", "hypothesised")
 
@@ -75,7 +76,7 @@ def _folder(path: Path) -> dict[str, Any]:
     found = {**manifest, "kind": "output folder"}
     warnings, files = [], []
     for name in manifest["outputs"]:
-        file = path / name
+        file = within_folder(path, name)
         if not file.is_file():
             warnings.append(f"{name} is missing")
             continue
