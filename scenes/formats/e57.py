@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from scenes.checks import FloatArray, InputError
 from scenes.formats.documents import parse_json
 from scenes.formats.e57_inferred import INFERRED
+from scenes.formats.e57_structure import check_e57
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
 from scenes.formats.header import FORMAT, colour_from_bytes, described, projection_from_dict
@@ -31,9 +32,16 @@ _CURE = (
 )
 
 
+def _open(path: Path) -> Any:
+    """Open a file whose structure was checked."""
+    module = import_extra("pye57", "e57")
+    check_e57(path)
+    return module.E57(str(path))
+
+
 def count_e57(path: Path) -> int:
     """Return how many scans the file holds; clouds of inferred points are none."""
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         return len(_measured(file))
 
 
@@ -55,7 +63,7 @@ def read_e57(path: Path, index: int) -> RangeImage:
     InputError
         Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
     """
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         scans = _measured(file)
         own = scans[index]
         header = file.get_header(own)
@@ -92,7 +100,7 @@ def read_e57_points(path: Path, index: int) -> RawPoints:
     Structured or not; a scan without pose and grid may have been merged from several, so that its place is
     None.
     """
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         own = _measured(file)[index]
         header = file.get_header(own)
         data = file.read_scan_raw(own, ignore_unsupported_fields=True)
