@@ -17,13 +17,14 @@ from scenes.files import METRES_PER_UNIT, Units
 from scenes.formats.guard import reading
 from scenes.formats.mesh_file import check_mesh_suffix, read_mesh_file
 from scenes.mesh import LabelledMesh
+from scenes.mesh_doubts import mesh_doubts
 from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
 from scenes.scene import Mode, Scene
 
 _NAMELESS = re.compile(
     r"^\d+$|_[0-9a-f]{6}$"
 )  # node numbers, and what trimesh draws at random for parts of one
-SMALL_M, LARGE_M = 0.05, 1e5  # diagonals beyond which the unit is doubted
+SMALL_M, LARGE_M = 0.05, 1e3  # diagonals beyond which the unit is doubted
 
 
 def open_scene(
@@ -89,6 +90,7 @@ def load_scene(
         mesh, names = _join(file, parts)
         if len(mesh.faces) != held.n_faces:
             raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
+        doubts = mesh_doubts(mesh)
         mesh = LabelledMesh(
             world_from_file_up(up).apply(mesh.vertices * METRES_PER_UNIT[units]),
             mesh.faces,
@@ -96,7 +98,7 @@ def load_scene(
             mesh.appearance,
         )
         kind = decide_mode(mesh) if mode is None else mode
-        warnings = (*held.warnings, *_warnings(mesh, kind, up))
+        warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
         return Scene(mesh, (None,) * len(names), names, file.stem, kind, warnings)
 
 
@@ -154,9 +156,6 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
 def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
     """What a user should know before scanning."""
     found = []
-    flat = int((mesh.face_areas() <= 0).sum())
-    if flat:
-        found.append(f"{flat} of {len(mesh.faces)} faces have no area; no ray can hit them")
     diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
     doubt = units_doubt(diagonal)
     suggested = suggest_up(mesh, mode)

@@ -130,7 +130,7 @@ def test_missing_files_and_materials_are_warned_of(folder: Path) -> None:
     (library,) = check_references(write_obj(folder, "tex.png", "gone.mtl")).warnings
     assert library == "its material file 'gone.mtl' is missing: colours and textures are lost"
     file = write_obj(folder, "tex.png")
-    file.write_text(file.read_text() + "usemtl other\nf 1/1 2/2 3/3\n")
+    file.write_text(file.read_text() + "v 0 0 1\nusemtl other\nf 2/1 1/2 4/3\n")
     assert load_scene(file).warnings == (
         "materials used but not defined: 1 (first 'other'); what they cover is grey",
     )
