@@ -21,7 +21,7 @@ from tests.study_examples import write_study
 resource = pytest.importorskip("resource", reason="limits of files are POSIX")
 ROOM = "builtin:two_occluders"
 SCAN = ["scan", ROOM, "--sensor", "tiny.toml", "--at", "5,1.5,1.4", "--look", "2,2,0.6"]
-PLAN = ["plan", ROOM, "--sensor", "tiny.toml", "--views", "1"]
+PLAN = ["plan", ROOM, "--sensor", "tiny.toml", "--candidates", "few.npz", "--views", "1"]
 COMMANDS = {
     **{
         f"scan to {kind}": [*SCAN, "-o", f"scan.{kind}"]
@@ -53,6 +53,8 @@ def here(tmp_path_factory):
     write_scan(
         scan_scene(builtin_scene("two_occluders"), view, noise="gaussian-2mm", rng=0), folder / "given.npz"
     )
+    places = np.array([[1.0, 1.0, 1.5], [5.0, 4.0, 1.5]])
+    np.savez(folder / "few.npz", positions=places, directions=np.array([[1.0, 1, 0], [-1, -1, -0.3]]))
     rng = np.random.default_rng(0)
     Image.fromarray(rng.integers(0, 255, (48, 48, 3), np.uint8)).save(folder / "image.png")
     mask = np.zeros((48, 48), np.uint8)
