@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,7 @@ from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError
+from scenes.formats.documents import read_json
 from scenes.pose import Pose
 
 if TYPE_CHECKING:
@@ -152,12 +152,7 @@ def read_plan(path: str | Path) -> Plan:
     InputError
         No such file, not JSON, or not a plan: the entry is named.
     """
-    try:
-        content = json.loads(Path(path).read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read plan {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not a plan: no JSON ({error}); {_CURE}") from error
+    content = read_json(Path(path), dict)
     try:
         return _plan_of(content)
     except KeyError as error:

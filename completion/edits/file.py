@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -13,7 +12,8 @@ import numpy as np
 
 from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError
-from scenes.formats.guard import check_file, reading
+from scenes.formats.documents import read_json
+from scenes.formats.guard import reading
 from scenes.plane import Plane
 
 _FIELDS = {
@@ -52,10 +52,10 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
     InputError
         Not such a file; the message names the file, the edit, counted from 1, and the cure.
     """
-    file = check_file(Path(path))
+    file = Path(path)
     with reading(file, "a file of edits (JSON)"):
-        held = json.loads(file.read_text(encoding="utf-8"))
-        if not isinstance(held, dict) or not isinstance(held.get("edits"), list):
+        held = read_json(file, dict)
+        if not isinstance(held.get("edits"), list):
             raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
         anchors = _anchors(held.get("surfaces", []))
         return tuple(

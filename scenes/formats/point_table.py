@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.guard import MAX_BYTES
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
@@ -80,8 +79,6 @@ def read_point_table(path: Path) -> PointTable:
 
 def _decode(path: Path) -> str:
     """Return the text with plain line ends."""
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes; store so many points as .ply, .las or .npz")
     data = path.read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = data.decode("utf-16", errors="replace")

@@ -12,7 +12,7 @@ import numpy as np
 from scenes.atomic import atomic_path, to_plain
 from scenes.checks import InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
-from scenes.formats.guard import MAX_BYTES
+from scenes.formats.documents import parse_json
 from scenes.formats.point_table import TEXT_TAG
 from scenes.range_image import RangeImage
 
@@ -57,8 +57,6 @@ def read_scan_text(path: Path) -> RangeImage:
     InputError
         Any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
     with path.open(encoding="utf-8", errors="replace") as file:
         first = file.readline()
         names = file.readline().lstrip("# ").replace(",", " ").split()
@@ -74,7 +72,7 @@ def read_scan_text(path: Path) -> RangeImage:
             np.stack([column[axis] for axis in "xyz"], axis=-1),
             column["row"].astype(np.int64),
             column["column"].astype(np.int64),
-            json.loads(first[len(TEXT_TAG) :]),
+            parse_json(first[len(TEXT_TAG) :], dict),
             np.stack([column[name] for name in _COLOURS], axis=-1) if _COLOURS[0] in column else None,
             column["intensity"].astype(np.float32) if "intensity" in column else None,
         )
