@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from nbv.commands.interruption import interruptible
+from nbv.commands.starvation import NOT_ENOUGH, is_starved
 
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
@@ -120,17 +121,21 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
     from scenes.lock import locked
+    from scenes.memory import memory_limit
 
     watch = Stopwatch()
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
         guard = locked(out) if is_folder else nullcontext()
-        with interruptible(command), guard, _progress(shared, watch) as progress:
+        memory = memory_limit(shared.max_memory, enforced=True)
+        with interruptible(command), guard, memory, _progress(shared, watch) as progress:
             yield Run(command, shared, out, is_folder, watch, progress)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
-    except MemoryError:
-        _fail(command, "not enough memory for this input; use a smaller one, or coarser options")
+    except Exception as error:
+        if not is_starved(error):
+            raise
+        _fail(command, NOT_ENOUGH)
 
 
 def _fail(command: str, message: str) -> None:
