@@ -11,6 +11,7 @@ import typer
 
 from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.guardian import guarded, title_of
+from nbv.commands.headroom import settle
 from nbv.commands.options import (
     DepthScale,
     Intrinsics,
@@ -285,11 +286,13 @@ def main() -> None:
 def _run() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads are ours; each of its own reserves memory
     try:
+        settle()
         app()
     except Exception as error:
         if not is_starved(error):
             raise
-        typer.echo(f"{title_of(sys.argv)}: {NOT_ENOUGH}", err=True)
+        said = str(error) if isinstance(error, MemoryError) and error.args else NOT_ENOUGH
+        typer.echo(f"{title_of(sys.argv)}: {' '.join(said.split())}", err=True)
         sys.exit(1)
 
 

@@ -59,10 +59,12 @@ def plan_offline(
         )
     attempt = Attempt.begin(task)
     instance = cover_instance(task, attempt.tally.met)
-    graph = overlap_graph(task, task.overlap or OverlapOptions())
     if task.overlap is None:
         cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
+        del instance  # large, as the graph will be
+        graph = overlap_graph(task, OverlapOptions())
     else:
+        graph = overlap_graph(task, task.overlap)
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     for number in cover.chosen:
         attempt.add(task.candidates.pose(number))
@@ -131,7 +133,7 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
 
 
 def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
-    """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
+    """Return which pose sees which sample within `limits`, by ones: each position cast once."""
     candidates, samples = task.candidates, task.samples
     if task.remote is not None:
         seen = task.remote.from_positions(

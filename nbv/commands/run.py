@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from nbv.commands.headroom import reserve
 from nbv.commands.interruption import interruptible
 from nbv.commands.starvation import NOT_ENOUGH, is_starved
 
@@ -127,6 +128,8 @@ def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> I
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
         guard = locked(out) if is_folder else nullcontext()
+        if shared.max_memory is not None:
+            reserve(shared.threads or os.cpu_count() or 1)
         memory = memory_limit(shared.max_memory, enforced=True)
         with interruptible(command), guard, memory, _progress(shared, watch) as progress:
             yield Run(command, shared, out, is_folder, watch, progress)
