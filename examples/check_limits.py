@@ -170,7 +170,8 @@ def main() -> int:
     for needed in ("scan", "plan"):  # others read what these write
         run(known[needed], folder)
     chosen = given.command or list(known)
-    return int(not all([sweep(n, known[n], folder, given.steps, given.max_memory) for n in chosen]))
+    swept = [sweep(name, known[name], folder, given.steps, given.max_memory) for name in chosen]
+    return int(not all(swept))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from scenes.atomic import write_json
+from scenes.atomic import json_text, write_json
 
 _PACKAGES = ("numpy", "scipy", "embreex", "numba", "trimesh", "opencv-python-headless", "shapely")
 _BLOCK = 1 << 20
@@ -93,6 +93,17 @@ def _file_record(path: Path) -> dict[str, Any]:
     return {"bytes": path.stat().st_size, "sha256": sha256_of(path)}
 
 
+def run_key(inputs: Iterable[str], options: Mapping[str, Any], seed: int) -> str:
+    """Return what tells a run by what it is made of: the SHA-256 of versions, inputs, options and seed."""
+    made_of = {
+        "versions": versions(),
+        "inputs": input_records(inputs),
+        "options": dict(options),
+        "seed": seed,
+    }
+    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
+
+
 @dataclass(slots=True, eq=False)
 class Stopwatch:
     """Wall-clock times of a run: when it began, and how long its stages took."""
@@ -143,7 +154,7 @@ def write_manifest(
     inputs: Iterable[str],
     options: Mapping[str, Any],
     threads: int | None,
-    outputs: Iterable[Path],
+    outputs: Mapping[str, Path],
     times: Mapping[str, Any],
 ) -> None:
     """Write a manifest.
@@ -162,8 +173,8 @@ def write_manifest(
         Every option with the value that was used, defaults included.
     threads : int, optional
         As asked for; None means one for each core.
-    outputs : iterable of Path
-        Files that were written.
+    outputs : mapping of str to Path
+        What was written: its name in the output folder, and where it lies now.
     times : mapping
         `Stopwatch.record()`.
     """
@@ -175,7 +186,7 @@ def write_manifest(
         "options": dict(options),
         "threads": threads if threads is not None else os.cpu_count(),
         "platform": platform.platform(),
-        "outputs": [{"name": file.name, **_file_record(file)} for file in outputs],
+        "outputs": [{"name": name, **_file_record(file)} for name, file in outputs.items()],
         "times": dict(times),
     }
     write_json(path, content)

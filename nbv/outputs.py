@@ -17,6 +17,7 @@ from scenes.atomic import to_plain
 from scenes.checks import InputError
 from scenes.formats.guard import MAX_BYTES, check_file, reading
 from scenes.formats.ply import read_mesh_ply
+from scenes.formats.references import within_folder
 
 _STATES = ("observed", "hypothesised")
 
@@ -74,7 +75,7 @@ def _folder(path: Path) -> dict[str, Any]:
     found = {**manifest, "kind": "output folder"}
     warnings, files = [], []
     for name in manifest["outputs"]:
-        file = path / name
+        file = within_folder(path, name)
         if not file.is_file():
             warnings.append(f"{name} is missing")
             continue

@@ -39,7 +39,7 @@ from nbv.visibility import visible_from_positions
 from nbv.workers import ThisProcess
 from scenes.builtin import builtin_scene
 from scenes.checks import InputError
-from scenes.lock import LOCK_NAME, locked
+from scenes.lock import lock_file, locked
 from tests.study_examples import SMALL, contents, write_study
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -286,7 +286,7 @@ def test_two_runs_cannot_write_to_one_folder(tmp_path, file):
     assert result.exit_code == 1
     assert "another run writes there" in result.stderr
     assert not list(tmp_path.iterdir())
-    (tmp_path / LOCK_NAME).touch()
+    lock_file(tmp_path).touch()
     with locked(tmp_path):
         pass
     assert not list(tmp_path.iterdir())

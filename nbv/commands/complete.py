@@ -13,15 +13,14 @@ from completion.effect import effect_of
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
-from nbv.commands.run import Run, Shared, running
+from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.range_image import RangeImage
-
-FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -77,32 +76,43 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         scans = read_request(request)
         run.warn(doubts_of(scans))
         options = how.resolved()
+        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
+        journal = run.journal(inputs, {**request.options(), **how.options()})
         completion = complete(
-            scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
+            scans,
+            options,
+            rng=shared.seed,
+            n_threads=shared.threads,
+            progress=run.progress,
+            journal=journal,
         )
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
-            verification = verify_first(scans, options, shared.threads)
+            verification = verify_first(scans, options, shared.threads, journal.part("first"))
         run.watch.enter("save")
-        save(run, completion, verification)
+        completion.save(run.stage.folder, verification)
         for suffix in how.exports:
-            run.outputs.extend(completion.export(run.out / f"completed.{suffix}"))
+            completion.export(run.path(f"completed.{suffix}"))
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
         page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
-        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 
 def verify_first(
-    scans: Sequence[RangeImage], options: CompletionOptions, n_threads: int | None = None
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    n_threads: int | None = None,
+    journal: Journal = NO_JOURNAL,
 ) -> Verification:
     """Complete the first scan alone and let the others confirm or refute what was inferred."""
-    alone = complete(scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads)
+    alone = complete(
+        scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads, journal=journal
+    )
     return verify(
         alone,
         scans[1:],
@@ -110,13 +120,6 @@ def verify_first(
         registration_m=options.registration_m,
         sigma_m=options.sigma_m,
     )
-
-
-def save(run: Run, completion: Completion, verification: Verification | None = None) -> None:
-    """Write the completion's files and note them for the manifest."""
-    completion.save(run.out, verification)
-    for name in FILES:
-        run.path(name)
 
 
 def summary_of(completion: Completion) -> dict[str, Any]:

@@ -32,14 +32,16 @@ def settle() -> None:
         return
     import resource
 
-    bounds = ((resource.RLIMIT_AS, _LEAST, "v"), (resource.RLIMIT_DATA, _LEAST_DATA, "d"))
-    limited = [(resource.getrlimit(which)[0], *rest) for which, *rest in bounds]
-    limited = [one for one in limited if one[0] != resource.RLIM_INFINITY]
-    for bound, least, option in limited:
+    limited = False
+    for which, least, option in ((resource.RLIMIT_AS, _LEAST, "v"), (resource.RLIMIT_DATA, _LEAST_DATA, "d")):
+        bound = resource.getrlimit(which)[0]
+        if bound == resource.RLIM_INFINITY:
+            continue
+        limited = True
         if bound < least:
             raise MemoryError(
-                f"the libraries alone need {least // 10**6} MB, and the limit of this process (ulimit -{option}) "
-                f"is {bound // 10**6} MB"
+                f"the libraries alone need {least // 10**6} MB, and the limit of this process "
+                f"(ulimit -{option}) is {bound // 10**6} MB"
             )
     if limited:
         import_module("cv2")

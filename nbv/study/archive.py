@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.study.case import Case
-from scenes.atomic import write_json
+from scenes.atomic import make_folder, write_json
 from scenes.checks import InputError
 
 
@@ -28,11 +28,7 @@ class PlanArchive:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
+        self.folder = make_folder(folder)
 
     def path(self, case: Case) -> Path:
         """Return where the plan of a case is, or will be."""
