@@ -12,6 +12,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 ColourArray = NDArray[np.uint8]
+MOST_M = 1e12
+"""Coordinates beyond it are no places: no instrument reaches so far, and products of them overflow."""
 
 
 class InputError(ValueError):
@@ -31,6 +33,11 @@ def finite_rows(array: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(array).all(axis=1), dtype=np.bool_)
 
 
+def usable_rows(points: FloatArray) -> BoolArray:
+    """Tell which of points (n, 3) are places: finite, and no coordinate beyond `MOST_M`."""
+    return np.asarray((np.abs(points) <= MOST_M).all(axis=1), dtype=np.bool_)
+
+
 def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
     """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
     bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
@@ -43,17 +50,23 @@ def check_finite(name: str, array: FloatArray, cure: str = "drop those rows firs
 
 
 def check_points(name: str, array: object) -> FloatArray:
-    """Return `array` as finite float64 points with shape (n, 3)."""
-    return check_finite(name, check_vectors(name, array))
+    """Return `array` as finite float64 points with shape (n, 3), none beyond `MOST_M`."""
+    checked = check_finite(name, check_vectors(name, array))
+    far = np.abs(checked).max(initial=0.0)
+    if far > MOST_M:
+        raise InputError(
+            f"{name} reach {far:.3g} m from the origin; coordinates are to stay within {MOST_M:g} m"
+        )
+    return checked
 
 
 def check_point(name: str, point: object) -> FloatArray:
-    """Return `point` as finite float64 with shape (3,)."""
+    """Return `point` as finite float64 with shape (3,), no coordinate beyond `MOST_M`."""
     checked = np.asarray(point, dtype=np.float64)
     if checked.shape != (3,):
         raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
-    if not np.isfinite(checked).all():
-        raise InputError(f"{name} is {checked.tolist()}; give finite coordinates")
+    if not (np.abs(checked) <= MOST_M).all():
+        raise InputError(f"{name} is {checked.tolist()}; give finite coordinates, within {MOST_M:g} m")
     return checked
 
 

@@ -27,7 +27,7 @@ class Pose:
     Raises
     ------
     InputError
-        Wrong shape, not finite, not rigid (scaled, sheared) or left-handed.
+        Wrong shape, not finite or beyond any place, not rigid (scaled, sheared) or left-handed.
 
     Examples
     --------
@@ -50,9 +50,11 @@ class Pose:
             raise InputError(
                 f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
             )
+        check_point("the place of a pose", matrix[:3, 3])
         rotation = matrix[:3, :3]
-        error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        if error > _ORTHONORMAL_TOLERANCE:
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        if not error <= _ORTHONORMAL_TOLERANCE:
             raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}; remove scale and shear first")
         if np.linalg.det(rotation) < 0:
             raise InputError("pose is left-handed (determinant -1); it mirrors the scene")

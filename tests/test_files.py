@@ -94,7 +94,12 @@ def test_pcd_refusals(tmp_path: Path) -> None:
         ),
         (PCD.format(w=2, h=2, n=4, q="0 0 0 0") + row * 4, "VIEWPOINT has the quaternion .* no rotation"),
         (PCD.format(w=99999999, h=99, n=4, q="1 0 0 0") + row * 4, "99 x 99999999 pixels is not usable"),
-        (PCD.format(w=2, h=2, n=3, q="1 0 0 0") + row * 3, "3 points with fields"),
+        (PCD.format(w=2, h=2, n=4, q="1 0 0 0") + row * 3, "23 bytes of points at least announced, 18 pre"),
+        (
+            PCD.format(w=2, h=2, n=3, q="1 0 0 0") + row * 4,
+            "4 points of 3 announced for WIDTH 2 and HEIGHT 2",
+        ),
+        (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("COUNT 1", "COUNT 9999") + row, "values; expected"),
         (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("x y z", "a b c") + row * 4, "expected x, y, z"),
         (
             PCD.format(w=2, h=2, n=4, q="1 0 0 0") + "nan nan nan\n" * 4,

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scenes.checks import InputError
 
 MAX_BYTES = 4 << 30  # what one file may unpack to; a lying header or a zip bomb asks for more
@@ -30,7 +32,8 @@ def reading(path: Path, what: str) -> Iterator[None]:
         What it should be, for the message: "an E57 file".
     """
     try:
-        yield
+        with np.errstate(all="ignore"):  # what overflows is no finite number and found by its check
+            yield
     except InputError as error:
         cause = _one_line(str(error))
         raise InputError(cause if cause.startswith(_one_line(str(path))) else f"{path}: {cause}") from error

@@ -55,7 +55,9 @@ def rounded_pose(matrix: FloatArray) -> Pose:
     mended = np.array(matrix, dtype=np.float64)
     if mended.shape == (4, 4) and np.isfinite(mended).all():
         rotation = mended[:3, :3]
-        if np.abs(rotation.T @ rotation - np.eye(3)).max() <= _ROUNDING:
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+        if error <= _ROUNDING:
             u, _, vt = np.linalg.svd(rotation)
             mended[:3, :3] = u @ vt
     return Pose(mended)

@@ -60,7 +60,8 @@ def _places(value: Any, depth: int = 0) -> Any:
 
 def _other(old: Any, rng: Random) -> Any:
     """A value of another kind, or a number near to the old one or far from it."""
-    if isinstance(old, int | float) and not isinstance(old, bool) and rng.random() < 0.5:
+    is_number = isinstance(old, int | float) and not isinstance(old, bool)
+    if is_number and abs(old) < 1e300 and rng.random() < 0.5:
         return rng.choice((old + 1, old - 1, -old, old * 2, old * 1000, old / 3, str(old), [old]))
     return rng.choice(_VALUES)
 
