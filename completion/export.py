@@ -25,15 +25,17 @@ from completion.polygons import polygons_record
 from completion.provenance import Provenance
 from completion.record import completion_record, provenance_word
 from completion.verification import Verification
-from scenes.atomic import write_bytes, write_json
+from scenes.atomic import make_folder, write_bytes, write_json
 from scenes.checks import InputError
 from scenes.formats.e57_inferred import InferredPoints
 from scenes.formats.e57_writer import write_e57
 from scenes.formats.glb import glb_of
 from scenes.formats.obj_writer import write_obj
 from scenes.formats.ply import write_mesh_ply
+from scenes.lock import locked
 from scenes.mesh import Appearance, LabelledMesh
 from scenes.pose import Pose
+from scenes.stage import Stage
 
 
 def save_completion(
@@ -41,25 +43,24 @@ def save_completion(
 ) -> None:
     """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json to a folder.
 
-    With `verification`, completion.json also says what later scans say of what the first one alone inferred.
+    All appear together once all are written; until then those of an earlier run stay. With
+    `verification`, completion.json also says what later scans say of what the first one alone inferred.
 
     Raises
     ------
     InputError
-        The folder cannot be made or written.
+        The folder cannot be made or written, or another run writes there.
     """
-    target = Path(folder)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{target}: cannot make this folder: {error.strerror}") from error
+    target = make_folder(folder)
     legend = [f"provenance {member.value} {provenance_word(member)}" for member in Provenance]
     world = completion.world_from_reference
-    _write_points(target / "observed.ply", completion.observed_mesh(), world, legend)
-    _write_points(target / "hypothesised.ply", completion.hypothesised, world, legend)
-    write_bytes(target / "completed.glb", completed_glb(completion))
-    write_json(target / "polygons.json", polygons_record(completion))
-    write_json(target / "completion.json", completion_record(completion, verification))
+    with locked(target), Stage(target) as stage:
+        _write_points(stage.path("observed.ply"), completion.observed_mesh(), world, legend)
+        _write_points(stage.path("hypothesised.ply"), completion.hypothesised, world, legend)
+        write_bytes(stage.path("completed.glb"), completed_glb(completion))
+        write_json(stage.path("polygons.json"), polygons_record(completion))
+        write_json(stage.path("completion.json"), completion_record(completion, verification))
+        stage.commit()
 
 
 def export_completion(completion: CompletedModel, path: str | os.PathLike[str]) -> list[Path]:

@@ -8,7 +8,6 @@ from typing import Any
 
 from completion.pipeline import CompletionOptions, complete
 from completion.texturing.task import TexturingOptions
-from nbv.commands.complete import save
 from nbv.commands.plan import coverage_of
 from nbv.commands.run import Shared, running
 from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -61,7 +60,7 @@ def run_demo(shared: Shared) -> None:
         write_json(run.path("plan.json"), plan.to_json())
         write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
-        save(run, completion)
+        completion.save(run.stage.folder)
         run.watch.enter("compare")
         comparison = compare(completion, scans, scene.mesh, coverage.samples)
         run.watch.enter("report")

@@ -18,8 +18,7 @@ import numpy as np
 
 from nbv.gain import BestView
 from nbv.glimpse import Glimpse
-from scenes.atomic import atomic_path, json_text, write_text
-from scenes.checks import InputError
+from scenes.atomic import atomic_path, json_text, make_folder, write_text
 from scenes.pose import Pose
 
 _KEY_FILE = "key.json"
@@ -56,10 +55,7 @@ class FileJournal:
         self.folder = folder
         if self._key() != key:
             self.forget()
-            try:
-                folder.mkdir(parents=True)
-            except OSError as error:
-                raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
+            make_folder(folder)
             write_text(folder / _KEY_FILE, json_text({"key": key}))
 
     def remembered(self, number: int) -> BestView | None:

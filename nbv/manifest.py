@@ -143,7 +143,7 @@ def write_manifest(
     inputs: Iterable[str],
     options: Mapping[str, Any],
     threads: int | None,
-    outputs: Iterable[Path],
+    outputs: Mapping[str, Path],
     times: Mapping[str, Any],
 ) -> None:
     """Write a manifest.
@@ -162,8 +162,8 @@ def write_manifest(
         Every option with the value that was used, defaults included.
     threads : int, optional
         As asked for; None means one for each core.
-    outputs : iterable of Path
-        Files that were written.
+    outputs : mapping of str to Path
+        What was written: its name in the output folder, and where it lies now.
     times : mapping
         `Stopwatch.record()`.
     """
@@ -175,7 +175,7 @@ def write_manifest(
         "options": dict(options),
         "threads": threads if threads is not None else os.cpu_count(),
         "platform": platform.platform(),
-        "outputs": [{"name": file.name, **_file_record(file)} for file in outputs],
+        "outputs": [{"name": name, **_file_record(file)} for name, file in outputs.items()],
         "times": dict(times),
     }
     write_json(path, content)

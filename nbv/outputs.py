@@ -15,8 +15,10 @@ from nbv.records import describe_record, read_record
 from nbv.scanning.sensor_profile import load_profile
 from scenes.atomic import to_plain
 from scenes.checks import InputError
-from scenes.formats.guard import MAX_BYTES, check_file, reading
+from scenes.formats.arrays import open_arrays
+from scenes.formats.guard import check_file, reading
 from scenes.formats.ply import read_mesh_ply
+from scenes.formats.references import within_folder
 
 _STATES = ("observed", "hypothesised")
 
@@ -74,7 +76,7 @@ def _folder(path: Path) -> dict[str, Any]:
     found = {**manifest, "kind": "output folder"}
     warnings, files = [], []
     for name in manifest["outputs"]:
-        file = path / name
+        file = within_folder(path, name)
         if not file.is_file():
             warnings.append(f"{name} is missing")
             continue
@@ -96,12 +98,10 @@ def _sensor(path: Path) -> dict[str, Any]:
 
 def _arrays(path: Path) -> dict[str, Any] | None:
     """Candidates, or other arrays; None for scans and points."""
-    with np.load(path, allow_pickle=False) as arrays:
+    with open_arrays(path) as arrays:
         names = set(arrays.files)
         if {"header", "ranges"} <= names or "range_tenth_mm" in names or "points" in names:
             return None
-        if sum(entry.file_size for entry in arrays.zip.infolist()) > MAX_BYTES:
-            raise InputError(f"unpacks to more than {MAX_BYTES:,} bytes")
         shapes = {name: [str(arrays[name].dtype), *arrays[name].shape] for name in sorted(names)}
         if not {"positions", "directions"} <= names:
             return {"kind": "arrays", "arrays": shapes}

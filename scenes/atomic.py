@@ -49,20 +49,44 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise InputError(f"{target}: cannot write, there is no folder {target.parent}")
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
     try:
-        yield temporary
-        if not temporary.is_file():
-            raise InputError(f"{target}: nothing was written")
-        _flush_to_disk(temporary)
-        temporary.replace(target)
-        _flush_to_disk(target.parent)
-    except OSError as error:
-        raise InputError(f"{target}: cannot write: {error.strerror or error}") from error
+        with writing(target):
+            yield temporary
+            if not temporary.is_file():
+                raise InputError(f"{target}: nothing was written")
+            flush_to_disk(temporary)
+            temporary.replace(target)
+            flush_to_disk(target.parent)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
-def _flush_to_disk(path: Path) -> None:
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the file system refuses, such as a full disk, into an InputError that names `path`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot write: {error.strerror or error}") from error
+
+
+def make_folder(path: str | os.PathLike[str]) -> Path:
+    """Return `path` as a folder, made with those it lies in where they are not there.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot make this folder: {error.strerror or error}") from error
+    return folder
+
+
+def flush_to_disk(path: Path) -> None:
     """Ask the system to put a file, or a folder's list of files, on the disk."""
     if path.is_dir() and os.name == "nt":
         return  # Windows cannot open folders

@@ -40,7 +40,7 @@ def usable_rows(points: FloatArray) -> BoolArray:
 
 def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
     """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
-    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim))) if array.ndim > 1 else ~np.isfinite(array)
     if bad.any():
         first = int(np.argmax(bad))
         raise InputError(
@@ -50,9 +50,14 @@ def check_finite(name: str, array: FloatArray, cure: str = "drop those rows firs
 
 
 def check_points(name: str, array: object) -> FloatArray:
-    """Return `array` as finite float64 points with shape (n, 3), none beyond `MOST_M`."""
-    checked = check_finite(name, check_vectors(name, array))
-    far = np.abs(checked).max(initial=0.0)
+    """Return `array` as finite float64 points with shape (n, 3)."""
+    return check_finite(name, check_vectors(name, array))
+
+
+def check_places(name: str, array: object) -> FloatArray:
+    """Return `array` as points (n, 3) of the world: finite, and none beyond `MOST_M`."""
+    checked = check_points(name, array)
+    far = float(np.abs(checked).max(initial=0.0))
     if far > MOST_M:
         raise InputError(
             f"{name} reach {far:.3g} m from the origin; coordinates are to stay within {MOST_M:g} m"
@@ -61,12 +66,12 @@ def check_points(name: str, array: object) -> FloatArray:
 
 
 def check_point(name: str, point: object) -> FloatArray:
-    """Return `point` as finite float64 with shape (3,), no coordinate beyond `MOST_M`."""
+    """Return `point` as finite float64 with shape (3,)."""
     checked = np.asarray(point, dtype=np.float64)
     if checked.shape != (3,):
         raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
-    if not (np.abs(checked) <= MOST_M).all():
-        raise InputError(f"{name} is {checked.tolist()}; give finite coordinates, within {MOST_M:g} m")
+    if not np.isfinite(checked).all():
+        raise InputError(f"{name} is {checked.tolist()}; give finite coordinates")
     return checked
 
 
@@ -102,7 +107,7 @@ def check_number(name: str, value: float, least: float = 0.0, most: float = np.i
     """Return `value` as a finite float in `least`..`most`, both included; raise InputError otherwise."""
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be a number, got {value!r}") from error
     if not (np.isfinite(number) and least <= number <= most):
         bounds = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"

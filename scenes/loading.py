@@ -14,7 +14,7 @@ import trimesh
 from scenes.appearance import GeometryLook, join_looks, look_of
 from scenes.checks import FloatArray, InputError
 from scenes.files import METRES_PER_UNIT, Units
-from scenes.formats.guard import MAX_BYTES, check_file, reading
+from scenes.formats.guard import check_file, reading
 from scenes.formats.off import read_off
 from scenes.formats.references import check_references
 from scenes.formats.stl import stl_origin
@@ -127,8 +127,6 @@ def _check_mesh_file(path: Path) -> Path:
         raise InputError(
             f"{file}: cannot read meshes from {file.suffix or 'a file without suffix'}; known: {common}"
         )
-    if file.stat().st_size > MAX_BYTES:
-        raise InputError(f"{file}: is larger than {MAX_BYTES:,} bytes")
     if suffix == "stl":
         _check_stl_length(file)
     return file

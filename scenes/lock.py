@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,30 +14,41 @@ from typing import BinaryIO
 
 from scenes.checks import InputError
 
-LOCK_NAME = ".unseen.lock"
+_WAIT_S = 2.0  # that a run which was just killed may need to be gone
+_POLL_S = 0.02
 _LEFTOVER = re.compile(r"\..+\.\d+\.tmp(\.[^.]+)?")  # of `scenes.atomic.atomic_path`
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder, and clear it of what a killed run left half-written.
+def locked(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[None]:
+    """Hold the lock of a folder, or of one file in it, and clear it of what a killed run left half-written.
 
     The lock is an empty file, removed at the end; one that a killed run left behind locks nothing. Where the
     file system knows no locks, or the folder cannot be written, nothing is held.
+
+    Parameters
+    ----------
+    folder : Path
+        Where outputs go.
+    name : str
+        Of the output file; "" for the whole folder.
+    wait_s : float
+        How long to wait for a run that holds it, seconds.
 
     Raises
     ------
     InputError
         Another run holds it.
     """
-    file = folder / LOCK_NAME
+    file = lock_file(folder, name)
     try:
-        stream = _opened(file)
+        stream = _opened(file, wait_s)
     except OSError:
         yield
         return
     with stream:
-        remove_leftovers(folder)
+        if not name:
+            remove_leftovers(folder)
         try:
             yield
         finally:
@@ -44,12 +56,21 @@ def locked(folder: Path) -> Iterator[None]:
                 file.unlink()
 
 
-def _opened(file: Path) -> BinaryIO:
+def lock_file(folder: Path, name: str = "") -> Path:
+    """Return the file that is the lock of a folder, or of the file `name` in it."""
+    return folder / (f".unseen.{name}.lock" if name else ".unseen.lock")
+
+
+def _opened(file: Path, wait_s: float) -> BinaryIO:
     """Return the lock's file, locked: the one that stands there now, not one that was just removed."""
+    until = time.monotonic() + wait_s
     while True:
         stream = file.open("ab")
         if not _taken(stream.fileno()):
             stream.close()
+            if time.monotonic() < until:
+                time.sleep(_POLL_S)
+                continue
             raise InputError(f"{file.parent}: another run writes there; wait for it, or give another --out")
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(stream.fileno()), file.stat()):

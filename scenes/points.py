@@ -13,6 +13,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, check_point, frozen_copy, usable_rows
 from scenes.files import METRES_PER_UNIT, Units, read_scans, split_index
+from scenes.formats.arrays import open_arrays
 from scenes.formats.e57 import count_e57, read_e57_points
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
@@ -176,7 +177,7 @@ def _from_several(
 
 def _from_npz(file: Path, number: int | None) -> RawPoints:
     """Arrays `points` and `normals`, or else a scan."""
-    with np.load(file, allow_pickle=False) as arrays:
+    with open_arrays(file) as arrays:
         if "points" not in arrays.files:
             return _from_scans(os.fspath(file) + ("" if number is None else f"#{number}"))
         if number not in (None, 1):

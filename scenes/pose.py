@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 
 _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
 
@@ -50,7 +50,7 @@ class Pose:
             raise InputError(
                 f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
             )
-        check_point("the place of a pose", matrix[:3, 3])
+        check_places("poses", matrix[:3, 3][None])
         rotation = matrix[:3, :3]
         with np.errstate(over="ignore", invalid="ignore"):
             error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())

@@ -53,7 +53,7 @@ def test_manifest_holds_all_that_is_promised(tmp_path):
         inputs=["builtin:two_occluders"],
         options={"sensor": "generic60"},
         threads=2,
-        outputs=[output],
+        outputs={"parts/result.txt": output},
         times=watch.record(),
     )
     held = json.loads((tmp_path / "manifest.json").read_text())
@@ -61,7 +61,7 @@ def test_manifest_holds_all_that_is_promised(tmp_path):
     assert held["seed"] == 7
     assert held["threads"] == 2
     assert held["options"] == {"sensor": "generic60"}
-    assert held["outputs"][0]["sha256"] == sha256_of(output)
+    assert held["outputs"] == [{"name": "parts/result.txt", "bytes": 1, "sha256": sha256_of(output)}]
     assert {"unseen", "python", "numpy", "embreex"} <= set(held["versions"])
     assert set(held["times"]) == {"started", "finished", "seconds", "stages_s"}
     assert set(held["times"]["stages_s"]) == {"load", "work"}
@@ -69,7 +69,7 @@ def test_manifest_holds_all_that_is_promised(tmp_path):
 
 def test_threads_default_to_the_cores(tmp_path):
     write_manifest(
-        tmp_path / "m.json", command="x", seed=0, inputs=[], options={}, threads=None, outputs=[], times={}
+        tmp_path / "m.json", command="x", seed=0, inputs=[], options={}, threads=None, outputs={}, times={}
     )
     assert json.loads((tmp_path / "m.json").read_text())["threads"] >= 1
 

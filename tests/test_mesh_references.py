@@ -14,6 +14,7 @@ from PIL import Image
 
 from scenes.checks import InputError
 from scenes.formats.references import check_references, within_folder
+from scenes.limits import limits
 from scenes.loading import load_scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
@@ -206,10 +207,9 @@ def test_damaged_off_is_refused(tmp_path: Path, text: str, message: str) -> None
         load_scene(tmp_path / "a.off")
 
 
-def test_a_huge_off_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenes.formats.off.MAX_BYTES", 10)
+def test_a_huge_off_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.off").write_text(f"OFF\n4 1 0\n{SQUARE}4 0 1 2 3\n")
-    with pytest.raises(InputError, match="is larger than 10 bytes"):
+    with limits(file_bytes=10), pytest.raises(InputError, match="exceed the limit file_bytes=10"):
         load_scene(tmp_path / "a.off")
 
 

@@ -13,15 +13,13 @@ from completion.effect import effect_of
 from completion.limits import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
 from completion.verification import Finding, Verification, verify
-from nbv.commands.run import Run, Shared, running
+from nbv.commands.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
 from scenes.range_image import RangeImage
-
-FILES = ("completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -85,9 +83,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             run.watch.enter("verify")
             verification = verify_first(scans, options, shared.threads)
         run.watch.enter("save")
-        save(run, completion, verification)
+        completion.save(run.stage.folder, verification)
         for suffix in how.exports:
-            run.outputs.extend(completion.export(run.out / f"completed.{suffix}"))
+            completion.export(run.path(f"completed.{suffix}"))
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
@@ -110,13 +108,6 @@ def verify_first(
         registration_m=options.registration_m,
         sigma_m=options.sigma_m,
     )
-
-
-def save(run: Run, completion: Completion, verification: Verification | None = None) -> None:
-    """Write the completion's files and note them for the manifest."""
-    completion.save(run.out, verification)
-    for name in FILES:
-        run.path(name)
 
 
 def summary_of(completion: Completion) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def run_fit(
 ) -> None:
     """Fit `shape` to the points of a file and print it as JSON; with an output file also there."""
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
-    with running("fit", shared, default=str(default), is_folder=False) as run:
+    with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         run.watch.enter("load")
         cloud = read_points(points, units)
         along = cloud.rays(origin) if rays or origin is not None else None
@@ -48,8 +48,7 @@ def run_fit(
         except FitError as error:
             raise FitError(f"{points}: {error}") from error
         if shared.out is not None:
-            write_json(run.out, held)
-            run.outputs.append(run.out)
+            write_json(run.path(), held)
             run.keep([points], options)
         if shared.as_json or not shared.quiet:
             typer.echo(json_text(held).rstrip())

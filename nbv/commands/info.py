@@ -25,7 +25,7 @@ def run_info(
 ) -> None:
     """Describe `file` on stdout; with an output file also there, with a manifest."""
     default = Path(f"{Path(file.partition('#')[0]).name or 'input'}.info.json")
-    with running("info", shared, default=str(default), is_folder=False) as run:
+    with running("info", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         camera = None if intrinsics is None else (intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3])
         held = describe_output(split_index(file)[0])
         if held is None:
@@ -34,8 +34,7 @@ def run_info(
         if shared.out is None:  # nothing is written, so there is nothing to make a manifest for
             run.say(held, lines)
             return
-        write_json(run.out, held)
-        run.outputs.append(run.out)
+        write_json(run.path(), held)
         options = {"up": up, "units": units, "intrinsics": intrinsics, "depth_scale": depth_scale}
         run.finish([file], options, held, lines)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from nbv.commands.interruption import interruptible
 
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
+    from scenes.stage import Stage
 
 Progress = Callable[[str, int, int], None]
 
@@ -39,6 +40,8 @@ class Shared:
         Threads; one for each core when not given. Results do not depend on it.
     max_memory : int, optional
         Bytes.
+    limits : mapping
+        Limits of what files may hold, by name, other than the defaults; see `scenes.limits`.
     """
 
     out: Path | None
@@ -47,11 +50,34 @@ class Shared:
     quiet: bool
     threads: int | None
     max_memory: int | None
+    limits: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
 class Run:
-    """One run of a command; `costs` are times and memory of its parts, for the manifest."""
+    """One run of a command, whose outputs all appear at its end.
+
+    Attributes
+    ----------
+    command : str
+        Its name.
+    shared : Shared
+        Options that every command has.
+    out : Path
+        The folder or file to write.
+    is_folder : bool
+        Which of the two.
+    watch : Stopwatch
+        Times its stages.
+    progress : callable
+        Tells how far a stage is.
+    stage : Stage
+        Where outputs wait until all are written.
+    kept : dict of str to Path
+        Outputs that are in the folder already, by their names there.
+    costs : dict
+        Times and memory of parts, for the manifest.
+    """
 
     command: str
     shared: Shared
@@ -59,13 +85,13 @@ class Run:
     is_folder: bool
     watch: Stopwatch
     progress: Progress
-    outputs: list[Path] = field(default_factory=list)
+    stage: Stage
+    kept: dict[str, Path] = field(default_factory=dict)
     costs: dict[str, Any] = field(default_factory=dict)
 
-    def path(self, name: str) -> Path:
-        """Return the path of an output in the folder, and remember it for the manifest."""
-        self.outputs.append(self.out / name)
-        return self.outputs[-1]
+    def path(self, name: str = "") -> Path:
+        """Return where to write an output; a command with one output file need not name it."""
+        return self.stage.path(name or self.out.name)
 
     def finish(
         self,
@@ -75,26 +101,28 @@ class Run:
         lines: Sequence[str],
     ) -> None:
         """Write the manifest; print `summary` as JSON, or `lines` for people."""
-        where = self.keep(inputs, options)
-        written = [str(file) for file in [*self.outputs, where]]
-        self.say({**summary, "files": written}, [*lines, f"written to {self.out}"])
+        written = self.keep(inputs, options)
+        self.say({**summary, "files": [str(file) for file in written]}, [*lines, f"written to {self.out}"])
 
-    def keep(self, inputs: Sequence[str], options: Mapping[str, Any]) -> Path:
-        """Write the manifest and return its path."""
+    def keep(self, inputs: Sequence[str], options: Mapping[str, Any]) -> list[Path]:
+        """Write the manifest, put all outputs in place, and return their paths, the manifest's last."""
         from nbv.manifest import manifest_path, write_manifest
 
-        where = manifest_path(self.out, is_folder=self.is_folder)
+        manifest = manifest_path(self.out, is_folder=self.is_folder).name
+        staged = {file.as_posix(): self.stage.folder / file for file in self.stage.files()}
+        outputs = {**self.kept, **staged}
         write_manifest(
-            where,
+            self.stage.path(manifest),
             command=self.command,
             seed=self.shared.seed,
             inputs=inputs,
-            options={**options, "max_memory": self.shared.max_memory},
+            options={**options, "max_memory": self.shared.max_memory, "limits": dict(self.shared.limits)},
             threads=self.shared.threads,
-            outputs=self.outputs,
+            outputs=outputs,
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
         )
-        return where
+        self.stage.commit(last=manifest)
+        return [self.stage.target / name for name in [*outputs, manifest]]
 
     def warn(self, warnings: Iterable[str]) -> None:
         """Print what is doubtful about the input, a line each on stderr; nothing when quiet."""
@@ -114,19 +142,33 @@ class Run:
 
 
 @contextmanager
-def running(command: str, shared: Shared, *, default: str, is_folder: bool) -> Iterator[Run]:
-    """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1."""
+def running(
+    command: str, shared: Shared, *, default: str, is_folder: bool, writes: bool = True
+) -> Iterator[Run]:
+    """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1.
+
+    One that only prints says so by `writes`, and nothing is locked or staged.
+    """
     from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
+    from scenes.limits import limits
     from scenes.lock import locked
+    from scenes.stage import Stage
 
     watch = Stopwatch()
     try:
         out = _prepared(shared.out or Path(default), is_folder=is_folder)
-        guard = locked(out) if is_folder else nullcontext()
-        with interruptible(command), guard, _progress(shared, watch) as progress:
-            yield Run(command, shared, out, is_folder, watch, progress)
+        folder, name = (out, "") if is_folder else (out.parent, out.name)
+        stage = Stage(folder, name)
+        with ExitStack() as held:
+            held.enter_context(limits(**shared.limits))
+            held.enter_context(interruptible(command))
+            if writes:
+                held.enter_context(locked(folder, name))
+                held.enter_context(stage)
+            progress = held.enter_context(_progress(shared, watch))
+            yield Run(command, shared, out, is_folder, watch, progress, stage)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
     except MemoryError:
@@ -141,6 +183,7 @@ def _fail(command: str, message: str) -> None:
 
 def _prepared(out: Path, *, is_folder: bool) -> Path:
     """Return `out`, made where it is a folder that does not exist yet."""
+    from scenes.atomic import make_folder
     from scenes.checks import InputError
 
     if not is_folder:
@@ -149,10 +192,7 @@ def _prepared(out: Path, *, is_folder: bool) -> Path:
         if not out.parent.is_dir():
             raise InputError(f"{out}: there is no folder {out.parent}; make it first")
         return out
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot make this folder: {error.strerror}") from error
+    make_folder(out)
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: cannot write to this folder")
     return out

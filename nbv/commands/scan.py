@@ -16,6 +16,7 @@ from nbv.scanning.sensor_profile import load_profile
 from nbv.wording import count
 from scenes.checks import InputError
 from scenes.files import Units, split_index, write_scan, write_scans
+from scenes.formats.rgbd_writer import check_no_other_frames
 from scenes.formats.trajectory import read_poses
 from scenes.loading import open_scene
 from scenes.orientation import Axis
@@ -86,11 +87,13 @@ def run_scan(
                     n_threads=shared.threads, name=name,
                 )
             )  # fmt: skip
-        if len(taken) > 1 or is_folder:
-            write_scans(taken, run.out)
+        if is_folder:
+            check_no_other_frames(run.out, len(taken))
+            write_scans(taken, run.stage.folder)
+        elif len(taken) > 1:
+            write_scans(taken, run.path())
         else:
-            write_scan(taken[0], run.out)
-        run.outputs.extend(_files(run.out))
+            write_scan(taken[0], run.path())
         summary = {"scene": world.name, "sensor": profile.sensor.name, **_summary(taken)}
         options = {
             "at": stand.eye, "look": stand.target, "poses": stand.file and Path(stand.file).name,
@@ -101,11 +104,6 @@ def run_scan(
         inputs = [scene, sensor, *([stand.file] if stand.file else [])]
         lines = [_line(taken), f"{profile.sensor.name}: {errs}"]
         run.finish(inputs, options, {**summary, "warnings": world.warnings}, lines)
-
-
-def _files(out: Path) -> list[Path]:
-    """The files that were written."""
-    return sorted(file for file in out.rglob("*") if file.is_file()) if out.is_dir() else [out]
 
 
 def _summary(taken: Sequence[RangeImage]) -> dict[str, Any]:

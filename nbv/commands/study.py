@@ -46,10 +46,10 @@ def _write(
     stem: str,
     inputs: list[str],
 ) -> None:
-    run.outputs.extend(run.out / "plans" / f"{outcome.case.name}.json" for outcome in outcomes)
-    run.outputs.extend(write_results(outcomes, run.out, spec.results))
+    names = [f"plans/{outcome.case.name}.json" for outcome in outcomes]
+    run.kept.update({name: run.out / name for name in names})
+    write_results(outcomes, run.stage.folder, spec.results)
     page, plots = study_page(spec, outcomes, options, run.shared.seed, stem)
-    (run.out / "plots").mkdir(exist_ok=True)
     for name, plot in plots.items():
         write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
     replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))

@@ -18,7 +18,7 @@ from PIL import ExifTags, Image, ImageOps
 from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
 from scenes.checks import InputError
-from scenes.formats.guard import check_file, check_size, reading
+from scenes.formats.image import open_image
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
 from texture.surface import fill_surface
@@ -65,9 +65,8 @@ def run_texture(
                 result = made.image
         except ValueError as error:  # the texture package's checks of its arguments
             raise InputError(f"{image}: {error}") from error
-        write_image(run.out, result)
-        run.outputs.append(run.out)
-        run.outputs.append(_write_provenance(run.out, made))
+        write_image(run.path(), result)
+        _write_provenance(run.path(f"{run.out.name}.provenance.npz"), made)
         options = {
             "mask": None if mask is None else Path(mask).name,
             "grow": shape,
@@ -131,9 +130,7 @@ def read_mask(path: str) -> NDArray[np.bool_]:
 
 @contextmanager
 def _opened(path: str) -> Iterator[Image.Image]:
-    file = check_file(Path(path))
-    with reading(file, "an image"), Image.open(file) as opened:
-        check_size(opened.height, opened.width)
+    with open_image(Path(path)) as opened:
         # Pillow turns TIFF while it loads, and scrambles it when it is neither square nor compressed.
         if (
             opened.format == "TIFF"
@@ -168,8 +165,8 @@ def _format_of(path: Path) -> str:
     return _FORMATS[path.suffix.lower()]
 
 
-def _write_provenance(image: Path, made: Synthesis) -> Path:
-    """Write where each pixel came from beside the image; return the file."""
+def _write_provenance(path: Path, made: Synthesis) -> None:
+    """Write where each pixel came from."""
     data = io.BytesIO()
     np.savez_compressed(
         data,
@@ -181,6 +178,4 @@ def _write_provenance(image: Path, made: Synthesis) -> Path:
         n_seeds=made.n_seeds,
         n_relaxed=made.n_relaxed,
     )
-    target = image.with_name(f"{image.name}.provenance.npz")
-    write_bytes(target, data.getvalue())
-    return target
+    write_bytes(path, data.getvalue())

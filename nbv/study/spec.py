@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,9 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from nbv.requirement import Requirement
 from scenes.checks import InputError
+from scenes.formats.documents import read_toml
+from scenes.formats.guard import one_line
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
-_MOST_BYTES = 1 << 20
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -200,20 +200,11 @@ def read_study(path: str | Path) -> StudySpec:
         No such file, not TOML, or not a study: the field is named, as `planners[1].target`.
     """
     file = Path(path)
-    try:
-        if file.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{file}: a study file of more than {_MOST_BYTES:,} bytes is none")
-        table = tomllib.loads(file.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read study {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not TOML: it is not UTF-8 text") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file} is not TOML: {error}") from error
+    table = read_toml(file)
     try:
         spec = StudySpec.model_validate(table)
     except ValidationError as error:
-        raise InputError(f"{file}: {_first_error(error)}") from error
+        raise InputError(f"{file}: {one_line(_first_error(error))}") from error
     return _beside(spec, file.parent)
 
 

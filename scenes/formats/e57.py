@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import uuid
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.documents import parse_json
 from scenes.formats.e57_inferred import INFERRED
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
@@ -145,8 +145,7 @@ def _ours(description: str) -> dict[str, Any] | None:
     """Return the header that `write_e57` put into the description, None for foreign files."""
     if FORMAT not in description:
         return None
-    header: dict[str, Any] = json.loads(description)
-    return header
+    return parse_json(description, dict)
 
 
 def _text(header: Any, field: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from scenes.atomic import to_plain
 from scenes.checks import FloatArray, InputError
+from scenes.formats.documents import parse_json
 from scenes.formats.guard import check_size
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
@@ -60,6 +61,7 @@ def projection_from_dict(values: dict[str, Any]) -> Projection:
         check_size(height, width)
         return PinholeProjection(width, height, *(float(values[name]) for name in ("fx", "fy", "cx", "cy")))
     if values.get("kind") == "spherical":
+        check_size(len(values["elevations"]), len(values["azimuths"]))
         return SphericalProjection(np.array(values["azimuths"]), np.array(values["elevations"]))
     raise InputError(f"unknown projection {values.get('kind')!r} in the header")
 
@@ -119,8 +121,7 @@ def from_comments(comments: Iterable[str]) -> dict[str, Any] | None:
     parts = [c[len(_TAG) : -1] for c in comments if c.startswith(_TAG) and c.endswith("|")]
     if not parts:
         return None
-    header: dict[str, Any] = json.loads("".join(parts))
-    return header
+    return parse_json("".join(parts), dict)
 
 
 def colour_bytes(scan: RangeImage) -> Any:

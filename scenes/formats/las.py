@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from scenes.atomic import atomic_path, json_text
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
+from scenes.formats.documents import parse_json
 from scenes.formats.guard import import_extra
 from scenes.formats.las_header import check_las
 from scenes.formats.raw_points import RawPoints
@@ -92,8 +92,7 @@ def _read_header(cloud: Any) -> Mapping[str, Any] | None:
     if not parts or not {"row", "column"} <= names:
         return None
     text = b"".join(vlr.record_data_bytes() for vlr in sorted(parts, key=lambda vlr: int(vlr.record_id)))
-    header: Mapping[str, Any] = json.loads(text)
-    return header
+    return parse_json(text, dict)
 
 
 def write_las(scan: RangeImage, path: Path) -> None:

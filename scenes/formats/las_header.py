@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from scenes.checks import InputError
-from scenes.formats.guard import MAX_BYTES, import_extra
+from scenes.formats.guard import import_extra
 from scenes.formats.laz_chunks import check_chunks
+from scenes.limits import check_limit, check_unpacked
 
 _START = 375  # bytes of the longest header, LAS 1.4
 _EXTENDED_LENGTH = 20  # where an extended record tells its length
 _VLR, _EVLR, _CHUNK = 54, 60, 2  # least bytes of a record, an extended one, a packed chunk's entry and data
 _PACKED = 0xC0  # bits of the point format that say the points are compressed
-_RATIO = 1000  # no scan packs better
 
 
 def check_las(path: Path) -> None:
@@ -43,11 +43,10 @@ def check_las(path: Path) -> None:
             file.seek(offset)
             _check_chunks(file, size)
             check_chunks(import_extra("lazrs", "las"), file, size, length, count)
-    room = (size - offset) * (_RATIO if is_packed else 1)
-    if unpacked > room:
+    if not is_packed and unpacked > size - offset:
         raise InputError(f"truncated: {count:,} points of {length} bytes announced, {size} bytes present")
-    if unpacked > MAX_BYTES:
-        raise InputError(f"announces {count:,} points, which is too many")
+    check_limit("points", count, "its points")
+    check_unpacked(unpacked, size, "it")
 
 
 def _check_extended(file: BinaryIO, start: int, n_records: int, size: int) -> None:

@@ -124,7 +124,13 @@ def read_pcd_points(path: Path) -> RawPoints:
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
-        return replace(held, points=scan.points()[scan.valid], origins=scan.world_from_sensor.translation)
+        seen = None if colour is None else colour.reshape(*scan.shape, 3)[scan.valid]
+        return replace(
+            held,
+            points=scan.points()[scan.valid],
+            origins=scan.world_from_sensor.translation,
+            colour=None if seen is None else np.asarray(np.rint(seen * 255), dtype=np.uint8),
+        )
     return replace(
         held,
         points=pose.apply(held.points),
@@ -194,6 +200,9 @@ def _read_header(path: Path) -> _PcdHeader:
     words = {line.split()[0].upper(): line.split()[1:] for line in lines if line.strip() and line[0] != "#"}
     width, height = int(words["WIDTH"][0]), int(words.get("HEIGHT", ["1"])[0])
     check_size(height, width)
+    n_points = int(words.get("POINTS", [str(width * height)])[0])
+    if n_points != width * height:
+        raise InputError(f"its header announces {n_points} points for WIDTH {width} and HEIGHT {height}")
     counts = [int(count) for count in words.get("COUNT", ["1"] * len(words["SIZE"]))]
     if min(counts, default=0) < 1 or sum(counts) > _MOST_VALUES or len(words) > _MOST_LINES:
         raise InputError(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +12,8 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.formats.depth_encoding import DepthEncoding, check_encoding
-from scenes.formats.guard import check_file, reading
+from scenes.formats.documents import parse_json, read_json, read_text
+from scenes.formats.guard import reading
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
 from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose
 from scenes.natural_order import natural_key
@@ -112,7 +112,7 @@ class _Camera:
 
 def _read_camera(path: Path) -> _Camera:
     """What a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
-    text = check_file(path).read_text(encoding="utf-8")
+    text = read_text(path)
     if path.suffix == ".txt":
         numbers = [float(word) for word in text.replace(",", " ").split()]
         if len(numbers) == 9:
@@ -121,7 +121,7 @@ def _read_camera(path: Path) -> _Camera:
             raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
         fx, fy, cx, cy = numbers[:4]
         return _Camera((fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None)
-    values = json.loads(text)
+    values = parse_json(text, dict)
     size = (int(values["width"]), int(values["height"])) if "width" in values else None
     scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
     encoding = check_encoding(values.get("depth_encoding", "linear"))
@@ -147,7 +147,7 @@ def _inside(folder: Path, name: str) -> Path:
 def _open_align3d(folder: Path) -> RgbdFolder:
     frames, cameras = [], set()
     size: Any = None
-    for entry in json.loads((folder / "frames.json").read_text(encoding="utf-8"))["root"]:
+    for entry in read_json(folder / "frames.json", dict)["root"]:
         depth, colour = _inside(folder, entry["depth_image"]), _inside(folder, entry["rgb_image"])
         if not depth.exists() and not colour.exists():
             continue
@@ -203,7 +203,7 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
 
 
 def _tum_rows(path: Path, n_words: int) -> list[list[str]]:
-    rows = [line.split() for line in check_file(path).read_text(encoding="utf-8").splitlines()]
+    rows = [line.split() for line in read_text(path).splitlines()]
     rows = [row for row in rows if row and not row[0].startswith("#")]
     if any(len(row) != n_words for row in rows):
         raise InputError(f"expected {n_words} words a line in {path.name}")

@@ -10,13 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
-from scenes.atomic import atomic_path, write_json, write_text
+from scenes.atomic import atomic_path, make_folder, write_json, write_text
 from scenes.checks import FloatArray, InputError
 from scenes.formats.header import colour_bytes
 from scenes.formats.trajectory import write_poses, write_timed_poses
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage
+from scenes.stage import Stage
 
 Layout = Literal["plain", "tum", "redwood"]
 _SCALES: Mapping[Layout, tuple[int, ...]] = {
@@ -42,7 +43,8 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
     Raises
     ------
     InputError
-        No scan, spherical scans, different cameras, depths beyond 16 bits, or tum without colours.
+        No scan, spherical scans, different cameras, depths beyond 16 bits, or tum without colours; or the
+        folder holds other frames, which would then have no poses.
     """
     if layout not in _SCALES:
         raise InputError(f"{folder}: layout must be one of {', '.join(_SCALES)}, got {layout!r}")
@@ -51,16 +53,33 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
     has_colour = all(scan.colour is not None for scan in scans)
     if layout == "tum" and not has_colour:
         raise InputError(f"{folder}: a TUM folder holds colours, and not all scans have any; write it plain")
-    names = [f"{k:.6f}" if layout == "tum" else f"{k:05d}" for k in range(1, len(scans) + 1)]
-    for kind in ["depth", _COLOURS[layout]][: 1 + has_colour]:
-        (folder / kind).mkdir(parents=True, exist_ok=True)
-    for name, scan, depth in zip(names, scans, depths, strict=True):
-        _save_png(np.rint(depth * scale).astype(np.uint16), folder / "depth" / f"{name}.png")
-        if has_colour:
-            _save_png(colour_bytes(scan), folder / _COLOURS[layout] / f"{name}.png")
-    _write_places(folder, layout, [scan.world_from_sensor for scan in scans], names)
-    values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
-    write_json(folder / "camera.json", values | {"depth_scale": scale})
+    check_no_other_frames(folder, len(scans), layout)
+    names = _names(len(scans), layout)
+    with Stage(make_folder(folder)) as stage:
+        for name, scan, depth in zip(names, scans, depths, strict=True):
+            _save_png(np.rint(depth * scale).astype(np.uint16), stage.path(f"depth/{name}.png"))
+            if has_colour:
+                _save_png(colour_bytes(scan), stage.path(f"{_COLOURS[layout]}/{name}.png"))
+        _write_places(stage.folder, layout, [scan.world_from_sensor for scan in scans], names)
+        values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+        write_json(stage.path("camera.json"), values | {"depth_scale": scale})
+        stage.commit()
+
+
+def check_no_other_frames(folder: Path, n_scans: int, layout: Layout = "plain") -> None:
+    """Raise InputError where a folder holds depth images that `n_scans` scans would not replace."""
+    known = {f"{name}.png" for name in _names(n_scans, layout)}
+    others = sorted(file.name for file in folder.glob("depth/[!.]*") if file.name not in known)
+    if others:
+        raise InputError(
+            f"{folder}: holds {len(others)} depth images of another recording, depth/{others[0]} the first; "
+            "give another folder, or remove them"
+        )
+
+
+def _names(n_scans: int, layout: Layout) -> list[str]:
+    """Return what the images are called; of TUM's layout that is when they were taken."""
+    return [f"{k:.6f}" if layout == "tum" else f"{k:05d}" for k in range(1, n_scans + 1)]
 
 
 def _checked(scans: Sequence[RangeImage], folder: Path) -> tuple[PinholeProjection, list[FloatArray]]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,9 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.atomic import write_text
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
-from scenes.formats.guard import check_file, reading
+from scenes.formats.documents import parse_json, read_text
+from scenes.formats.guard import reading
 from scenes.pose import Pose
 
 TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
@@ -37,11 +37,10 @@ def read_poses(path: Path) -> list[Pose]:
     InputError
         None of these, or a pose that is not rigid; named with its number.
     """
-    file = check_file(path)
-    with reading(file, "a file of poses"):
-        text = file.read_text(encoding="utf-8")
-        if file.suffix.lower() == ".json":
-            return _number_checked(_json_matrices(json.loads(text)))
+    with reading(path, "a file of poses"):
+        text = read_text(path)
+        if path.suffix.lower() == ".json":
+            return _number_checked(_json_matrices(text))
         if is_colmap(text):
             return _number_checked(colmap_matrices(text))
         rows = _number_rows(text)
@@ -65,12 +64,12 @@ def rounded_pose(matrix: FloatArray) -> Pose:
 
 def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
     """Return the timestamps (n,) in seconds and the poses of a TUM trajectory."""
-    file = check_file(path)
-    with reading(file, "a TUM trajectory"):
-        rows = _equal_rows(_number_rows(file.read_text(encoding="utf-8")))
+    with reading(path, "a TUM trajectory"):
+        rows = _equal_rows(_number_rows(read_text(path)))
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
-        return np.array([row[0] for row in rows]), _number_checked([_matrix(row[1:]) for row in rows])
+        times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
+        return times, _number_checked([_matrix(row[1:]) for row in rows])
 
 
 def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
@@ -121,12 +120,14 @@ def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:
     return [np.array(rows[start + 1 : start + 5]) for start in range(0, len(rows), 5)]
 
 
-def _json_matrices(value: object) -> list[FloatArray]:
-    if isinstance(value, dict):
-        value = [view["world_from_sensor"] for view in value["views"]]
-    if not isinstance(value, list):
-        raise InputError(_FORMS)
-    return [np.array(matrix, dtype=np.float64) for matrix in value]
+def _json_matrices(text: str) -> list[FloatArray]:
+    """Matrices of a list, or of the views of a plan."""
+    if text.lstrip().startswith("{"):
+        views = parse_json(text, dict).get("views")
+        if not isinstance(views, list):
+            raise InputError(f'its object has no list "views"; {_FORMS}')
+        return [np.array(view["world_from_sensor"], dtype=np.float64) for view in views]
+    return [np.array(matrix, dtype=np.float64) for matrix in parse_json(text, list)]
 
 
 def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
