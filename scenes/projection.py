@@ -95,7 +95,7 @@ class PinholeProjection:
         sizes = np.abs(numbers)
         if not ((sizes <= _MOST_PX).all() and (sizes[:2] >= _LEAST_FOCAL_PX).all()):
             raise InputError(
-                f"focal lengths must lie in {_LEAST_FOCAL_PX:g}..{_MOST_PX:g} pixels (or be negative), and the "
+                f"focal lengths must be in {_LEAST_FOCAL_PX:g}..{_MOST_PX:g} pixels, or be negative, and the "
                 f"principal point within {_MOST_PX:g}, got fx, fy, cx, cy = {numbers.tolist()}"
             )
 
