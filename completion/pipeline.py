@@ -33,6 +33,7 @@ from completion.texturing.task import TexturingOptions
 from completion.tolerance import EvidenceOptions
 from completion.verification import Verification
 from scenes.checks import InputError, check_options
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
@@ -149,6 +150,7 @@ def complete(
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
+    journal: Journal = NO_JOURNAL,
 ) -> Completion:
     """Complete the surfaces of `scans` behind their occluders (after Dell'Acqua & Fisher 2002).
 
@@ -169,6 +171,8 @@ def complete(
         Threads; results do not depend on it.
     progress : callable, optional
         Called with a stage's name, steps done and steps in all.
+    journal : Journal
+        Remembers what the steps of these scans and options came to, so that a run that was killed goes on.
 
     Raises
     ------
@@ -191,9 +195,12 @@ def complete(
             lambda scan: observe(scan, world_from_reference.inverse(), options.sigma_m),
             scans,
         )
-        regions = _each(pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations)
+        regions = _each(
+            pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations, journal
+        )
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
-        found = merge(observations, regions, evidence, across=Cue.MERGING in options.cues)
+        across = Cue.MERGING in options.cues
+        found = journal.step("merge", lambda: merge(observations, regions, evidence, across=across))
         edited = apply_edits(found, options.edits, observations, world_from_reference, evidence.flatness_m)
         surfaces = [one.surface for one in edited]
         owners = number_pixels(surfaces, observations)
@@ -218,12 +225,13 @@ def complete(
                 options.cues,
             )
 
-        patches = _each(pool, tell, "extend", continued, range(len(surfaces)))
+        patches = _each(pool, tell, "extend", continued, range(len(surfaces)), journal)
 
         def textured(index: int) -> ChartTexture | None:
             return texture_patch(patches[index], observations, options.texturing, seed + index)
 
-        textures = _each(pool, tell, "texture", textured, range(len(patches))) if options.texture else []
+        wanted = range(len(patches)) if options.texture else ()
+        textures = _each(pool, tell, "texture", textured, wanted, journal)
     mesh = hypothesised_mesh(patches, textures)
     tell("audit", 0, 1)
     result = audit(
@@ -264,10 +272,19 @@ def number_pixels(
 
 
 def _each(
-    pool: ThreadPoolExecutor, tell: Progress, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]
+    pool: ThreadPoolExecutor,
+    tell: Progress,
+    stage: str,
+    work: Callable[[_In], _Out],
+    items: Iterable[_In],
+    journal: Journal = NO_JOURNAL,
 ) -> list[_Out]:
-    """Apply `work` to every item on the pool, in order, and tell the progress."""
-    jobs = [pool.submit(work, item) for item in items]
+    """Apply `work` to every item on the pool, in order; tell the progress, and the journal what comes."""
+
+    def step(number: int, item: _In) -> _Out:
+        return journal.step(f"{stage}-{number:04d}", lambda: work(item))
+
+    jobs = [pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
     tell(stage, 0, len(jobs))
     results = []
     for done, job in enumerate(jobs, start=1):

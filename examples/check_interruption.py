@@ -1,118 +1,169 @@
 # SPDX-License-Identifier: MIT
-"""The law that an interrupted study ends with the bytes of an undisturbed one, at full size.
+"""The law that a run which is killed at any moment loses nothing and goes on to the undisturbed run's bytes.
 
-    python examples/check_interruption.py [FOLDER]
+    python examples/check_interruption.py [--moments 50] [--seed 0] [plan] [cover] [study] [completion]
 
-Runs a study of 2 scenes, 2 requirements, 3 planners and 5 seeds four times: undisturbed; killed (SIGKILL)
-three times at random moments and started again; on a cluster of two processes; and on such a cluster of which
-a worker is killed. It prints how many plans each kill left behind, compares all files but the manifest (which
-holds times), and exits with 1 where any differ.
+Each kind of run is done once undisturbed. Then, for each random moment of the time that takes: a folder holds
+the result of an earlier run with another seed; the run is started over it and killed (SIGKILL) at the moment;
+what is seen in the folder then must be whole, all of it of the earlier run or all of it of this one (plans of
+a study come one by one); and the run is started again, which must end with the bytes of the undisturbed one
+in all files but the manifest, which holds times. Prints a line a kind; exits with 1 where a law fails.
 """
 
-import os
+import argparse
+import json
 import random
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from hashlib import sha256
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
 
-from nbv.cluster import DaskWorkers, cluster
-from nbv.study.pipeline import run_study
-from nbv.study.spec import read_study
-from nbv.workers import Item, Result, Work
+import numpy as np
+
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor
+from nbv.view import View
+from scenes.builtin import builtin_scene
+from scenes.files import write_scan
+from scenes.pose import Pose
 
 SENSOR = 'kind = "pinhole"\nname = "small"\nfov_deg = 70.0\nwidth = 64\nheight = 64\n'
 STUDY = """
-title = "2 scenes, 2 requirements, 3 planners, 5 seeds"
-seeds = 5
+title = "2 scenes, 3 planners, 2 seeds"
+seeds = 2
 sampling = {spacing_m = 0.4, subdivisions = 0}
 scenes = [{scene = "builtin:two_occluders"}, {scene = "builtin:drum_and_post"}]
 sensors = [{sensor = "small.toml"}]
-requirements = [{max_incidence_deg = 60}, {max_incidence_deg = 75}]
 planners = [
-    {method = "nbv", target = 0.8},
-    {method = "cover", target = 0.95, polish_steps = 500},
-    {method = "random", target = 0.8, views = 60},
+    {method = "nbv", target = 0.7},
+    {method = "cover", target = 0.9, polish_steps = 200},
+    {method = "random", target = 0.7, views = 30},
 ]
 """
-N_CASES, N_KILLS = 60, 3
+LOOKS = {"one": ((5.0, 1.5, 1.4), (2.0, 2.0, 0.6)), "two": ((1.0, 4.4, 1.5), (3.0, 2.0, 0.6))}
 
 
-class Assassin:
-    """Workers of a cluster, one of which is killed after a third of the work."""
-
-    def __init__(self, workers: DaskWorkers, pids: dict[str, int]) -> None:
-        self.workers, self.pids = workers, pids
-
-    def each(
-        self, work: Work[Item, Result], items: Sequence[Item], keys: Sequence[str]
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield what the workers yield."""
-        for done, found in enumerate(self.workers.each(work, items, keys)):
-            if done == len(items) // 3:
-                os.kill(next(iter(self.pids.values())), signal.SIGKILL)
-            yield found
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Return the bytes of all files but the manifest."""
-    files = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != "manifest.json")
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
-
-
-def command(study: Path, out: Path, *more: str) -> list[str]:
-    """Return the command that runs the study."""
-    return [sys.executable, "-m", "nbv.cli", "study", str(study), "-o", str(out), "-q", *more]
-
-
-def killed(study: Path, out: Path, rng: random.Random) -> list[int]:
-    """Run the study, killed three times; return how many plans were there at each kill."""
-    left = []
-    for moment in sorted(rng.sample(range(1, N_CASES), N_KILLS)):
-        process = subprocess.Popen(command(study, out))
-        while len(list(out.glob("plans/[!.]*.json"))) < moment and process.poll() is None:
-            time.sleep(0.01)
-        time.sleep(rng.uniform(0.0, 0.5))  # in the middle of something
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        left.append(len(list(out.glob("plans/[!.]*.json"))))
-    subprocess.run(command(study, out), check=True)
-    return left
-
-
-def main(folder: str | None = None) -> int:
-    """Run the study four times and compare."""
-    place = Path(folder or mkdtemp())
-    place.mkdir(parents=True, exist_ok=True)
-    study = place / "study.toml"
-    study.write_text(STUDY)
+def prepare(place: Path) -> dict[str, list[str]]:
+    """Write what the runs read, and return their commands by kind."""
     (place / "small.toml").write_text(SENSOR)
-    outs: dict[str, Path] = {name: place / name for name in ("undisturbed", "killed", "cluster", "bereft")}
-    for out in outs.values():
-        shutil.rmtree(out, ignore_errors=True)
+    (place / "study.toml").write_text(STUDY)
+    room = builtin_scene("two_occluders")
+    for name, (eye, target) in LOOKS.items():
+        view = View(Pose.looking_at(eye, target), PinholeSensor(fov_deg=70, width=96, height=72))
+        write_scan(scan_scene(room, view, noise="gaussian-2mm", rng=0, name=name), place / f"{name}.npz")
+    plan = ["plan", "builtin:two_occluders", "--sensor", str(place / "small.toml")]
+    steps = [np.arange(0.5, size, 1.0) for size in (6.0, 5.0, 2.0)]
+    positions = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
+    directions = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-0.5, 0) if x or y])
+    np.savez(place / "candidates.npz", positions=positions, directions=directions)
+    return {
+        "plan": [*plan, "--views", "8"],
+        "cover": [*plan, "--method", "cover", "--candidates", str(place / "candidates.npz")],
+        "study": ["study", str(place / "study.toml")],
+        "completion": ["complete", *(str(place / f"{name}.npz") for name in LOOKS)],
+    }
+
+
+def started(words: list[str], out: Path, seed: int) -> subprocess.Popen[bytes]:
+    """Start a run."""
+    command = [sys.executable, "-m", "nbv.cli", *words, "-o", str(out), "-q", "--seed", str(seed)]
+    return subprocess.Popen(command)
+
+
+def run(words: list[str], out: Path, seed: int) -> float:
+    """Run to the end and return the seconds it took."""
     begin = time.monotonic()
-    subprocess.run(command(study, outs["undisturbed"]), check=True)
-    print(f"undisturbed: {time.monotonic() - begin:.0f} s", flush=True)
+    if started(words, out, seed).wait() != 0:
+        raise RuntimeError(f"{words} failed")
+    return time.monotonic() - begin
+
+
+def killed(words: list[str], out: Path, moment: float) -> bool:
+    """Run, killed after `moment` seconds; False where it had ended by then."""
+    process = started(words, out, 0)
+    time.sleep(moment)
+    process.send_signal(signal.SIGKILL)
+    return process.wait() != 0
+
+
+def seen(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all files that a user sees, but the manifest."""
+    files = (file.relative_to(folder) for file in folder.rglob("*") if file.is_file())
+    shown = (file for file in files if not any(part.startswith(".") for part in file.parts))
+    return {file.as_posix(): (folder / file).read_bytes() for file in shown if file.name != "manifest.json"}
+
+
+def is_sealed(folder: Path, own: set[str]) -> bool:
+    """Tell whether the manifest names what is seen, but for `own`, with the right hashes."""
+    files = seen(folder)
+    outputs = json.loads((folder / "manifest.json").read_text())["outputs"]
+    named = {entry["name"]: entry["sha256"] for entry in outputs if entry["name"] not in own}
+    return all(sha256(files[name]).hexdigest() == digest for name, digest in named.items())
+
+
+def state(found: dict[str, bytes], earlier: dict[str, bytes], wanted: dict[str, bytes]) -> str:
+    """Say of which run a folder's files are; plans of a study may be of either, whole."""
+    plans = {name for name in found if name.startswith("plans/")}
+    if any(found[name] not in (earlier.get(name), wanted.get(name)) for name in plans):
+        return "BROKEN"
+    rest = {name: data for name, data in found.items() if name not in plans}
+    for word, run_ in (("earlier", earlier), ("new", wanted)):
+        if rest == {name: data for name, data in run_.items() if not name.startswith("plans/")}:
+            return word
+    return "BROKEN"
+
+
+def check(kind: str, words: list[str], place: Path, n_moments: int, rng: random.Random) -> bool:
+    """Kill a kind of run at random moments and print what was found."""
+    undisturbed, before = place / f"{kind}-undisturbed", place / f"{kind}-earlier"
+    seconds = run(words, undisturbed, 0)
+    run(words, before, 1)
+    wanted, earlier = seen(undisturbed), seen(before)
+    states: Counter[str] = Counter()
+    n_same = n_sealed = n_ended = 0
+    steps = []
+    for number in range(n_moments):
+        out = place / f"{kind}-{number}"
+        shutil.copytree(before, out)
+        n_ended += not killed(words, out, rng.uniform(0.0, seconds))
+        states[state(seen(out), earlier, wanted)] += 1
+        n_sealed += is_sealed(out, {name for name in wanted if name.startswith("plans/")})
+        steps.append(len(list(out.glob(".journal/*.npz"))))
+        run(words, out, 0)
+        n_same += wanted.items() <= seen(out).items() and not list(out.glob(".*"))
+        shutil.rmtree(out)
+    words_of_states = ", ".join(f"{n} {word}" for word, n in sorted(states.items()))
     print(
-        f"killed with {killed(study, outs['killed'], random.Random(0))} of {N_CASES} plans there", flush=True
+        f"{kind}: {seconds:.1f} s undisturbed; killed at {n_moments} moments ({n_ended} after the end), "
+        f"{min(steps)} to {max(steps)} steps remembered; in the folder then: "
+        f"{words_of_states}; {n_sealed} sealed by the manifest; "
+        f"run again: {n_same} of {n_moments} with the bytes of the undisturbed run",
+        flush=True,
     )
-    subprocess.run(command(study, outs["cluster"], "--scheduler", "local:2"), check=True)
-    with cluster("local:2", 1) as workers:
-        pids: dict[str, Any] = workers.client.run(os.getpid)
-        run_study(read_study(study), outs["bereft"] / "plans", workers=Assassin(workers, pids))
-    subprocess.run(command(study, outs["bereft"]), check=True)
-    wanted, same = contents(outs["undisturbed"]), True
-    for name, out in outs.items():
-        equal = contents(out) == wanted
-        same &= equal
-        print(f"{name}: {len(contents(out))} files, {'the same bytes' if equal else 'DIFFERENT'}", flush=True)
-    return 0 if same else 1
+    return n_same == n_sealed == n_moments and not states["BROKEN"]
+
+
+def main() -> int:
+    """Check the kinds of runs that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("kinds", nargs="*", metavar="KIND")
+    parser.add_argument("--moments", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    place = Path(mkdtemp())
+    commands = prepare(place)
+    held = [
+        check(kind, commands[kind], place, given.moments, random.Random(f"{given.seed} {kind}"))
+        for kind in given.kinds or commands
+    ]
+    shutil.rmtree(place)
+    return 0 if all(held) else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:2]))
+    sys.exit(main())

@@ -56,7 +56,7 @@ def _greedy(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator
 
 
 def _visibility(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator) -> Iterable[int]:
-    seen = seen_by_candidates(task, task.requirement.visibility(task.sensor))
+    seen = seen_by_candidates(task, "at-all", task.requirement.visibility(task.sensor))
     new = np.where(attempt.tally.n_views > 0, 0.0, task.samples.areas)
     return choose_greedily(CoverInstance(seen, new, 1.0, task.requirement.k), n_most=n_most)
 

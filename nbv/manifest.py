@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from scenes.atomic import write_json
+from scenes.atomic import json_text, write_json
 
 _PACKAGES = ("numpy", "scipy", "embreex", "numba", "trimesh", "opencv-python-headless", "shapely")
 _BLOCK = 1 << 20
@@ -91,6 +91,17 @@ def _input_record(text: str) -> dict[str, Any]:
 
 def _file_record(path: Path) -> dict[str, Any]:
     return {"bytes": path.stat().st_size, "sha256": sha256_of(path)}
+
+
+def run_key(inputs: Iterable[str], options: Mapping[str, Any], seed: int) -> str:
+    """Return what tells a run by what it is made of: the SHA-256 of versions, inputs, options and seed."""
+    made_of = {
+        "versions": versions(),
+        "inputs": input_records(inputs),
+        "options": dict(options),
+        "seed": seed,
+    }
+    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
 
 
 @dataclass(slots=True, eq=False)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -61,7 +62,8 @@ def plan_offline(
     instance = cover_instance(task, attempt.tally.met)
     graph = overlap_graph(task, task.overlap or OverlapOptions())
     if task.overlap is None:
-        cover, n_added = find_cover(instance, options, n_most=views, rng=rng, progress=task.progress), 0
+        find = partial(find_cover, instance, options, n_most=views, rng=rng, progress=task.progress)
+        cover, n_added = task.journal.step("cover", find), 0
     else:
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     for number in cover.chosen:
@@ -113,7 +115,8 @@ def cover_instance(task: Task, met: BoolArray | None = None) -> CoverInstance:
 
     Samples that are `met` (n,) already have no weight, and the target is what is left of it.
     """
-    matrix, areas = seen_by_candidates(task, task.requirement.limits(task.sensor)), task.samples.areas
+    limits, areas = task.requirement.limits(task.sensor), task.samples.areas
+    matrix = seen_by_candidates(task, "as-required", limits)
     if met is None or not met.any():
         return CoverInstance(matrix, areas, task.target, task.requirement.k)
     whole = CoverInstance(matrix, np.where(met, 0.0, areas), 1.0, task.requirement.k)
@@ -127,18 +130,22 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
     """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
     seen = task.requirement.visibility(task.sensor)
     limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
-    return OverlapGraph.of(seen_by_candidates(task, limits), task.samples, options)
+    return OverlapGraph.of(seen_by_candidates(task, "for-overlap", limits), task.samples, options)
 
 
-def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
-    """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture."""
+def seen_by_candidates(task: Task, name: str, limits: SightLimits) -> csr_array:
+    """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture.
+
+    The journal knows them by `name`.
+    """
     candidates, samples = task.candidates, task.samples
-    if task.remote is not None:
-        seen = task.remote.from_positions(
-            task.scene.mesh, candidates.positions, samples, limits, task.progress
-        )
-    else:
-        seen = visible_from_positions(
+
+    def cast() -> csr_array:
+        if task.remote is not None:
+            return task.remote.from_positions(
+                task.scene.mesh, candidates.positions, samples, limits, task.progress
+            )
+        return visible_from_positions(
             task.caster,
             candidates.positions,
             samples,
@@ -146,6 +153,8 @@ def seen_by_candidates(task: Task, limits: SightLimits) -> csr_array:
             n_threads=task.n_threads,
             progress=task.progress,
         )
+
+    seen = task.journal.step(f"seen-{name}", cast)
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from nbv.journal import Journal
 from nbv.plan import Plan
 from nbv.planner import PlannerOptions, explore
 from nbv.task import Attempt, Task
@@ -21,7 +20,6 @@ def plan_online(
     noise: str,
     options: PlannerOptions,
     rng: np.random.Generator | int | None,
-    journal: Journal | None = None,
 ) -> Plan:
     """Plan views of a scene that the planner learns of by its scans alone.
 
@@ -37,8 +35,6 @@ def plan_online(
         The planner's.
     rng : Generator, int or None
         Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
-    journal : Journal, optional
-        Remembers the views that were chosen by a run that was killed.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
@@ -62,7 +58,7 @@ def plan_online(
         from_outside=task.from_outside,
         infer=attempt.complete if task.infer else None,
         finished=attempt.why_finished,
-        journal=journal,
+        journal=task.journal,
         n_threads=task.n_threads,
         progress=task.progress,
     )

@@ -20,6 +20,7 @@ from scenes.formats.guard import check_file, reading
 from scenes.formats.ply import read_mesh_ply
 from scenes.formats.references import within_folder
 
+_PAGE_HEAD = 20_000  # bytes of a report, in which its title stands
 _STATES = ("observed", "hypothesised")
 
 
@@ -32,7 +33,10 @@ def describe_output(path: Path) -> dict[str, Any] | None:
         A file of ours that is damaged; a sensor profile that is not usable.
     """
     if path.is_dir():
-        return _folder(path) if (path / "manifest.json").is_file() and not (path / "depth").is_dir() else None
+        if not (path / "manifest.json").is_file() or (path / "depth").is_dir():
+            return None
+        with reading(path, "an output folder"):
+            return _folder(path)
     describer = {
         ".json": _json, ".toml": _sensor, ".npz": _arrays, ".ply": _ply, ".csv": _csv, ".html": _html,
     }.get(path.suffix.lower())  # fmt: skip
@@ -163,8 +167,9 @@ def _csv(path: Path) -> dict[str, Any] | None:
 
 def _html(path: Path) -> dict[str, Any] | None:
     """A report."""
-    text = path.read_text("utf-8", errors="replace")
+    with path.open("rb") as file:
+        text = file.read(_PAGE_HEAD).decode("utf-8", errors="replace")
     title = text.partition("<title>")[2].partition("</title>")[0]
-    if "unseen" not in text[:20_000] or not title:
+    if "unseen" not in text or not title:
         return None
-    return {"kind": "report", "title": title, "bytes": len(text), "advice": "open it in a browser"}
+    return {"kind": "report", "title": title, "bytes": path.stat().st_size, "advice": "open it in a browser"}

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from nbv.csv_table import csv_text
 from nbv.plan import Plan
 from nbv.view import View
 from scenes.atomic import write_text
@@ -90,15 +89,12 @@ def stations_csv(views: Sequence[View], order: Sequence[int] | None = None) -> s
     order : sequence of int, optional
         In which to visit them, from 0; `visit` is a station's place in it, from 1, and empty without.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
     place = {} if order is None else {station: k for k, station in enumerate(order, start=1)}
+    rows: list[list[object]] = []
     for number, view in enumerate(views, start=1):
         pose, aim = view.world_from_sensor, aim_of(view.world_from_sensor)
         where = [f"{value:.4f}" for value in pose.translation]
         turned = [f"{value + 0.0:.4f}" for value in (aim.heading_deg, aim.pitch_deg, aim.roll_deg)]
         gains = (view.gain_m2, view.met_fraction, view.predicted_gain_m2)
-        found = ["" if value is None else repr(float(value)) for value in gains]
-        writer.writerow([number, *where, *turned, place.get(number - 1, ""), *found])
-    return text.getvalue()
+        rows.append([number, *where, *turned, place.get(number - 1, ""), *gains])
+    return csv_text(COLUMNS, rows)

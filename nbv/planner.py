@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nbv.concern import concern
 from nbv.gain import BestView, GainOptions, best_view, find_targets
-from nbv.journal import Journal
 from nbv.knowledge import Knowledge
 from nbv.learning import learn, recall
 from nbv.occupancy import VoxelMap
@@ -35,6 +35,7 @@ from nbv.standpoints import standpoints
 from nbv.viewpoints import Candidates
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
@@ -118,7 +119,7 @@ def explore(
     from_outside: bool = False,
     infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
     finished: Callable[[], str | None] | None = None,
-    journal: Journal | None = None,
+    journal: Journal = NO_JOURNAL,
     n_threads: int | None = None,
     progress: Progress | None = None,
 ) -> Exploration:
@@ -150,7 +151,7 @@ def explore(
     finished : callable, optional
         Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
         stopping rule here; the planner itself decides by its voxels alone.
-    journal : Journal, optional
+    journal : Journal
         Remembers the views that are chosen; those that it knows already are not chosen anew.
     n_threads : int, optional
         Threads; the result does not depend on it.
@@ -188,26 +189,23 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), voxels, reason)
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        found = journal.remembered(len(steps)) if journal is not None else None
-        if found is None:
-            chosen = next_view(
-                voxels,
-                attempts,
-                candidates,
-                here,
-                sensor,
-                requirement,
-                options,
-                n_threads,
-                knowledge,
-                experience.trust,
-            )
-            if isinstance(chosen, str):
-                return Exploration(tuple(steps), voxels, chosen)
-            found = chosen
-            if journal is not None:
-                journal.remember(len(steps), found)
-        best = found
+        choose = partial(
+            next_view,
+            voxels,
+            attempts,
+            candidates,
+            here,
+            sensor,
+            requirement,
+            options,
+            n_threads,
+            knowledge,
+            experience.trust,
+        )
+        chosen = journal.step(f"view-{len(steps) + 1:04d}", choose)
+        if isinstance(chosen, str):
+            return Exploration(tuple(steps), voxels, chosen)
+        best = chosen
         _count_attempts(attempts, best)
         steps.append(Step(best.pose, best.gain_m2))
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from nbv.baseline_plan import BASELINES, plan_simply
 from nbv.cover.pipeline import CoverOptions
-from nbv.journal import Journal
 from nbv.offline import plan_offline
 from nbv.online import plan_online
 from nbv.overlap import OverlapOptions
@@ -28,6 +27,7 @@ from nbv.viewpoints import Candidates, allowed
 from nbv.visibility import Progress
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
@@ -59,7 +59,7 @@ def plan_views(
     scans: Sequence[RangeImage] = (),
     zones: Zones = EVERYWHERE,
     remote: RemoteVisibility | None = None,
-    journal: Journal | None = None,
+    journal: Journal = NO_JOURNAL,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -115,8 +115,8 @@ def plan_views(
         kept out of.
     remote : RemoteVisibility, optional
         For planners that know the scene: workers that cast for them. The plan does not depend on them.
-    journal : Journal, optional
-        For "nbv": remembers the views that were chosen by a run that was killed.
+    journal : Journal
+        Remembers what the steps of a run of the same came to that was killed.
     rng : Generator, int or None
         Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
     n_threads : int, optional
@@ -176,6 +176,7 @@ def plan_views(
         scans=tuple(scans),
         zones=zones,
         remote=remote,
+        journal=journal,
     )
     if method == "cover" and infer:
         return plan_with_completion(task, views, noise, rng)
@@ -183,7 +184,7 @@ def plan_views(
         return plan_offline(task, views, budgets or CoverOptions(), rng)
     if method in BASELINES:
         return plan_simply(task, method, views, rng)
-    return plan_online(task, views, noise, options or PlannerOptions(), rng, journal)
+    return plan_online(task, views, noise, options or PlannerOptions(), rng)
 
 
 def _samples(scene: Scene, method: Method) -> SurfaceSamples:

@@ -43,8 +43,9 @@ def plan_with_completion(
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
     attempt, scans, chosen = Attempt.begin(task), list(task.scans), list[int]()
-    seen = seen_by_candidates(task, replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)) > 0
-    met = seen_by_candidates(task, task.requirement.limits(task.sensor)) > 0
+    steeply = replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)
+    seen = seen_by_candidates(task, "steeply", steeply) > 0
+    met = seen_by_candidates(task, "as-required", task.requirement.limits(task.sensor)) > 0
     n_most, n_known = views or PlannerOptions().max_views, len(scans)
     if scans:
         attempt.complete(scans)

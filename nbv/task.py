@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from nbv.viewpoints import Candidates
 from nbv.visibility import Progress
 from nbv.zones import EVERYWHERE, Zones
 from scenes.checks import InputError
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 from scenes.raycast import RayCaster
@@ -40,6 +42,7 @@ class Task:
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
     "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
     were taken before: what they have measured is measured. `remote` workers cast for the offline planner.
+    The `journal` remembers what the steps of this very task came to.
     """
 
     scene: Scene
@@ -58,6 +61,7 @@ class Task:
     scans: tuple[RangeImage, ...] = ()
     zones: Zones = EVERYWHERE
     remote: RemoteVisibility | None = None
+    journal: Journal = NO_JOURNAL
 
 
 @dataclass(slots=True, eq=False)
@@ -93,7 +97,8 @@ class Attempt:
         if task.scans:
             poses = tuple(scan.world_from_sensor for scan in task.scans)
             resumed = Resumption(poses, tally.met_m2() / task.samples.total_m2)
-        reachability = find_reachable(
+        find = partial(
+            find_reachable,
             task.caster,
             task.samples,
             task.candidates,
@@ -102,6 +107,7 @@ class Attempt:
             n_threads=task.n_threads,
             progress=task.progress,
         )
+        reachability = task.journal.step("reachable", find)
         return cls(task, tally, reachability, [], resumed)
 
     def add(self, pose: Pose) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from scenes.formats.depth_encoding import suspected_encoding
+from scenes.formats.depth_encoding import depth_warnings, suspected_encoding
 from scenes.formats.image import open_image
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
@@ -51,5 +51,5 @@ def _depth(counts: Any) -> dict[str, Any]:
         "valid_share": float(len(known) / counts.size),
         "counts": {"min": low, "median": middle, "max": high},
         "depth": [] if suspected else plausible,
-        "warnings": [suspected] if suspected else [],
+        "warnings": [*depth_warnings(counts), *([suspected] if suspected else [])],
     }

@@ -87,6 +87,8 @@ class RangeImage:
         What a simulated scan really met.
     name : str
         What to call the scan in reports.
+    warnings : tuple of str
+        What was left out or assumed while it was read.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class RangeImage:
     intensity: NDArray[np.float32] | None = None
     truth: ScanTruth | None = None
     name: str = "scan"
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         ranges = np.asarray(self.ranges, dtype=np.float64)

@@ -108,8 +108,8 @@ def settle(folder: Path, name: str = "") -> None:
 
 def _places(folder: Path, name: str) -> tuple[Path, Path]:
     """Where files wait, and what that folder is called once they are to be put in place."""
-    middle = f".{name}" if name else ""
-    return folder / f".unseen{middle}.staged", folder / f".unseen{middle}.decided"
+    middle = f"-{name}" if name else ""
+    return folder / f".unseen{middle}-staged", folder / f".unseen{middle}-decided"
 
 
 def _check_free(folder: Path, file: Path) -> None:

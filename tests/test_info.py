@@ -157,7 +157,7 @@ def test_points_poses_and_images(tmp_path):
         ("a.csv", b"id;b\n", "a.csv: is text that holds neither poses nor points"),
         ("a.html", b"<html>", "is text, of no kind"),
         ("empty.xyz", b"", "empty.xyz: is empty"),
-        ("a.e57", b"nothing", "a.e57: cannot be read as E57 scan"),
+        ("a.e57", b"nothing", "a.e57: not an E57 file"),
     ],
 )
 def test_what_is_not_known_gets_a_plain_sentence(tmp_path, name, content, words):

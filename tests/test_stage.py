@@ -99,7 +99,7 @@ def test_a_file_in_the_place_of_a_folder_is_refused_before_anything_changes(tmp_
 def test_a_stage_whose_name_is_a_link_is_not_followed(tmp_path):
     elsewhere, folder = filled(tmp_path / "elsewhere"), tmp_path / "out"
     folder.mkdir()
-    for name in (".unseen.staged", ".unseen.decided"):
+    for name in (".unseen-staged", ".unseen-decided"):
         (folder / name).symlink_to(elsewhere, target_is_directory=True)
     settle(folder)
     assert contents(elsewhere) == OLD

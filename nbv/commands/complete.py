@@ -19,6 +19,7 @@ from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
 from nbv.report.page import square_metres
 from nbv.wording import count
+from scenes.journal import NO_JOURNAL, Journal
 from scenes.range_image import RangeImage
 
 
@@ -75,13 +76,20 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         scans = read_request(request)
         run.warn(doubts_of(scans))
         options = how.resolved()
+        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
+        journal = run.journal(inputs, {**request.options(), **how.options()})
         completion = complete(
-            scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
+            scans,
+            options,
+            rng=shared.seed,
+            n_threads=shared.threads,
+            progress=run.progress,
+            journal=journal,
         )
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
-            verification = verify_first(scans, options, shared.threads)
+            verification = verify_first(scans, options, shared.threads, journal.part("first"))
         run.watch.enter("save")
         completion.save(run.stage.folder, verification)
         for suffix in how.exports:
@@ -90,17 +98,21 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
         page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
-        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 
 def verify_first(
-    scans: Sequence[RangeImage], options: CompletionOptions, n_threads: int | None = None
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    n_threads: int | None = None,
+    journal: Journal = NO_JOURNAL,
 ) -> Verification:
     """Complete the first scan alone and let the others confirm or refute what was inferred."""
-    alone = complete(scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads)
+    alone = complete(
+        scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads, journal=journal
+    )
     return verify(
         alone,
         scans[1:],

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,8 +13,9 @@ from numpy.typing import NDArray
 
 import completion.limits
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
+from nbv.csv_table import csv_text
 from nbv.manifest import input_digests
 from nbv.measurement import measure_coverage, measure_scan_coverage
 from nbv.plan import read_plan
@@ -141,6 +140,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         seen = sightings_of(caster, samples, requirement, views)
         return _Measured(coverage, views, seen, sensor, [])
     scans = read_request(request.scans)
+    run.warn(doubts_of(scans))
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
     coverage = measure_scan_coverage(
@@ -167,13 +167,14 @@ def coverage_content(coverage: Coverage) -> dict[str, Any]:
 
 def csv_of(coverage: Coverage) -> str:
     """Return a row for each surface: id, name, area in square metres, fractions of it, mean best cosine."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["id", "name", "area_m2", "met", "reachable", "unreachable", "mean_best_cosine"])
-    for row in coverage.by_surface():
-        numbers = (row.area_m2, row.met, row.reachable, row.unreachable, row.mean_cosine)
-        writer.writerow([row.surface, row.name, *(repr(float(number)) for number in numbers)])
-    return text.getvalue()
+    columns = ["id", "name", "area_m2", "met", "reachable", "unreachable", "mean_best_cosine"]
+    return csv_text(
+        columns,
+        (
+            (row.surface, row.name, row.area_m2, row.met, row.reachable, row.unreachable, row.mean_cosine)
+            for row in coverage.by_surface()
+        ),
+    )
 
 
 def _write_ply(path: Path, world: Scene, coverage: Coverage) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -15,11 +14,10 @@ from nbv.baselines import Baseline, compare_with_baselines
 from nbv.classes import Shares
 from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
-from nbv.commands.scans import ScanRequest, read_request
+from nbv.commands.scans import ScanRequest, doubts_of, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
-from nbv.journal import FileJournal
-from nbv.manifest import input_digests, input_records, versions
+from nbv.manifest import input_digests
 from nbv.overlap import OverlapOptions
 from nbv.plan import Plan
 from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -33,7 +31,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.viewpoints import load_candidates
 from nbv.wording import count
 from nbv.zones import Box, Zones
-from scenes.atomic import json_text, write_json
+from scenes.atomic import write_json
 from scenes.files import Units
 from scenes.loading import open_scene
 from scenes.orientation import Axis
@@ -111,7 +109,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
-        journal = FileJournal(run.out / ".journal", _key(shared, scene, request))
+        run.warn(doubts_of(scans))
+        journal = run.journal([scene, *request.inputs], request.options())
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,
@@ -152,18 +151,6 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         summary = {**summary_of(plan), "warnings": world.warnings}
         run.finish(inputs, resolved, summary, lines_of(plan))
-        journal.forget()
-
-
-def _key(shared: Shared, scene: str, request: PlanRequest) -> str:
-    """Return what tells a run by what it is made of."""
-    made_of = {
-        "versions": versions(),
-        "inputs": input_records([scene, *request.inputs]),
-        "options": request.options(),
-        "seed": shared.seed,
-    }
-    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
 
 
 def baselines_of(

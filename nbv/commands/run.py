@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -17,9 +18,11 @@ from nbv.commands.interruption import interruptible
 
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
+    from scenes.journal import FileJournal
     from scenes.stage import Stage
 
 Progress = Callable[[str, int, int], None]
+_JOURNAL = ".journal"  # in the output folder, of a run that is not finished
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,6 +96,14 @@ class Run:
         """Return where to write an output; a command with one output file need not name it."""
         return self.stage.path(name or self.out.name)
 
+    def journal(self, inputs: Sequence[str], options: Mapping[str, Any]) -> FileJournal:
+        """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
+        from nbv.manifest import run_key
+        from scenes.journal import FileJournal
+
+        key = run_key(inputs, {"command": self.command, **options}, self.shared.seed)
+        return FileJournal(self.out / _JOURNAL, key)
+
     def finish(
         self,
         inputs: Sequence[str],
@@ -122,6 +133,8 @@ class Run:
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
         )
         self.stage.commit(last=manifest)
+        if self.is_folder:
+            rmtree(self.out / _JOURNAL, ignore_errors=True)
         return [self.stage.target / name for name in [*outputs, manifest]]
 
     def warn(self, warnings: Iterable[str]) -> None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
+from nbv.csv_table import csv_text
 from nbv.manifest import input_digests
 from nbv.report.page import square_metres
 from nbv.report.scan_coverage_report import scan_coverage_page
@@ -64,13 +63,10 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
 
 def csv_of(coverage: ScanCoverage) -> str:
     """Return a row for each recognised surface: id, kind, measured area, share as required, inferred area."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["id", "kind", "observed_m2", "met", "hypothesised_m2"])
-    for one in coverage.surfaces:
-        numbers = (one.observed_m2, one.met, one.hypothesised_m2)
-        writer.writerow([one.id, one.kind, *(repr(float(number)) for number in numbers)])
-    return text.getvalue()
+    return csv_text(
+        ["id", "kind", "observed_m2", "met", "hypothesised_m2"],
+        ((one.id, one.kind, one.observed_m2, one.met, one.hypothesised_m2) for one in coverage.surfaces),
+    )
 
 
 def lines_of(coverage: ScanCoverage) -> list[str]:

@@ -24,7 +24,7 @@ from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import MOST_M, InputError
 from scenes.formats.documents import parse_toml, read_toml
-from scenes.formats.guard import reading
+from scenes.formats.guard import check_size, reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)
@@ -109,6 +109,10 @@ def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> S
     stages = {key: value for key, value in profile.items() if key in _EFFECTS}
     entries = {key: value for key, value in profile.items() if key != "kind" and key not in _EFFECTS}
     sensor: Sensor = _built(_KINDS[kind], {**entries, "effects": _effects(stages, source)}, source, "")
+    try:
+        check_size(getattr(sensor, "height", 1), getattr(sensor, "width", 1))
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
     return sensor
 
 

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
+from nbv.csv_table import csv_text
 from nbv.study.outcome import COLUMNS, Outcome
 from scenes.atomic import write_bytes, write_text
 from scenes.checks import InputError
@@ -57,11 +57,7 @@ def _curve(outcome: Outcome) -> Iterator[dict[str, Any]]:
 
 
 def _write_csv(rows: Rows, columns: Columns, path: Path) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path, text.getvalue())
+    write_text(path, csv_text(list(columns), ([row[name] for name in columns] for row in rows)))
 
 
 def _write_parquet(rows: Rows, columns: Columns, path: Path) -> None:

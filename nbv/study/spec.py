@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from nbv.requirement import Requirement
 from scenes.checks import InputError
 from scenes.formats.documents import read_toml
-from scenes.formats.guard import one_line
+from scenes.formats.guard import one_line, reading
+from scenes.formats.references import within_folder
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _MOST_CASES = 100_000
@@ -192,7 +193,7 @@ def common_share(spec: StudySpec) -> float:
 
 
 def read_study(path: str | Path) -> StudySpec:
-    """Read a study file; files that it names lie beside it.
+    """Read a study file; files that it names lie in its folder.
 
     Raises
     ------
@@ -205,7 +206,8 @@ def read_study(path: str | Path) -> StudySpec:
         spec = StudySpec.model_validate(table)
     except ValidationError as error:
         raise InputError(f"{file}: {one_line(_first_error(error))}") from error
-    return _beside(spec, file.parent)
+    with reading(file, "a study"):
+        return _beside(spec, file.parent)
 
 
 def _first_error(error: ValidationError) -> str:
@@ -238,7 +240,7 @@ def _beside(spec: StudySpec, folder: Path) -> StudySpec:
     """Return the study with its files' paths from where we are."""
 
     def found(name: str) -> str:
-        return name if Path(name).is_absolute() else str(folder / name)
+        return str(within_folder(folder, name))
 
     scenes = tuple(
         entry if entry.is_builtin else entry.model_copy(update={"scene": found(entry.scene)})

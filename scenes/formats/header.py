@@ -79,16 +79,35 @@ def scan_from_header(
     """Return the scan of a header and its pixels; a pose given here replaces the header's."""
     if header.get("format") != FORMAT:
         raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
+    held = np.asarray(ranges, dtype=np.float64)
     scan = RangeImage(
-        ranges,
+        held,
         projection_from_dict(header["projection"]),
         world_from_sensor or pose_from_header(header),
         colour=colour,
         sensor_points=sensor_points,
         intensity=intensity,
         truth=truth,
+        warnings=range_warnings(held),
     )
     return described(scan, header)
+
+
+def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
+    """Say how many ranges or depths are negative, as no beam's is; they count as no return.
+
+    Raises
+    ------
+    InputError
+        Most of those that are known are.
+    """
+    n_negative, n_known = int((ranges < 0).sum()), int(np.isfinite(ranges[ranges != 0]).sum())
+    if 2 * n_negative > n_known:
+        raise InputError(
+            f"{n_negative} of {n_known} ranges or depths are negative: they lie behind the camera, as where "
+            "z points backwards (OpenGL); turn their sign"
+        )
+    return (f"{n_negative} negative ranges were left out",) if n_negative else ()
 
 
 def pose_from_header(header: dict[str, Any]) -> Pose:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.depth_encoding import DepthEncoding, depth_in_metres
+from scenes.formats.depth_encoding import DepthEncoding, depth_in_metres, depth_warnings
 from scenes.formats.guard import reading
-from scenes.formats.header import colour_from_bytes
+from scenes.formats.header import colour_from_bytes, range_warnings
 from scenes.formats.image import open_image
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
@@ -105,7 +105,9 @@ def read_frame(
     pose = frame.pose or Pose.identity()
     with reading(frame.depth, "a depth image"):
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
-    return depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
+        warnings = (*range_warnings(depth_m), *depth_warnings(counts))
+    scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
+    return replace(scan, warnings=warnings)
 
 
 def depth_scan(

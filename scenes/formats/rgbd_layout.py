@@ -16,6 +16,7 @@ from scenes.formats.documents import parse_json, read_json, read_text
 from scenes.formats.guard import reading
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
 from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose
+from scenes.limits import check_limit
 from scenes.natural_order import natural_key
 from scenes.pose import Pose
 
@@ -59,8 +60,13 @@ def _images(folder: Path, names: Sequence[str]) -> list[Path]:
     for name in names:
         if (folder / name).is_dir():
             found = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
-            return sorted(found, key=lambda path: natural_key(path.name))
+            check_limit("entries", len(found), f"images in {name}")
+            return sorted((_inside(folder, f"{name}/{p.name}") for p in found), key=_by_name)
     return []
+
+
+def _by_name(path: Path) -> Any:
+    return natural_key(path.name)
 
 
 def _open_plain(folder: Path) -> RgbdFolder:
@@ -137,17 +143,20 @@ def _from_matrix(matrix: FloatArray) -> Intrinsics:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """A file that the folder's own list names; it may not lie outside the folder."""
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise InputError(f"names {name!r}, which lies outside the folder")
+    """A file of the folder, or that its own list names; neither it nor what a link shows may lie outside."""
+    if not isinstance(name, str) or "\0" in name:
+        raise InputError(f"names {name!r}, which is no file's name")
+    if not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"names {name!r}, which lies outside the folder and is not opened; copy it into it")
     return folder / name
 
 
 def _open_align3d(folder: Path) -> RgbdFolder:
     frames, cameras = [], set()
     size: Any = None
-    for entry in read_json(folder / "frames.json", dict)["root"]:
+    entries = read_json(folder / "frames.json", dict)["root"]
+    check_limit("entries", len(entries), "its frames")
+    for entry in entries:
         depth, colour = _inside(folder, entry["depth_image"]), _inside(folder, entry["rgb_image"])
         if not depth.exists() and not colour.exists():
             continue

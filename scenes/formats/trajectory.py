@@ -14,7 +14,7 @@ from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.documents import parse_json, read_text
 from scenes.formats.guard import reading
-from scenes.pose import Pose
+from scenes.pose import Pose, rotation_of
 
 TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
@@ -46,7 +46,7 @@ def read_poses(path: Path) -> list[Pose]:
         rows = _number_rows(text)
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
-        return _number_checked([_matrix(row[-7:]) for row in _equal_rows(rows)])
+        return _number_checked([_matrix(row[-7:], k) for k, row in enumerate(_equal_rows(rows), start=1)])
 
 
 def rounded_pose(matrix: FloatArray) -> Pose:
@@ -69,7 +69,7 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
         times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
-        return times, _number_checked([_matrix(row[1:]) for row in rows])
+        return times, _number_checked([_matrix(row[1:], k) for k, row in enumerate(rows, start=1)])
 
 
 def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
@@ -104,19 +104,18 @@ def _equal_rows(rows: list[list[float]]) -> list[list[float]]:
     return rows
 
 
-def _matrix(numbers: Sequence[float]) -> FloatArray:
-    """4x4 matrix of tx ty tz qx qy qz qw; the quaternion need not have unit length."""
-    quaternion = np.array(numbers[3:], dtype=np.float64)
-    length = float(np.linalg.norm(quaternion))
-    matrix = np.full((4, 4), np.nan)
-    if np.isfinite(length) and abs(length - 1) < 0.1:
-        matrix[:] = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-        matrix[:3, 3] = numbers[:3]
+def _matrix(numbers: Sequence[float], number: int) -> FloatArray:
+    """4x4 matrix of tx ty tz qx qy qz qw of the pose `number`; the quaternion's length may be rounded."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of(numbers[3:], f"pose {number}")
+    matrix[:3, 3] = numbers[:3]
     return matrix
 
 
 def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    for start in range(0, len(rows), 5):
+        if any(len(row) != 4 for row in rows[start + 1 : start + 5]):
+            raise InputError(f"pose {start // 5 + 1} of this .log is no four lines of four numbers")
     return [np.array(rows[start + 1 : start + 5]) for start in range(0, len(rows), 5)]
 
 

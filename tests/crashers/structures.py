@@ -119,7 +119,10 @@ STRUCTURES = (
         "values; expected",
     ),
     Crasher(
-        "points pcd", "MemoryError", lambda: _pcd(b"POINTS 4", b"POINTS 999999999"), "999999999 points for"
+        "points pcd",
+        "MemoryError",
+        lambda: _pcd(b"POINTS 4", b"POINTS 999999999"),
+        "999999999 points in",
     ),
     Crasher("points pcd", "IndexError: colours of another length than points", pcd_with_colour, ""),
     Crasher(

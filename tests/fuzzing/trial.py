@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import sys
 import traceback
 import warnings
@@ -64,6 +65,7 @@ class Watch:
     def __init__(self) -> None:
         self.folder = ""
         self.seen: list[str] = []
+        self.printed = _printed_bytes()
         sys.addaudithook(self._hear)
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -95,9 +97,18 @@ def attempt(target: Target, case: Case, folder: Path, watch: Watch | None = None
         return judge(target, path)
     with watch.within(folder) as opened:
         outcome = judge(target, path)
+    before, watch.printed = watch.printed, _printed_bytes()
+    if watch.printed > before and not outcome.is_finding:
+        return Outcome("noise", "libraries print to the standard error", "standard error")
     if opened and not outcome.is_finding:
         return Outcome("opened elsewhere", opened[0], re.sub(r"\d+", "#", opened[0])[-60:])
     return outcome
+
+
+def _printed_bytes() -> int:
+    """How much libraries have printed, where the standard error is a file."""
+    state = os.fstat(2)
+    return state.st_size if stat.S_ISREG(state.st_mode) else 0
 
 
 def judge(target: Target, path: Path) -> Outcome:
