@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from scenes.atomic import atomic_path, json_text
+from scenes.atomic import json_text, write_bytes
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
 from scenes.formats.documents import parse_json
@@ -131,8 +132,9 @@ def write_las(scan: RangeImage, path: Path) -> None:
     if cloud.colour is not None:
         data.red, data.green, data.blue = cloud.colour.astype(np.uint16).T * 257
     packed = path.suffix.lower() == ".laz"
-    with atomic_path(path) as temporary:
-        data.write(str(temporary), do_compress=packed, laz_backend=laspy.LazBackend.Lazrs)
+    whole = io.BytesIO()
+    data.write(whole, do_compress=packed, laz_backend=laspy.LazBackend.Lazrs)
+    write_bytes(path, whole.getvalue())
 
 
 def _step(offsets: FloatArray) -> float:
