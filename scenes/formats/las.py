@@ -24,6 +24,7 @@ _USER, _RECORD_BYTES = "unseen", 65_000  # our header goes in records of at most
 _MOST = 65_535
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
+_PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
 
 
 def read_las_points(path: Path) -> RawPoints:
@@ -46,9 +47,14 @@ def read_las_points(path: Path) -> RawPoints:
 
 def _open(path: Path) -> Any:
     laspy = import_extra("laspy", "las")
-    check_las(path)
-    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
-        return opened.read()
+    try:
+        check_las(path)
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
+            return opened.read()
+    except BaseException as error:
+        if type(error).__name__ != _PANIC:
+            raise
+        raise InputError(f"damaged: its packed points cannot be unpacked: {error}") from error
 
 
 def _colour(cloud: Any) -> ColourArray | None:
