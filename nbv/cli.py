@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import Annotated, Literal
 
 import typer
 
 from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
+from nbv.commands.guardian import guarded, title_of
+from nbv.commands.headroom import settle
 from nbv.commands.options import (
     DepthScale,
     Intrinsics,
@@ -22,6 +26,7 @@ from nbv.commands.options import (
     with_shared,
 )
 from nbv.commands.run import Shared
+from nbv.commands.starvation import NOT_ENOUGH, is_starved
 from nbv.commands.views_cli import coverage, plan
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
@@ -274,8 +279,21 @@ def info(
 
 
 def main() -> None:
-    """Run `unseen`."""
-    app()
+    """Run `unseen` in a process of its own, watched by this one."""
+    guarded(_run)
+
+
+def _run() -> None:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads are ours; each of its own reserves memory
+    try:
+        settle()
+        app()
+    except Exception as error:
+        if not is_starved(error):
+            raise
+        said = str(error) if isinstance(error, MemoryError) and error.args else NOT_ENOUGH
+        typer.echo(f"{title_of(sys.argv)}: {' '.join(said.split())}", err=True)
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -60,11 +60,13 @@ def plan_offline(
         )
     attempt = Attempt.begin(task)
     instance = cover_instance(task, attempt.tally.met)
-    graph = overlap_graph(task, task.overlap or OverlapOptions())
     if task.overlap is None:
         find = partial(find_cover, instance, options, n_most=views, rng=rng, progress=task.progress)
         cover, n_added = task.journal.step("cover", find), 0
+        del find, instance  # large, as the graph will be
+        graph = overlap_graph(task, OverlapOptions())
     else:
+        graph = overlap_graph(task, task.overlap)
         cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
     for number in cover.chosen:
         attempt.add(task.candidates.pose(number))
@@ -134,7 +136,7 @@ def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
 
 
 def seen_by_candidates(task: Task, name: str, limits: SightLimits) -> csr_array:
-    """Return the cosines (poses, samples) within `limits`: each position cast once, parted by aperture.
+    """Return which pose sees which sample within `limits`, by ones: each position cast once.
 
     The journal knows them by `name`.
     """

@@ -14,6 +14,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_points, frozen_copy
 from scenes.formats.arrays import open_arrays
+from scenes.formats.guard import reading
 from scenes.pose import Pose
 
 TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)
@@ -67,6 +68,10 @@ class Candidates:
         for name in ("patch_points", "patch_normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_copy(check_points(name, getattr(self, name))))
+        if self.patch_points is not None and self.patch_normals is not None:
+            n_points, n_normals = len(self.patch_points), len(self.patch_normals)
+            if n_points != n_normals:
+                raise InputError(f"{n_points} patch_points need as many patch_normals, got {n_normals}")
         object.__setattr__(self, "positions", frozen_copy(positions))
         object.__setattr__(self, "directions", frozen_copy(directions / length))
 
@@ -143,12 +148,10 @@ def load_candidates(path: str | Path) -> Candidates:
     with open_arrays(Path(path)) as arrays:
         wanted = [key for key in _OPTIONAL if key in arrays.files]
         held = {key: arrays[key] for key in ("positions", "directions", *wanted)}
-    try:
+    with reading(Path(path), "candidates"):
         half_angle = float(held["half_angle_deg"]) if "half_angle_deg" in held else None
         patches = held.get("patch_points"), held.get("patch_normals")
         candidates = Candidates(held["positions"], held["directions"], *patches, half_angle)
-    except (InputError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: {error}") from error
     if not candidates.n_poses:
         raise InputError(f"{path} holds no candidates")
     return candidates

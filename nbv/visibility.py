@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ def visible_from_positions(
     with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
         seen = pool.map(lambda p: lines_of_sight(caster, p, samples, limits, everything), positions)
         for done, row in enumerate(seen, start=1):
-            rows.append(row)
+            rows.append((row[0].astype(np.int32), row[1]))
             if progress is not None:
                 progress("visibility", done, len(positions))
     return stack_rows(rows, len(samples))
@@ -115,7 +116,7 @@ def visible_from_view(
 def orient(
     visible: csr_array, positions: FloatArray, rotations: FloatArray, points: FloatArray, sensor: Sensor
 ) -> csr_array:
-    """Split each position's row into one row for each of its orientations, by the sensor's aperture.
+    """Split each position's row into one row for each of its orientations: what is in the sensor's aperture.
 
     Parameters
     ----------
@@ -132,17 +133,16 @@ def orient(
 
     Returns
     -------
-    (p * d, n) csr
-        Row i * d + j belongs to position i and orientation j.
+    (p * d, n) csr, int8
+        Ones; row i * d + j belongs to position i and orientation j.
     """
     rows = []
     for i, position in enumerate(positions):
-        start, end = visible.indptr[i], visible.indptr[i + 1]
-        index, cosine = visible.indices[start:end], visible.data[start:end]
+        index = visible.indices[visible.indptr[i] : visible.indptr[i + 1]]
         offset = points[index] - position
         for rotation in rotations if rotations.ndim == 3 else rotations[i]:
-            inside = sensor.sees(offset @ rotation)
-            rows.append((index[inside], cosine[inside]))
+            inside = index[sensor.sees(offset @ rotation)]
+            rows.append((inside, np.ones(len(inside), np.int8)))
     return stack_rows(rows, visible.shape[1])
 
 
@@ -159,9 +159,10 @@ def orientations_that_see(
     return times
 
 
-def stack_rows(rows: Sequence[tuple[NDArray[np.int64], FloatArray]], n_columns: int) -> csr_array:
+def stack_rows(rows: Sequence[tuple[NDArray[np.integer[Any]], NDArray[Any]]], n_columns: int) -> csr_array:
     """Return the sparse matrix whose rows are given as (sorted columns, values)."""
     ends = np.cumsum([0] + [len(index) for index, _ in rows])
-    index = np.concatenate([index for index, _ in rows]) if rows else np.zeros(0, np.int64)
+    small = np.int32 if ends[-1] <= np.iinfo(np.int32).max else np.int64  # scipy keeps both in the larger
+    index = np.concatenate([np.zeros(0, small), *(index for index, _ in rows)], dtype=small)
     data = np.concatenate([values for _, values in rows]) if rows else np.zeros(0)
-    return csr_array((data, index.astype(np.int32), ends), shape=(len(rows), n_columns))
+    return csr_array((data, index, ends.astype(small)), shape=(len(rows), n_columns))

@@ -20,6 +20,7 @@ from scenes.packet_kernels import compile_for
 from scenes.ray_arithmetic import LocalMesh
 
 _VERSION_MAJOR, _NATIVE_WIDTHS = 1, {16: 34, 8: 33}  # RTCDeviceProperty
+_NO_CACHE = "tessellation_cache_size=0"  # for subdivision surfaces, which we have none of: 128 MB a device
 _ROBUST, _COHERENT = 1 << 2, 1 << 16  # RTCSceneFlags, RTCRayQueryFlags
 _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # types and formats
 _PADDING = 2  # rows: Embree reads 16 bytes from the start of the last one
@@ -60,7 +61,7 @@ class PacketScene:
 
     def __init__(self, mesh: LocalMesh, configuration: str = "") -> None:
         library = load_library()
-        device = library.rtcNewDevice(configuration.encode())
+        device = library.rtcNewDevice(f"{_NO_CACHE},{configuration}".encode())
         check_device(library, device, "opening a device")
         scene = library.rtcNewScene(device)
         vertices, faces = _padded(mesh.vertices, np.float32), _padded(mesh.faces, np.int32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 
 _LENGTH_TOLERANCE = 0.1
 _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
@@ -70,7 +70,7 @@ class Pose:
     Raises
     ------
     InputError
-        Wrong shape, not finite, not rigid (scaled, sheared) or left-handed.
+        Wrong shape, not finite or beyond any place, not rigid (scaled, sheared) or left-handed.
 
     Examples
     --------
@@ -93,6 +93,7 @@ class Pose:
             raise InputError(
                 f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
             )
+        check_places("poses", matrix[:3, 3][None])
         rotation = matrix[:3, :3]
         with np.errstate(over="ignore", invalid="ignore"):
             error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())

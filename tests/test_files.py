@@ -97,7 +97,9 @@ def test_pcd_refusals(tmp_path: Path) -> None:
             PCD.format(w=99999999, h=99, n=4, q="1 0 0 0") + row * 4,
             "its points: 9,899,999,901 exceed the limit points",
         ),
+        (PCD.format(w=2, h=2, n=4, q="1 0 0 0") + row * 3, "23 bytes of points at least announced, 18 pre"),
         (PCD.format(w=2, h=2, n=3, q="1 0 0 0") + row * 3, "announces 3 points in 2 x 2"),
+        (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("COUNT 1", "COUNT 9999") + row, "values; expected"),
         (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("x y z", "a b c") + row * 4, "expected x, y, z"),
         (
             PCD.format(w=2, h=2, n=4, q="1 0 0 0") + "nan nan nan\n" * 4,

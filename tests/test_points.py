@@ -119,7 +119,7 @@ def test_units_scale_lengths_and_not_normals(tmp_path: Path) -> None:
 def test_rows_that_are_not_finite_are_left_out_and_counted(tmp_path: Path, row: str) -> None:
     cloud = read_text(tmp_path, f"{ROWS[0]}\n{row}\n{ROWS[1]}\n{ROWS[2]}\n")
     np.testing.assert_array_equal(cloud.points, POINTS)
-    assert cloud.warnings == ("1 of 4 points are not finite and were left out",)
+    assert cloud.warnings == ("1 of 4 points are not finite or lie beyond 1e12 m and were left out",)
 
 
 def test_an_empty_field_is_a_missing_number_not_a_shift(tmp_path: Path) -> None:

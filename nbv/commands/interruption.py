@@ -41,6 +41,7 @@ def interruptible(command: str) -> Iterator[None]:
     except KeyboardInterrupt as error:
         number = error.number if isinstance(error, Interruption) else int(signal.SIGINT)
         name = signal.Signals(number).name
+        handlers.clear()  # the process ends, and what else comes must not disturb that
         typer.echo(f"unseen {command}: ended by {name}; every file is whole: run it again to go on", err=True)
         raise typer.Exit(128 + number) from None
     finally:
@@ -49,4 +50,6 @@ def interruptible(command: str) -> Iterator[None]:
 
 
 def _raise(number: int, _frame: FrameType | None) -> None:
+    for other in (signal.SIGINT, signal.SIGTERM):  # once is enough: what is put away meanwhile shall be whole
+        signal.signal(other, signal.SIG_IGN)
     raise Interruption(number)

@@ -24,7 +24,7 @@ Threads = Annotated[
 MaxMemory = Annotated[
     str | None,
     typer.Option(
-        "--max-memory", metavar="SIZE", help="Like 2GB; recorded, not enforced.", show_default="no limit"
+        "--max-memory", metavar="SIZE", help="Like 2GB; results do not depend on it.", show_default="no limit"
     ),
 ]
 Limit = Annotated[

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from nbv.commands.headroom import reserve
 from nbv.commands.interruption import interruptible
+from nbv.commands.starvation import NOT_ENOUGH, is_starved
 
 if TYPE_CHECKING:
     from nbv.manifest import Stopwatch
@@ -167,6 +169,7 @@ def running(
     from scenes.checks import InputError
     from scenes.limits import limits
     from scenes.lock import locked
+    from scenes.memory import memory_limit
     from scenes.stage import Stage
 
     watch = Stopwatch()
@@ -177,6 +180,9 @@ def running(
         with ExitStack() as held:
             held.enter_context(limits(**shared.limits))
             held.enter_context(interruptible(command))
+            if shared.max_memory is not None:
+                reserve(shared.threads or os.cpu_count() or 1)
+                held.enter_context(memory_limit(shared.max_memory, enforced=True))
             if writes:
                 held.enter_context(locked(folder, name))
                 held.enter_context(stage)
@@ -184,8 +190,10 @@ def running(
             yield Run(command, shared, out, is_folder, watch, progress, stage)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
-    except MemoryError:
-        _fail(command, "not enough memory for this input; use a smaller one, or coarser options")
+    except Exception as error:
+        if not is_starved(error):
+            raise
+        _fail(command, NOT_ENOUGH)
 
 
 def _fail(command: str, message: str) -> None:

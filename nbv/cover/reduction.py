@@ -70,7 +70,7 @@ def reduce_instance(instance: CoverInstance) -> Reduction:
 def _pattern(matrix: csr_array) -> csr_array:
     """Return which entries are stored, columns sorted."""
     ones = np.ones(len(matrix.indices), np.int8)
-    pattern = csr_array((ones, matrix.indices.astype(np.int32), matrix.indptr.astype(np.int64)), matrix.shape)
+    pattern = csr_array((ones, matrix.indices, matrix.indptr), matrix.shape)
     pattern.sort_indices()
     return pattern
 
@@ -111,12 +111,17 @@ def _dominated(matrix: csr_array) -> BoolArray:
 
 def _bits(matrix: csr_array) -> NDArray[np.uint64]:
     """Return the rows of a pattern as bit sets, (m, words)."""
-    words = max(-(-matrix.shape[1] // _WORD), 1)
-    bits = np.zeros((matrix.shape[0], words), np.uint64)
-    row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-    one = np.uint64(1) << (matrix.indices % _WORD).astype(np.uint64)
-    np.bitwise_or.at(bits, (row, matrix.indices // _WORD), one)
+    bits = np.zeros((matrix.shape[0], max(-(-matrix.shape[1] // _WORD), 1)), np.uint64)
+    _set_bits(matrix.indptr, matrix.indices, bits)
     return bits
+
+
+@njit(cache=True, nogil=True)
+def _set_bits(starts: Indices, members: Indices, bits: Bits) -> None:
+    """Set the bits of the members of each set."""
+    for one in range(len(starts) - 1):
+        for k in range(starts[one], starts[one + 1]):
+            bits[one, members[k] // _WORD] |= np.uint64(1) << np.uint64(members[k] % _WORD)
 
 
 @njit(cache=True, nogil=True)

@@ -22,9 +22,9 @@ from nbv.scanning.pointing import PointingNoise
 from nbv.scanning.quantisation import Quantisation
 from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.triangulation import LineSensor, TriangulationSensor
-from scenes.checks import InputError
+from scenes.checks import MOST_M, InputError
 from scenes.formats.documents import parse_toml, read_toml
-from scenes.formats.guard import check_size
+from scenes.formats.guard import check_size, reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)
@@ -91,7 +91,8 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
-    return _profile_of(read_toml(path), name)
+    with reading(path, "a sensor"):
+        return _profile_of(read_toml(path), name)
 
 
 def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> Sensor:
@@ -156,8 +157,10 @@ def _fits(value: Any, wanted: str) -> bool:
     if isinstance(value, bool):
         return False
     if "float" in wanted:
-        return isinstance(value, int | float)
-    return isinstance(value, int if wanted == "int" else str)
+        return isinstance(value, int | float) and abs(value) <= MOST_M
+    if wanted == "int":
+        return isinstance(value, int) and abs(value) < 2**31
+    return isinstance(value, str)
 
 
 def _profile_of(table: dict[str, Any], name: str) -> SensorProfile:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from nbv.requirement import Requirement
 from scenes.checks import InputError
 from scenes.formats.documents import read_toml
-from scenes.formats.guard import reading
+from scenes.formats.guard import one_line, reading
 from scenes.formats.references import within_folder
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
@@ -205,7 +205,7 @@ def read_study(path: str | Path) -> StudySpec:
     try:
         spec = StudySpec.model_validate(table)
     except ValidationError as error:
-        raise InputError(f"{file}: {_first_error(error)}") from error
+        raise InputError(f"{file}: {one_line(_first_error(error))}") from error
     with reading(file, "a study"):
         return _beside(spec, file.parent)
 

@@ -17,7 +17,7 @@ from scenes.formats.e57_inferred import INFERRED
 from scenes.formats.e57_structure import check_e57
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
-from scenes.formats.header import FORMAT, colour_from_bytes, described, projection_from_dict
+from scenes.formats.header import FORMAT, checked_bytes, colour_from_bytes, described, projection_from_dict
 from scenes.formats.raw_points import RawPoints
 from scenes.pose import Pose, rotation_of
 from scenes.range_image import RangeImage
@@ -113,7 +113,7 @@ def read_e57_points(path: Path, index: int) -> RawPoints:
     return RawPoints(
         world,
         origins=pose.translation if is_one_scan else None,
-        colour=None if colours is None else np.asarray(np.rint(colours * 255), dtype=np.uint8),
+        colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
         warnings=_left_out(points),
     )
 

@@ -11,8 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scenes.checks import InputError
 from scenes.limits import check_limit, current_limits
+
+_LONGEST = 1200  # characters of a message: a path may have hundreds
 
 
 @contextmanager
@@ -30,7 +34,8 @@ def reading(path: Path, what: str) -> Iterator[None]:
         What it should be, for the message: "an E57 file".
     """
     try:
-        yield
+        with np.errstate(all="ignore"):  # what overflows is no finite number and found by its check
+            yield
     except InputError as error:
         cause = one_line(str(error))
         raise InputError(cause if cause.startswith(one_line(str(path))) else f"{path}: {cause}") from error
@@ -43,8 +48,11 @@ def reading(path: Path, what: str) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """Return `text` without line ends and control characters; a damaged file's own words may hold any."""
-    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    """Return `text` as a line of bounded length without control characters; damaged files hold any words."""
+    line = " ".join(
+        "".join(letter if letter.isprintable() else " " for letter in text[: 4 * _LONGEST]).split()
+    )
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 4 :]}"
 
 
 def check_file(path: Path, limit: str = "file_bytes") -> Path:

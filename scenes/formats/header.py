@@ -151,6 +151,14 @@ def colour_bytes(scan: RangeImage) -> Any:
     return np.clip(np.rint(safe * 255), 0, 255).astype(np.uint8)
 
 
+def checked_bytes(colour: Any) -> Any:
+    """Return colours that are to be 0..255 as uint8; raise InputError for others."""
+    values = np.asarray(colour)
+    if values.size and not (values.min() >= 0 and values.max() <= 255):
+        raise InputError(f"colours are to be in 0..255, got {values.min():.6g}..{values.max():.6g}")
+    return values.astype(np.uint8)
+
+
 def colour_from_bytes(colour: Any) -> Any:
     """Return 8-bit colours as float32 in 0..1."""
     return np.asarray(colour, dtype=np.float32) / np.float32(255)

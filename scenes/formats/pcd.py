@@ -33,6 +33,8 @@ from scenes.range_image import RangeImage
 from scenes.station import scan_from_station
 
 _MAX_HEADER = 1 << 22  # bytes
+_MOST_LINES = 10  # of a header, comments apart: pypcd4 reads no more
+_MOST_VALUES = 4096  # of one point; descriptors have a few hundred
 _NORMALS = ("normal_x", "normal_y", "normal_z")
 _INTENSITIES = ("intensity", "Intensity", "intensities")
 
@@ -44,6 +46,7 @@ class _PcdHeader:
     width: int
     height: int
     point_bytes: int
+    point_values: int
     encoding: str
     comments: tuple[str, ...]
     data_offset: int
@@ -65,13 +68,11 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     header = _read_header(path)
     if header.height == 1:
         return _projected(path, header)
-    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    cloud = _read_cloud(path, header)
     values, shape = cloud.pc_data, (header.height, header.width)
     missing = {"x", "y", "z"} - set(values.dtype.names)
-    if missing or len(values) != header.height * header.width:
-        raise InputError(
-            f"{len(values)} points with fields {values.dtype.names}, expected x, y, z for {shape}"
-        )
+    if missing:
+        raise InputError(f"has points with fields {values.dtype.names}, expected x, y, z for {shape}")
     points = _columns(values, "xyz").astype(np.float64).reshape(*shape, 3)
     points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
     colour = _unpack_colour(values, shape)
@@ -100,14 +101,12 @@ def read_pcd_points(path: Path) -> RawPoints:
     Normals and place are None where the file does not tell; without a grid a default VIEWPOINT says nothing.
     """
     header = _read_header(path)
-    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    cloud = _read_cloud(path, header)
     values, pose = cloud.pc_data, _viewpoint(cloud.metadata.viewpoint)
     missing = {"x", "y", "z"} - set(values.dtype.names)
     if missing:
         raise InputError(f"has the fields {', '.join(values.dtype.names)}; x, y, z are needed")
     points = _columns(values, "xyz").astype(np.float64)
-    if len(points) != header.width * header.height:
-        raise InputError(f"announces {header.width * header.height} points, {len(points)} can be read")
     kept = np.isfinite(points).all(axis=1)
     n_bad = 0 if header.height > 1 else int((~kept).sum())
     left_out = (f"{n_bad} of {len(kept)} points are not finite and were left out",) if n_bad else ()
@@ -127,7 +126,13 @@ def read_pcd_points(path: Path) -> RawPoints:
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
-        return replace(held, points=scan.points()[scan.valid], origins=scan.world_from_sensor.translation)
+        seen = None if colour is None else colour.reshape(*scan.shape, 3)[scan.valid]
+        return replace(
+            held,
+            points=scan.points()[scan.valid],
+            origins=scan.world_from_sensor.translation,
+            colour=None if seen is None else np.asarray(np.rint(seen * 255), dtype=np.uint8),
+        )
     return replace(
         held,
         points=pose.apply(held.points),
@@ -135,6 +140,19 @@ def read_pcd_points(path: Path) -> RawPoints:
         origins=pose.translation,
         warnings=(*left_out, "moved from the sensor's frame to the world by VIEWPOINT"),
     )
+
+
+def _read_cloud(path: Path, header: _PcdHeader) -> Any:
+    """The cloud as pypcd4 reads it, which must have understood the header as we do."""
+    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    held, n_points = cloud.metadata, header.width * header.height
+    found = (held.width, held.height, held.points, held.data.value, len(cloud.pc_data))
+    if found != (header.width, header.height, n_points, header.encoding, n_points):
+        raise InputError(
+            f"{len(cloud.pc_data)} points of {held.points} announced for WIDTH {header.width} and HEIGHT "
+            f"{header.height} ({header.encoding}): is its header damaged?"
+        )
+    return cloud
 
 
 def _columns(values: Any, names: Iterable[str]) -> Any:
@@ -191,12 +209,17 @@ def _read_header(path: Path) -> _PcdHeader:
     counts = [int(count) for count in words.get("COUNT", ["1"] * len(words["SIZE"]))]
     if min(counts) < 1 or set(words["SIZE"]) - {"1", "2", "4", "8"}:
         raise InputError(f"its fields have the sizes {words['SIZE']} and counts {counts}")
+    if sum(counts) > _MOST_VALUES or len(words) > _MOST_LINES:
+        raise InputError(
+            f"its header has {len(words)} lines and gives a point {sum(counts)} values; expected at most "
+            f"{_MOST_LINES} lines and {_MOST_VALUES} values"
+        )
     announced = int(words.get("POINTS", [str(width * height)])[0])
     if announced != width * height:
         raise InputError(f"announces {announced} points in {width} x {height}: are rows or columns missing?")
     point_bytes = sum(int(size) * count for size, count in zip(words["SIZE"], counts, strict=True))
     encoding = words["DATA"][0].lower()
-    header = _PcdHeader(width, height, point_bytes, encoding, _comments(lines), end + 1)
+    header = _PcdHeader(width, height, point_bytes, sum(counts), encoding, _comments(lines), end + 1)
     _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
     return header
 
@@ -212,6 +235,9 @@ def _check_length(header: _PcdHeader, file_bytes: int, start: bytes) -> None:
     check_unpacked(expected, file_bytes, "it")
     if header.encoding == "binary" and held < expected:
         raise InputError(f"truncated: {expected} bytes of points announced, {held} present")
+    least = header.width * header.height * header.point_values * 2 - 1  # a digit and a blank each
+    if header.encoding == "ascii" and held < least:
+        raise InputError(f"truncated: {least} bytes of points at least announced, {held} present")
     if header.encoding == "binary_compressed":
         packed, unpacked = (int(number) for number in np.frombuffer(start.ljust(8, b"\0"), "<u4"))
         if held < 8 + packed or unpacked != expected:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.atomic import write_text
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.documents import parse_json, read_text
 from scenes.formats.guard import reading
@@ -54,7 +54,9 @@ def rounded_pose(matrix: FloatArray) -> Pose:
     mended = np.array(matrix, dtype=np.float64)
     if mended.shape == (4, 4) and np.isfinite(mended).all():
         rotation = mended[:3, :3]
-        if np.abs(rotation.T @ rotation - np.eye(3)).max() <= _ROUNDING:
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+        if error <= _ROUNDING:
             u, _, vt = np.linalg.svd(rotation)
             mended[:3, :3] = u @ vt
     return Pose(mended)
@@ -66,8 +68,8 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
         rows = _equal_rows(_number_rows(read_text(path)))
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
-        matrices = [_matrix(row[1:], k) for k, row in enumerate(rows, start=1)]
-        return np.array([row[0] for row in rows]), _number_checked(matrices)
+        times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
+        return times, _number_checked([_matrix(row[1:], k) for k, row in enumerate(rows, start=1)])
 
 
 def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:

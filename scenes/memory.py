@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: MIT
+"""Memory: how much of it this process may still use. It sets the size of blocks, and never a result.
+
+Whoever allocates much asks first: `rows_within` for the size of a block, `require` for what cannot be parted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from scenes.checks import InputError
+
+if sys.platform != "win32":
+    import resource
+
+_limit: ContextVar[int | None] = ContextVar("memory limit", default=None)
+_CGROUPS = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
+_LEAST = 1 << 24  # bytes that a block may have however little is left: less would only be slower
+_SHARE = 0.25  # of what is left, for one block
+
+
+@contextmanager
+def memory_limit(max_bytes: int | None, *, enforced: bool = False) -> Iterator[None]:
+    """Let what runs inside, in this thread, plan for so much memory of the whole process.
+
+    Parameters
+    ----------
+    max_bytes : int, optional
+        None for what the machine, or its container, has.
+    enforced : bool
+        Also let the system refuse, by a MemoryError, what would take the process beyond (RLIMIT_DATA, with
+        which Linux alone counts what numpy allocates).
+
+    Raises
+    ------
+    InputError
+        The process uses more already.
+
+    Examples
+    --------
+    >>> with memory_limit(10**12):
+    ...     rows_within(10**6) > 1000
+    True
+    """
+    token = _limit.set(max_bytes)
+    try:
+        with _refusing(max_bytes) if enforced and max_bytes is not None else nullcontext():
+            yield
+    finally:
+        _limit.reset(token)
+
+
+@contextmanager
+def _refusing(max_bytes: int) -> Iterator[None]:
+    """Have the system refuse what would take this process beyond so many bytes."""
+    if sys.platform == "win32":
+        yield
+        return
+    now = _usage()
+    if now.resident > max_bytes:
+        raise InputError(
+            f"a limit of {in_words(max_bytes)} is less than the {in_words(now.resident)} that this command "
+            "needs before it begins; give more"
+        )
+    before, hardest = resource.getrlimit(resource.RLIMIT_DATA)
+    most = now.data + max_bytes - now.resident  # some of its data was never touched, and is not in memory
+    bounds = [bound for bound in (most, before, hardest) if bound != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(bounds), hardest))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hardest))
+
+
+def room() -> int:
+    """Return the bytes that this process may still use; 0 when it uses more than it may."""
+    now = _usage()
+    left = [(_limit.get() or machine_bytes()) - now.resident]
+    if sys.platform != "win32":
+        for which, used in ((resource.RLIMIT_AS, now.space), (resource.RLIMIT_DATA, now.data)):
+            bound = resource.getrlimit(which)[0]
+            if bound != resource.RLIM_INFINITY:
+                left.append(bound - used)
+    return max(min(left), 0)
+
+
+def rows_within(bytes_a_row: float, most: int | None = None) -> int:
+    """Return how many rows of so many bytes a block may have: a quarter of what is left, at least one row.
+
+    Parameters
+    ----------
+    bytes_a_row : float
+        All that is allocated for a row meanwhile.
+    most : int, optional
+        More are of no use.
+    """
+    rows = max(int(max(_SHARE * room(), _LEAST) / max(bytes_a_row, 1.0)), 1)
+    return rows if most is None else max(min(rows, most), 1)
+
+
+def require(n_bytes: float, what: str, cure: str) -> None:
+    """Raise InputError when so many bytes are more than what is left.
+
+    Parameters
+    ----------
+    n_bytes : float
+        What is about to be allocated, at its peak.
+    what, cure : str
+        For the message: what needs it, and what would need less.
+    """
+    left = room()
+    if n_bytes > left:
+        raise InputError(f"{what} needs about {in_words(n_bytes)}, and {in_words(left)} are left; {cure}")
+
+
+def in_words(n_bytes: float) -> str:
+    """Return an amount of memory for people.
+
+    Examples
+    --------
+    >>> in_words(3.14e9), in_words(7.2e7)
+    ('3.1 GB', '72 MB')
+    """
+    return f"{n_bytes / 1e9:.1f} GB" if n_bytes >= 1e9 else f"{n_bytes / 1e6:.0f} MB"
+
+
+@cache
+def machine_bytes() -> int:
+    """Return what the machine has, or the container that this process is in, whichever is less."""
+    found = []
+    for file in _CGROUPS:
+        try:
+            found.append(int(file.read_text()))
+        except (OSError, ValueError):  # no such group, or "max"
+            continue
+    if hasattr(os, "sysconf"):
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    return min(found, default=sys.maxsize)
+
+
+class _Usage(NamedTuple):
+    """Memory of this process, bytes: address space, what of it is in memory, and its own data."""
+
+    space: int
+    resident: int
+    data: int
+
+
+def _usage() -> _Usage:
+    try:
+        pages = [int(number) for number in Path("/proc/self/statm").read_text().split()]
+    except OSError:  # no /proc: the largest that it was so far, where that is told
+        if sys.platform == "win32":
+            return _Usage(0, 0, 0)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+        return _Usage(peak, peak, peak)
+    size = os.sysconf("SC_PAGE_SIZE")
+    return _Usage(*(pages[k] * size for k in (0, 1, 5)))
