@@ -265,8 +265,6 @@ def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list
     found = []
     for number, image in enumerate(_list(content, "images")):
         what = f"image {number}"
-        if not isinstance(image, dict):
-            raise InputError(f"{what} is no object")
         uri = image.get("uri")
         if isinstance(uri, str) and uri.startswith("data:"):
             found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]
