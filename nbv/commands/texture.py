@@ -26,19 +26,20 @@ from texture.surface import fill_surface
 from texture.synthesis import Synthesis
 
 
-class _Bytes(NamedTuple):
-    """Bytes a pixel that a texture takes: in any case, and for each channel."""
+class _Need(NamedTuple):
+    """Bytes that a texture takes: once, for compiled code; for each pixel; for each of its channels."""
 
-    base: int
+    once: int
+    pixel: int
     channel: int
 
-    def of(self, n_channels: int) -> int:
-        """Return the bytes a pixel of so many channels."""
-        return self.base + self.channel * n_channels
+    def of(self, n_pixels: int, n_channels: int) -> int:
+        """Return the bytes that so many pixels take."""
+        return self.once + n_pixels * (self.pixel + self.channel * n_channels)
 
 
-_FILLED, _SURFACE = _Bytes(60, 27), _Bytes(50, 24)  # measured: 138 and 122 with three channels
-_SAMPLED, _GROWN = _Bytes(28, 21), _Bytes(50, 9)
+_FILLED, _SURFACE = _Need(150_000_000, 44, 27), _Need(150_000_000, 50, 24)  # as measured
+_SAMPLED, _GROWN = _Need(70_000_000, 28, 21), _Need(0, 50, 9)
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
 
 
@@ -115,7 +116,7 @@ def _require(pixels: NDArray[np.uint8], shape: tuple[int, int] | None, is_surfac
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     given = _SURFACE if is_surface else _SAMPLED if shape is not None else _FILLED
     grown = 0 if shape is None else shape[0] * shape[1]
-    needed = n * given.of(channels) + grown * _GROWN.of(channels)
+    needed = given.of(n, channels) + _GROWN.of(grown, channels)
     require(needed, f"a texture from {n:,} pixels", "use smaller images, or give more memory")
 
 
