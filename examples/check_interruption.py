@@ -34,13 +34,12 @@ from scenes.pose import Pose
 
 SENSOR = 'kind = "pinhole"\nname = "small"\nfov_deg = 70.0\nwidth = 64\nheight = 64\n'
 STUDY = """
-title = "2 scenes, 3 planners, 2 seeds"
-seeds = 2
+title = "2 scenes, 3 planners"
 sampling = {spacing_m = 0.4, subdivisions = 0}
 scenes = [{scene = "builtin:two_occluders"}, {scene = "builtin:drum_and_post"}]
 sensors = [{sensor = "small.toml"}]
 planners = [
-    {method = "nbv", target = 0.7},
+    {method = "nbv", target = 0.5},
     {method = "cover", target = 0.9, polish_steps = 200},
     {method = "random", target = 0.7, views = 30},
 ]
@@ -56,14 +55,15 @@ def prepare(place: Path) -> dict[str, list[str]]:
     for name, (eye, target) in LOOKS.items():
         view = View(Pose.looking_at(eye, target), PinholeSensor(fov_deg=70, width=96, height=72))
         write_scan(scan_scene(room, view, noise="gaussian-2mm", rng=0, name=name), place / f"{name}.npz")
-    plan = ["plan", "builtin:two_occluders", "--sensor", str(place / "small.toml")]
-    steps = [np.arange(0.5, size, 1.0) for size in (6.0, 5.0, 2.0)]
-    positions = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 3)
-    directions = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-0.5, 0) if x or y])
+    candidates = ["--candidates", str(place / "candidates.npz")]
+    plan = ["plan", "builtin:two_occluders", "--sensor", str(place / "small.toml"), *candidates]
+    steps = [np.arange(0.5, size, 1.0) for size in (6.0, 5.0)]
+    positions = np.stack(np.meshgrid(*steps, [1.5]), axis=-1).reshape(-1, 3)
+    directions = np.array([[x, y, -0.3] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y])
     np.savez(place / "candidates.npz", positions=positions, directions=directions)
     return {
-        "plan": [*plan, "--views", "8"],
-        "cover": [*plan, "--method", "cover", "--candidates", str(place / "candidates.npz")],
+        "plan": [*plan, "--views", "12"],
+        "cover": [*plan, "--method", "cover"],
         "study": ["study", str(place / "study.toml")],
         "completion": ["complete", *(str(place / f"{name}.npz") for name in LOOKS)],
     }

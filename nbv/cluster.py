@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 from nbv.manifest import versions
 from nbv.workers import Item, Result, ThisProcess, Work, Workers
 from scenes.checks import InputError
+from scenes.limits import current_limits, limits
 
 _WAIT_S = 30.0  # for the scheduler to answer, and for the first worker
 _DEATHS = 10  # of workers under the same piece of work, before it is blamed
@@ -99,9 +100,10 @@ class DaskWorkers:
         """
         distributed = _distributed()
         lost = (distributed.KilledWorker, distributed.CancelledError, OSError)
+        held = current_limits().changed()
         futures = {
             self.client.submit(
-                _on_worker, work, item, self._n_threads, key=f"unseen-{key}", retries=_DEATHS, pure=True
+                _on_worker, work, item, self._n_threads, held, key=f"unseen-{key}", retries=_DEATHS, pure=True
             ): number
             for number, (item, key) in enumerate(zip(items, keys, strict=True))
         }
@@ -117,11 +119,14 @@ class DaskWorkers:
             yield number, result
 
 
-def _on_worker(work: Work[Item, Result], item: Item, n_threads: int | None) -> Result:
-    """Do a piece of work on a worker, with its share of the machine's cores."""
+def _on_worker(
+    work: Work[Item, Result], item: Item, n_threads: int | None, held: Mapping[str, int]
+) -> Result:
+    """Do a piece of work on a worker, with its share of the machine's cores and the limits in force here."""
     if n_threads is None:
         n_threads = max(1, (os.cpu_count() or 1) // _worker_threads())
-    return work(item, n_threads)
+    with limits(**held):
+        return work(item, n_threads)
 
 
 def _worker_threads() -> int:

@@ -15,10 +15,12 @@ from nbv.records import describe_record, read_record
 from nbv.scanning.sensor_profile import load_profile
 from scenes.atomic import to_plain
 from scenes.checks import InputError
-from scenes.formats.guard import MAX_BYTES, check_file, reading
+from scenes.formats.arrays import open_arrays
+from scenes.formats.guard import check_file, reading
 from scenes.formats.ply import read_mesh_ply
 from scenes.formats.references import within_folder
 
+_PAGE_HEAD = 20_000  # bytes of a report, in which its title stands
 _STATES = ("observed", "hypothesised")
 
 
@@ -31,7 +33,10 @@ def describe_output(path: Path) -> dict[str, Any] | None:
         A file of ours that is damaged; a sensor profile that is not usable.
     """
     if path.is_dir():
-        return _folder(path) if (path / "manifest.json").is_file() and not (path / "depth").is_dir() else None
+        if not (path / "manifest.json").is_file() or (path / "depth").is_dir():
+            return None
+        with reading(path, "an output folder"):
+            return _folder(path)
     describer = {
         ".json": _json, ".toml": _sensor, ".npz": _arrays, ".ply": _ply, ".csv": _csv, ".html": _html,
     }.get(path.suffix.lower())  # fmt: skip
@@ -97,12 +102,10 @@ def _sensor(path: Path) -> dict[str, Any]:
 
 def _arrays(path: Path) -> dict[str, Any] | None:
     """Candidates, or other arrays; None for scans and points."""
-    with np.load(path, allow_pickle=False) as arrays:
+    with open_arrays(path) as arrays:
         names = set(arrays.files)
         if {"header", "ranges"} <= names or "range_tenth_mm" in names or "points" in names:
             return None
-        if sum(entry.file_size for entry in arrays.zip.infolist()) > MAX_BYTES:
-            raise InputError(f"unpacks to more than {MAX_BYTES:,} bytes")
         shapes = {name: [str(arrays[name].dtype), *arrays[name].shape] for name in sorted(names)}
         if not {"positions", "directions"} <= names:
             return {"kind": "arrays", "arrays": shapes}
@@ -164,8 +167,9 @@ def _csv(path: Path) -> dict[str, Any] | None:
 
 def _html(path: Path) -> dict[str, Any] | None:
     """A report."""
-    text = path.read_text("utf-8", errors="replace")
+    with path.open("rb") as file:
+        text = file.read(_PAGE_HEAD).decode("utf-8", errors="replace")
     title = text.partition("<title>")[2].partition("</title>")[0]
-    if "unseen" not in text[:20_000] or not title:
+    if "unseen" not in text or not title:
         return None
-    return {"kind": "report", "title": title, "bytes": len(text), "advice": "open it in a browser"}
+    return {"kind": "report", "title": title, "bytes": path.stat().st_size, "advice": "open it in a browser"}

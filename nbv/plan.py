@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,9 @@ from nbv.stations import Stations
 from nbv.view import View
 from nbv.viewpoints import Candidates
 from nbv.zones import EVERYWHERE, Zones, zones_from_json
-from scenes.checks import InputError
+from scenes.checks import InputError, check_number
+from scenes.formats.documents import read_json
+from scenes.formats.guard import one_line
 from scenes.pose import Pose
 
 if TYPE_CHECKING:
@@ -152,18 +153,13 @@ def read_plan(path: str | Path) -> Plan:
     InputError
         No such file, not JSON, or not a plan: the entry is named.
     """
-    try:
-        content = json.loads(Path(path).read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read plan {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not a plan: no JSON ({error}); {_CURE}") from error
+    content = read_json(Path(path), dict)
     try:
         return _plan_of(content)
     except KeyError as error:
         raise InputError(f"{path} is not a plan: it has no {error}; {_CURE}") from error
-    except (InputError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is not a plan: {error}; {_CURE}") from error
+    except (InputError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise InputError(f"{path} is not a plan: {one_line(str(error))}; {_CURE}") from error
 
 
 def _plan_of(content: dict[str, Any]) -> Plan:
@@ -177,24 +173,38 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         requirement=Requirement(**required),
         target=None if target is None else float(target),
         seed=None if seed is None else int(seed),
-        n_candidates=int(content["n_candidates"]),
+        n_candidates=int(check_number("n_candidates", content["n_candidates"])),
         views=tuple(
             View(
                 Pose(view["world_from_sensor"]),
                 sensor,
-                view["gain_m2"],
-                view["met_fraction"],
-                view.get("predicted_gain_m2"),
+                _number(view["gain_m2"], "gain_m2"),
+                _number(view["met_fraction"], "met_fraction"),
+                _number(view.get("predicted_gain_m2"), "predicted_gain_m2"),
             )
             for view in content["views"]
         ),
-        coverage=None if coverage is None else CoverageSummary(**coverage),
+        coverage=None if coverage is None else CoverageSummary(**_numbers(coverage)),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
-        shares=tuple(Shares(**shares) for shares in content.get("inference", ())),
+        shares=tuple(Shares(**_numbers(shares)) for shares in content.get("inference", ())),
         resumed_from=_resumption_of(resumed) if resumed else None,
         zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
     )
+
+
+def _number(value: Any, name: str) -> Any:
+    """Return a number, or None, as it is."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise InputError(f"{name} must be a number, got {value!r}")
+    return value
+
+
+def _numbers(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a table in which only "unknown" may be missing a number."""
+    if missing := [name for name, value in table.items() if value is None and name != "unknown"]:
+        raise InputError(f"{missing[0]} must be a number, got null")
+    return {name: _number(value, name) for name, value in table.items()}
 
 
 def _resumption_of(content: dict[str, Any]) -> Resumption:

@@ -3,33 +3,31 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from scenes.checks import InputError
-from scenes.formats.guard import check_file
+from scenes.formats.documents import parse_json, read_text
+from scenes.formats.guard import reading
 
-_MAX_BYTES = 1 << 28
 Content = Mapping[str, Any]
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Return the content of a JSON file, None where it is no object.
+    """Return the content of a JSON file, None where it is a list.
 
     Raises
     ------
     InputError
-        No such file, too large, or not JSON.
+        No such file, too large, or neither a JSON object nor a list.
     """
-    if check_file(path).stat().st_size > _MAX_BYTES:
-        raise InputError(f"{path}: is larger than {_MAX_BYTES:,} bytes")
-    try:
-        content = json.loads(path.read_text("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is no valid JSON: {error}") from error
-    return content if isinstance(content, dict) else None
+    with reading(path, "JSON"):
+        text = read_text(path)
+        if text.lstrip().startswith("["):
+            parse_json(text, list)
+            return None
+        return parse_json(text, dict)
 
 
 def describe_record(content: Content) -> dict[str, Any] | None:

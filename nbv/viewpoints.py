@@ -13,10 +13,13 @@ from trimesh.creation import icosphere
 from nbv.scanning.sensor import Sensor
 from nbv.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_points, frozen_copy
+from scenes.formats.arrays import open_arrays
+from scenes.formats.guard import reading
 from scenes.pose import Pose
 
 TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)
 _MOST_POSITIONS = 600
+_OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a file of candidates
 _SPACING_M = 0.5
 
 
@@ -65,6 +68,10 @@ class Candidates:
         for name in ("patch_points", "patch_normals"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_copy(check_points(name, getattr(self, name))))
+        if self.patch_points is not None and self.patch_normals is not None:
+            n_points, n_normals = len(self.patch_points), len(self.patch_normals)
+            if n_points != n_normals:
+                raise InputError(f"{n_points} patch_points need as many patch_normals, got {n_normals}")
         object.__setattr__(self, "positions", frozen_copy(positions))
         object.__setattr__(self, "directions", frozen_copy(directions / length))
 
@@ -138,23 +145,13 @@ def load_candidates(path: str | Path) -> Candidates:
     InputError
         No such file, not an .npz, a missing or unusable entry.
     """
-    try:
-        with open(path, "rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            held = {key: archive[key] for key in archive.files}
-    except OSError as error:
-        raise InputError(f"cannot read candidates from {path}: {error.strerror or error}") from error
-    except Exception as error:  # zipfile, zlib and numpy raise a dozen types on what is no archive
-        raise InputError(f"cannot read candidates from {path}: {error}") from error
-    missing = [key for key in ("positions", "directions") if key not in held]
-    if missing:
-        raise InputError(f"{path} has no {missing[0]!r}; it holds {', '.join(held) or 'nothing'}")
-    try:
+    with open_arrays(Path(path)) as arrays:
+        wanted = [key for key in _OPTIONAL if key in arrays.files]
+        held = {key: arrays[key] for key in ("positions", "directions", *wanted)}
+    with reading(Path(path), "candidates"):
         half_angle = float(held["half_angle_deg"]) if "half_angle_deg" in held else None
         patches = held.get("patch_points"), held.get("patch_normals")
         candidates = Candidates(held["positions"], held["directions"], *patches, half_angle)
-    except (InputError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: {error}") from error
     if not candidates.n_poses:
         raise InputError(f"{path} holds no candidates")
     return candidates

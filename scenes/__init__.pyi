@@ -6,6 +6,8 @@ from .files import read_scan as read_scan
 from .files import read_scans as read_scans
 from .files import write_scan as write_scan
 from .files import write_scans as write_scans
+from .journal import FileJournal as FileJournal
+from .journal import Journal as Journal
 from .loading import load_scene as load_scene
 from .loading import open_scene as open_scene
 from .mesh import Appearance as Appearance

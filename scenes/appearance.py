@@ -67,9 +67,10 @@ def _textured(visual: Any, faces: NDArray[Any]) -> GeometryLook:
     base = _base_colour(material, has_image=image is not None)
     colour = np.broadcast_to(base, (len(faces), 3, 3)).astype(np.float32)
     uv = visual.uv
-    if image is None or uv is None or not np.isfinite(uv).all():
+    places = None if uv is None else np.asarray(uv, dtype=np.float32)
+    if image is None or places is None or not np.isfinite(places).all():
         return GeometryLook(colour)
-    return GeometryLook(colour, image, np.asarray(uv, dtype=np.float32)[faces])
+    return GeometryLook(colour, image, places[faces])
 
 
 def _is_stand_in(image: Any) -> bool:

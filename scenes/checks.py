@@ -12,6 +12,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 ColourArray = NDArray[np.uint8]
+MOST_M = 1e12
+"""Coordinates beyond it are no places: no instrument reaches so far, and products of them overflow."""
 
 
 class InputError(ValueError):
@@ -31,9 +33,14 @@ def finite_rows(array: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(array).all(axis=1), dtype=np.bool_)
 
 
+def usable_rows(points: FloatArray) -> BoolArray:
+    """Tell which of points (n, 3) are places: finite, and no coordinate beyond `MOST_M`."""
+    return np.asarray((np.abs(points) <= MOST_M).all(axis=1), dtype=np.bool_)
+
+
 def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
     """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
-    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim))) if array.ndim > 1 else ~np.isfinite(array)
     if bad.any():
         first = int(np.argmax(bad))
         raise InputError(
@@ -45,6 +52,17 @@ def check_finite(name: str, array: FloatArray, cure: str = "drop those rows firs
 def check_points(name: str, array: object) -> FloatArray:
     """Return `array` as finite float64 points with shape (n, 3)."""
     return check_finite(name, check_vectors(name, array))
+
+
+def check_places(name: str, array: object) -> FloatArray:
+    """Return `array` as points (n, 3) of the world: finite, and none beyond `MOST_M`."""
+    checked = check_points(name, array)
+    far = float(np.abs(checked).max(initial=0.0))
+    if far > MOST_M:
+        raise InputError(
+            f"{name} reach {far:.3g} m from the origin; coordinates are to stay within {MOST_M:g} m"
+        )
+    return checked
 
 
 def check_point(name: str, point: object) -> FloatArray:
@@ -89,7 +107,7 @@ def check_number(name: str, value: float, least: float = 0.0, most: float = np.i
     """Return `value` as a finite float in `least`..`most`, both included; raise InputError otherwise."""
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be a number, got {value!r}") from error
     if not (np.isfinite(number) and least <= number <= most):
         bounds = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"

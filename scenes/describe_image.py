@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from scenes.formats.depth_encoding import suspected_encoding
-from scenes.formats.guard import check_file, check_size, reading
+from scenes.formats.depth_encoding import depth_warnings, suspected_encoding
+from scenes.formats.image import open_image
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 _METRES = {1000: "millimetres (Kinect, RealSense)", 5000: "1/5000 m (TUM, ICL-NUIM)"}
@@ -24,8 +23,7 @@ def describe_image(path: Path) -> dict[str, Any]:
     InputError
         No image, or too large.
     """
-    with reading(check_file(path), "an image"), Image.open(path) as image:
-        check_size(image.height, image.width)
+    with open_image(path) as image:
         mode, size, values = image.mode, image.size, np.asarray(image)
     is_depth = mode.startswith(("I", "F"))
     found: dict[str, Any] = {
@@ -53,5 +51,5 @@ def _depth(counts: Any) -> dict[str, Any]:
         "valid_share": float(len(known) / counts.size),
         "counts": {"min": low, "median": middle, "max": high},
         "depth": [] if suspected else plausible,
-        "warnings": [suspected] if suspected else [],
+        "warnings": [*depth_warnings(counts), *([suspected] if suspected else [])],
     }

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from scenes.convention import convention_doubt
 from scenes.files import ScanSource, Units, in_metres
+from scenes.formats.grid import SPHERICAL_LIMIT_PX
 from scenes.loading import units_doubt
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.range_image import RangeImage
@@ -23,6 +25,8 @@ def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict
     warnings = [] if source.registered else ["frames have no poses; give --poses FILE or a pose.txt"]
     if len(scans) > 1 and source.registered and _all_at_one_place(scans):
         warnings.append("all scans have the same pose; if they were taken from several places, register them")
+    if source.registered and (doubt := convention_doubt(scans)):
+        warnings.append(doubt)
     entries = [_describe_scan(scan, k + 1) for scan, k in zip(scans, picked, strict=True)]
     for entry in entries:
         warnings += [f"scan {entry['number']}: {text}" for text in entry.pop("warnings")]
@@ -87,19 +91,46 @@ def _grid_residual(scan: RangeImage) -> float | None:
 
 
 def scan_warnings(scan: RangeImage) -> list[str]:
-    """Say what is doubtful about a scan: its unit or depth scale, and how little came back."""
+    """Say what is doubtful about a scan: what was left out, its unit or depth scale, its grid."""
+    found = list(scan.warnings)
     if not scan.valid.any():
-        return ["nothing came back in any pixel"]
-    median, found = float(np.median(scan.ranges[scan.valid])), []
+        return [*found, "nothing came back in any pixel"]
+    median, n_before = float(np.median(scan.ranges[scan.valid])), len(found)
     if median > _FAR_M or median < _NEAR_M:
         found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
     extent = np.diff(_bounds(scan), axis=0)
     doubt = units_doubt(float(np.linalg.norm(extent)))
-    if doubt and not found:
+    if doubt and len(found) == n_before:
         found.append(doubt)
     if scan.valid.mean() < 0.05:
         found.append(f"only {scan.valid.mean():.1%} of the pixels came back")
-    return found
+    return found + [text for text in (_grid_doubt(scan), _camera_doubt(scan)) if text]
+
+
+def _grid_doubt(scan: RangeImage) -> str:
+    """A warning where measured points lie off their own pixels, "" otherwise."""
+    residual = _grid_residual(scan)
+    if residual is None or residual <= SPHERICAL_LIMIT_PX:
+        return ""
+    return (
+        f"half of its points lie {residual:.3g} pixels or more from their own pixels; are rows and columns "
+        "swapped, or the intrinsics another camera's?"
+    )
+
+
+def _camera_doubt(scan: RangeImage) -> str:
+    """A warning where the principal point is that of an image on its side, "" otherwise."""
+    camera = scan.projection
+    if not isinstance(camera, PinholeProjection) or camera.width == camera.height:
+        return ""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2
+    off, turned = (np.abs([camera.cx, camera.cy] - one).sum() for one in (middle, middle[::-1]))
+    if not turned < off / 4:
+        return ""
+    return (
+        f"its principal point ({camera.cx:g}, {camera.cy:g}) is the middle of {camera.height} x "
+        f"{camera.width} pixels, not of {camera.width} x {camera.height}: are rows and columns swapped?"
+    )
 
 
 def describe_projection(projection: Projection) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Scene files: any mesh that trimesh reads becomes a Scene, with textures, names and warnings."""
+"""Scene files: a mesh becomes a Scene, with textures, names and warnings."""
 
 from __future__ import annotations
 
@@ -14,20 +14,17 @@ import trimesh
 from scenes.appearance import GeometryLook, join_looks, look_of
 from scenes.checks import FloatArray, InputError
 from scenes.files import METRES_PER_UNIT, Units
-from scenes.formats.guard import MAX_BYTES, check_file, reading
-from scenes.formats.off import read_off
-from scenes.formats.references import check_references
-from scenes.formats.stl import stl_origin
+from scenes.formats.guard import reading
+from scenes.formats.mesh_file import check_mesh_suffix, read_mesh_file
 from scenes.mesh import LabelledMesh
+from scenes.mesh_doubts import mesh_doubts
 from scenes.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
 from scenes.scene import Mode, Scene
 
-_ARCHIVES = {"zip", "tar", "gz", "bz2", "xz", "7z"}
-_SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 _NAMELESS = re.compile(
     r"^\d+$|_[0-9a-f]{6}$"
 )  # node numbers, and what trimesh draws at random for parts of one
-SMALL_M, LARGE_M = 0.05, 1e5  # diagonals beyond which the unit is doubted
+SMALL_M, LARGE_M = 0.05, 1e3  # diagonals beyond which the unit is doubted
 
 
 def open_scene(
@@ -58,7 +55,7 @@ def open_scene(
 def load_scene(
     path: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
 ) -> Scene:
-    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL, OFF and whatever else trimesh reads.
+    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF.
 
     Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
     its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
@@ -85,12 +82,15 @@ def load_scene(
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
     if units not in METRES_PER_UNIT:
         raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
-    file = _check_mesh_file(Path(path))
+    file = check_mesh_suffix(Path(path))
     with reading(file, "a mesh"):
-        missing = check_references(file)
-        placed = _placed(file)
+        held = read_mesh_file(file)
+        placed = held.placed
         parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
         mesh, names = _join(file, parts)
+        if len(mesh.faces) != held.n_faces:
+            raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
+        doubts = mesh_doubts(mesh)
         mesh = LabelledMesh(
             world_from_file_up(up).apply(mesh.vertices * METRES_PER_UNIT[units]),
             mesh.faces,
@@ -98,58 +98,8 @@ def load_scene(
             mesh.appearance,
         )
         kind = decide_mode(mesh) if mode is None else mode
-        warnings = (*missing, *_warnings(mesh, kind, up))
+        warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
         return Scene(mesh, (None,) * len(names), names, file.stem, kind, warnings)
-
-
-def _placed(file: Path) -> Any:
-    """Return the file as a trimesh scene; OFF is read here, since trimesh leaves its colours out."""
-    if file.suffix.lower() != ".off":
-        found = trimesh.load_scene(str(file), process=False, split_objects=True)
-        return found.apply_translation(stl_origin(file)) if file.suffix.lower() == ".stl" else found
-    off = read_off(file)
-    colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
-    return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})
-
-
-def _check_mesh_file(path: Path) -> Path:
-    """Check what trimesh would get wrong: folders, empty files, archives, truncated binary STL."""
-    file = check_file(path)
-    suffix = file.suffix.lower()[1:]
-    known = set(trimesh.exchange.load.mesh_formats()) - _ARCHIVES
-    if suffix not in known:
-        if file.suffix.lower() in _SCAN_SUFFIXES:
-            raise InputError(
-                f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
-                "or complete them (unseen complete)"
-            )
-        common = "glb, gltf, obj, ply, stl, off"
-        raise InputError(
-            f"{file}: cannot read meshes from {file.suffix or 'a file without suffix'}; known: {common}"
-        )
-    if file.stat().st_size > MAX_BYTES:
-        raise InputError(f"{file}: is larger than {MAX_BYTES:,} bytes")
-    if suffix == "stl":
-        _check_stl_length(file)
-    return file
-
-
-def _check_stl_length(file: Path) -> None:
-    """Raise when a binary STL is not as long as its count of triangles says, or a text one is cut short."""
-    with file.open("rb") as stream:
-        start = stream.read(1024)
-    if start.lstrip()[:5] == b"solid" and b"facet" in start:
-        text = file.read_bytes()
-        begun, ended = text.count(b"outer loop"), text.count(b"endloop")
-        if begun != ended or b"endsolid" not in text[-1024:]:
-            raise InputError(f"{file}: truncated STL: {begun} facets begin, {ended} end, then the text stops")
-        return
-    announced = int.from_bytes(start[80:84], "little")
-    expected, present = 84 + 50 * announced, file.stat().st_size
-    if len(start) < 84 or present < expected:
-        raise InputError(
-            f"{file}: truncated STL: {announced} triangles need {expected} bytes, {present} present"
-        )
 
 
 class _Part:
@@ -206,9 +156,6 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
 def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
     """What a user should know before scanning."""
     found = []
-    flat = int((mesh.face_areas() <= 0).sum())
-    if flat:
-        found.append(f"{flat} of {len(mesh.faces)} faces have no area; no ray can hit them")
     diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
     doubt = units_doubt(diagonal)
     suggested = suggest_up(mesh, mode)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.blocks import in_blocks
-from scenes.checks import FloatArray, InputError, check_faces, check_points, frozen_copy
+from scenes.checks import FloatArray, InputError, check_faces, check_places, frozen_copy
 from scenes.pose import Pose
 
 
@@ -124,7 +124,7 @@ class LabelledMesh:
     appearance: Appearance | None = None
 
     def __post_init__(self) -> None:
-        vertices = check_points("vertices", self.vertices)
+        vertices = check_places("vertices", self.vertices)
         faces = check_faces(self.faces, len(vertices))
         labels = np.asarray(self.face_surface, dtype=np.int32)
         if labels.shape == (0,):

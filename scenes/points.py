@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError, check_point, finite_rows, frozen_copy
+from scenes.checks import ColourArray, FloatArray, InputError, check_point, frozen_copy, usable_rows
 from scenes.files import METRES_PER_UNIT, Units, read_scans, split_index
+from scenes.formats.arrays import open_arrays
 from scenes.formats.e57 import count_e57, read_e57_points
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
@@ -108,9 +109,10 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
 
 def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
     """The finite points, in metres."""
-    kept, normals, origins, warnings = finite_rows(raw.points), raw.normals, raw.origins, raw.warnings
+    kept, normals, origins, warnings = usable_rows(raw.points), raw.normals, raw.origins, raw.warnings
     if not kept.all():
-        warnings += (f"{int((~kept).sum())} of {len(kept)} points are not finite and were left out",)
+        n_left = int((~kept).sum())
+        warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
     if normals is not None:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:
@@ -175,7 +177,7 @@ def _from_several(
 
 def _from_npz(file: Path, number: int | None) -> RawPoints:
     """Arrays `points` and `normals`, or else a scan."""
-    with np.load(file, allow_pickle=False) as arrays:
+    with open_arrays(file) as arrays:
         if "points" not in arrays.files:
             return _from_scans(os.fspath(file) + ("" if number is None else f"#{number}"))
         if number not in (None, 1):

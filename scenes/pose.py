@@ -6,10 +6,53 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
+from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 
+_LENGTH_TOLERANCE = 0.1
 _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
+
+
+def rotation_of(quaternion: object, what: str) -> FloatArray:
+    """Return the rotation (3, 3) of a quaternion x, y, z, w, whose length may be rounded.
+
+    Parameters
+    ----------
+    quaternion : (4,) float
+        Of length 1 to a tenth.
+    what : str
+        Whose it is, for errors.
+
+    Raises
+    ------
+    InputError
+        Not four finite numbers, or of another length.
+
+    Examples
+    --------
+    >>> rotation_of([0.0, 0.0, 1.0, 0.0], "pose 1").round().astype(int).tolist()
+    [[-1, 0, 0], [0, -1, 0], [0, 0, 1]]
+    """
+    parts = np.asarray(quaternion, dtype=np.float64)
+    length = float(np.linalg.norm(parts)) if parts.shape == (4,) else np.nan
+    if not abs(length - 1) < _LENGTH_TOLERANCE:
+        raise InputError(
+            f"{what} has the quaternion {parts.tolist()} of length {length:.3g}, which is no rotation"
+        )
+    return np.asarray(Rotation.from_quat(parts).as_matrix(), dtype=np.float64)
+
+
+def _scale_of(rotation: FloatArray) -> str:
+    """Say how a matrix that is no rotation is scaled or sheared."""
+    if not np.isfinite(rotation).all():
+        return ""
+    scales = np.linalg.svd(rotation, compute_uv=False)
+    if scales[0] - scales[2] <= 1e-3 * scales[0]:
+        return f": it is scaled by {scales[1]:.6g}; divide its rotation by that"
+    return (
+        f": it is scaled by {scales[2]:.4g} to {scales[0]:.4g} along its axes; remove scale and shear first"
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +70,7 @@ class Pose:
     Raises
     ------
     InputError
-        Wrong shape, not finite, not rigid (scaled, sheared) or left-handed.
+        Wrong shape, not finite or beyond any place, not rigid (scaled, sheared) or left-handed.
 
     Examples
     --------
@@ -50,10 +93,12 @@ class Pose:
             raise InputError(
                 f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
             )
+        check_places("poses", matrix[:3, 3][None])
         rotation = matrix[:3, :3]
-        error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        if error > _ORTHONORMAL_TOLERANCE:
-            raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}; remove scale and shear first")
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        if not error <= _ORTHONORMAL_TOLERANCE:
+            raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}{_scale_of(rotation)}")
         if np.linalg.det(rotation) < 0:
             raise InputError("pose is left-handed (determinant -1); it mirrors the scene")
         if error > 1e-12:

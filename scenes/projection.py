@@ -13,6 +13,8 @@ from scenes.checks import FloatArray, InputError, frozen_copy
 if TYPE_CHECKING:
     from scenes.ray_grid import RayGrid
 
+_LEAST_FOCAL_PX, _MOST_PX = 1e-3, 1e9  # no camera is beyond; their rays would no longer be told apart
+
 
 @runtime_checkable
 class Projection(Protocol):
@@ -68,7 +70,7 @@ class PinholeProjection:
     Raises
     ------
     InputError
-        Fewer than one pixel, focal lengths that are zero or not finite.
+        Fewer than one pixel, focal lengths or a principal point that no camera has: 0, huge, not finite.
 
     Examples
     --------
@@ -90,9 +92,11 @@ class PinholeProjection:
         if self.width < 1 or self.height < 1:
             raise InputError(f"an image needs at least one pixel, got {self.width} x {self.height}")
         numbers = np.array([self.fx, self.fy, self.cx, self.cy])
-        if not np.isfinite(numbers).all() or self.fx == 0 or self.fy == 0:
+        sizes = np.abs(numbers)
+        if not ((sizes <= _MOST_PX).all() and (sizes[:2] >= _LEAST_FOCAL_PX).all()):
             raise InputError(
-                f"focal lengths must be finite and not zero, got fx, fy, cx, cy = {numbers.tolist()}"
+                f"focal lengths must be in {_LEAST_FOCAL_PX:g}..{_MOST_PX:g} pixels, or be negative, and the "
+                f"principal point within {_MOST_PX:g}, got fx, fy, cx, cy = {numbers.tolist()}"
             )
 
     @classmethod

@@ -16,6 +16,7 @@ TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
 _ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
+_OFF_RANGE = 1e-4  # relative: how far a range may be from its measured point's distance; files round both
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
@@ -86,12 +87,15 @@ class RangeImage:
         What a simulated scan really met.
     name : str
         What to call the scan in reports.
+    warnings : tuple of str
+        What was left out or assumed while it was read.
 
     Raises
     ------
     InputError
         Arrays that do not have the projection's shape, a sigma that is negative or not finite, colours of
-        returns that are not finite or beyond 0..1.
+        returns that are not finite or beyond 0..1, intensities that are not finite, measured points that are
+        not as far away as the ranges say.
     """
 
     ranges: FloatArray
@@ -105,6 +109,7 @@ class RangeImage:
     intensity: NDArray[np.float32] | None = None
     truth: ScanTruth | None = None
     name: str = "scan"
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         ranges = np.asarray(self.ranges, dtype=np.float64)
@@ -126,9 +131,13 @@ class RangeImage:
                 continue
             if np.shape(array) != shape:
                 raise InputError(f"{name} has shape {np.shape(array)}, expected {shape}")
-            object.__setattr__(self, name, frozen_copy(array, dtype))
+            with np.errstate(over="ignore"):
+                object.__setattr__(self, name, frozen_copy(array, dtype))
+        if self.intensity is not None and not np.isfinite(self.intensity[np.isfinite(ranges)]).all():
+            raise InputError("intensities of returns are not finite; leave them out")
         if self.sensor_points is not None:
             ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
+            _check_same(ranges, self.sensor_points)
             points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
             object.__setattr__(self, "sensor_points", frozen_copy(points))
         if self.colour is not None:
@@ -228,6 +237,19 @@ class RangeImage:
         from scenes.scan_card import card_of_scan  # only notebooks need it
 
         return card_of_scan(self).to_html()
+
+
+def _check_same(ranges: FloatArray, points: FloatArray) -> None:
+    """Raise InputError where measured points (rows, columns, 3) are not as far away as their ranges say."""
+    valid = np.isfinite(ranges)
+    with np.errstate(over="ignore"):
+        away = np.linalg.norm(points[valid], axis=-1)
+    wrong = ~(np.abs(away - ranges[valid]) <= _OFF_RANGE * ranges[valid])
+    if wrong.any():
+        raise InputError(
+            f"{np.count_nonzero(wrong)} of {len(away)} measured points are not as far away as their ranges "
+            f"say (first {away[wrong][0]:.6g} m, its range {ranges[valid][wrong][0]:.6g} m); give both alike"
+        )
 
 
 def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:

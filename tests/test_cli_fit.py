@@ -169,7 +169,7 @@ def test_warnings_of_reading_are_told(files, tmp_path):
     (tmp_path / "holes.xyz").write_text(files["plane"].read_text() + "nan nan nan\n")
     held = fitted(tmp_path / "holes.xyz", "--shape", "plane")
     assert held["n"] == N
-    assert held["warnings"] == [f"1 of {N + 1} points are not finite and were left out"]
+    assert held["warnings"] == [f"1 of {N + 1} points are not finite or lie beyond 1e12 m and were left out"]
 
 
 @pytest.mark.parametrize(

@@ -413,8 +413,9 @@ def test_edits_that_say_too_little_or_too_much_are_refused(fields, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nonsense", "cannot be read as a file of edits"),
-        ("[]", 'holds no list "edits"; write'),
+        ("nonsense", "is no valid JSON"),
+        ("[]", "is JSON, but not an object"),
+        ("{}", 'holds no list "edits"; write'),
         ('{"edits": [7]}', r'edit 1: needs a "do" of accept'),
         ('{"edits": [{"do": "paint"}]}', "edit 1: needs a .do. of .* not 'paint'"),
         ('{"edits": [{"do": "reject"}]}', 'edit 1: reject needs "surface"'),

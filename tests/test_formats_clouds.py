@@ -12,6 +12,7 @@ from scenes.checks import InputError
 from scenes.files import read_scan, write_scan
 from scenes.formats.cloud import Cloud, cloud_of, scan_of
 from scenes.formats.las import read_las_points
+from scenes.limits import limits
 from scenes.points import read_points
 from scenes.pose import Pose
 from scenes.projection import SphericalProjection
@@ -102,7 +103,7 @@ def test_points_of_others_are_refused_as_scans_with_the_cure(tmp_path: Path) -> 
             read_scan(tmp_path / name)
 
 
-def test_damaged_text_scans_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_text_scans_are_refused(tmp_path: Path) -> None:
     write_scan(example_scan(PROJECTIONS["pinhole"], colour=False), tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     (tmp_path / "b.csv").write_text("\n".join([*lines[:2], *(line + ",1" for line in lines[2:])]))
@@ -114,8 +115,7 @@ def test_damaged_text_scans_are_refused(tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "d.csv").write_text("\n".join([*lines[:3], lines[3].replace("0", "x")]))
     with pytest.raises(InputError, match=r"d\.csv: cannot be read as csv scan"):
         read_scan(tmp_path / "d.csv")
-    monkeypatch.setattr("scenes.formats.scan_text.MAX_BYTES", 10)
-    with pytest.raises(InputError, match="is larger than 10 bytes"):
+    with limits(file_bytes=10), pytest.raises(InputError, match="exceed the limit file_bytes=10"):
         read_scan(tmp_path / "a.csv")
 
 

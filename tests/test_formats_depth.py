@@ -105,6 +105,6 @@ def test_unusable_colmap_files_are_refused(tmp_path: Path) -> None:
         read_poses(file)
     file.write_text("1 0 0 0 0 1 2 3 1 a.png\n\n")
     with pytest.raises(
-        InputError, match=r"image 'a\.png' has a quaternion of length 0, which is no rotation"
+        InputError, match=r"image 'a\.png' has the quaternion .* of length 0, which is no rotation"
     ):
         read_poses(file)

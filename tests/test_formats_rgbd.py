@@ -172,7 +172,7 @@ def test_images_that_cannot_hold_depth_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"1\.png: is empty \(0 bytes\)"):
         read_scan(f"{tmp_path}#1", intrinsics=CAMERA, depth_scale=1000)
     (tmp_path / "depth" / "1.png").write_bytes(b"\x89PNG\r\n\x1a\n broken")
-    with pytest.raises(InputError, match=r"1\.png: cannot be read as a depth image"):
+    with pytest.raises(InputError, match=r"1\.png: is no image that is known"):
         read_scan(f"{tmp_path}#1", intrinsics=CAMERA, depth_scale=1000)
 
 

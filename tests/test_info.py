@@ -12,6 +12,7 @@ from nbv.records import describe_record, read_record
 from scenes.checks import InputError
 from scenes.describe import describe
 from scenes.files import write_scan
+from scenes.limits import limits
 from tests.scan_examples import PROJECTIONS, example_scan
 from tests.test_cli import TINY, assert_fails_in_one_line, run, succeed
 
@@ -152,11 +153,11 @@ def test_points_poses_and_images(tmp_path):
             "a.txt: is text that holds neither poses nor points: no point in its first",
         ),
         ("a.toml", b"kind = 3", "a.toml: "),
-        ("a.png", b"no image", "a.png: cannot be read as an image"),
+        ("a.png", b"no image", "a.png: is no image that is known"),
         ("a.csv", b"id;b\n", "a.csv: is text that holds neither poses nor points"),
         ("a.html", b"<html>", "is text, of no kind"),
         ("empty.xyz", b"", "empty.xyz: is empty"),
-        ("a.e57", b"nothing", "a.e57: cannot be read as E57 scan"),
+        ("a.e57", b"nothing", "a.e57: not an E57 file"),
     ],
 )
 def test_what_is_not_known_gets_a_plain_sentence(tmp_path, name, content, words):
@@ -170,16 +171,14 @@ def test_folders_that_are_nothing_are_refused(tmp_path):
     assert_fails_in_one_line(run("info", tmp_path), "manifest.json: is no manifest of unseen")
 
 
-def test_huge_records_and_archives_are_refused(tmp_path, monkeypatch):
+def test_huge_records_and_archives_are_refused(tmp_path):
     (tmp_path / "a.json").write_text("[1, 2, 3, 4]")
     assert read_record(tmp_path / "a.json") is None
     assert describe_record({"x": 1}) is None
-    monkeypatch.setattr("nbv.records._MAX_BYTES", 4)
-    with pytest.raises(InputError, match="is larger than 4 bytes"):
+    with limits(json_bytes=4), pytest.raises(InputError, match="exceed the limit json_bytes=4"):
         read_record(tmp_path / "a.json")
     np.savez(tmp_path / "a.npz", a=np.zeros(100))
-    monkeypatch.setattr("nbv.outputs.MAX_BYTES", 10)
-    with pytest.raises(InputError, match="unpacks to more than 10 bytes"):
+    with limits(unpacked_bytes=10), pytest.raises(InputError, match="exceed the limit unpacked_bytes=10"):
         describe_output(tmp_path / "a.npz")
 
 

@@ -138,12 +138,12 @@ def test_damage_is_named(tmp_path: Path) -> None:
     contents: dict[str, tuple[bytes, str]] = {
         "a.stl": (stl[:300], "truncated STL: 12 triangles need 684 bytes, 300 present"),
         "b.stl": (stl[:50], "truncated STL"),
-        "c.glb": (glb[: len(glb) // 2], "c.glb: cannot be read as a mesh"),
-        "d.glb": (b"hello", "cannot be read as a mesh"),
+        "c.glb": (glb[: len(glb) // 2], "c.glb: truncated or damaged GLB: 928 bytes announced, 464 present"),
+        "d.glb": (b"hello", "d.glb: not a GLB file"),
         "e.obj": (b"hello\n", "holds no faces; a scene needs triangles"),
         "f.obj": (
             b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
-            "cannot be read as a mesh: index 8 is out of bounds",
+            "line 4: its face names vertex 9, but they count from 1 to 3",
         ),
         "g.ply": (b"", r"g.ply: is empty \(0 bytes\)"),
         "h.zip": (b"PK", r"cannot read meshes from \.zip; known: glb, gltf, obj"),

@@ -14,6 +14,7 @@ from PIL import Image
 
 from scenes.checks import InputError
 from scenes.formats.references import check_references, within_folder
+from scenes.limits import limits
 from scenes.loading import load_scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
@@ -122,14 +123,14 @@ def test_what_lies_in_the_folder_is_read(folder: Path, name: str) -> None:
 
 
 def test_missing_files_and_materials_are_warned_of(folder: Path) -> None:
-    (missing,) = check_references(write_obj(folder, "gone.png"))
+    (missing,) = check_references(write_obj(folder, "gone.png")).warnings
     assert missing == "1 texture is missing beside a.obj, the first is 'gone.png': what it covers is grey"
-    (options,) = check_references(write_obj(folder, "-s 1 1 1 tex.png"))
+    (options,) = check_references(write_obj(folder, "-s 1 1 1 tex.png")).warnings
     assert options.startswith("the texture '-s 1 1 1 tex.png' is left out")
-    (library,) = check_references(write_obj(folder, "tex.png", "gone.mtl"))
+    (library,) = check_references(write_obj(folder, "tex.png", "gone.mtl")).warnings
     assert library == "its material file 'gone.mtl' is missing: colours and textures are lost"
     file = write_obj(folder, "tex.png")
-    file.write_text(file.read_text() + "usemtl other\nf 1/1 2/2 3/3\n")
+    file.write_text(file.read_text() + "v 0 0 1\nusemtl other\nf 2/1 1/2 4/3\n")
     assert load_scene(file).warnings == (
         "materials used but not defined: 1 (first 'other'); what they cover is grey",
     )
@@ -147,7 +148,7 @@ def test_unusable_gltf_is_refused(folder: Path) -> None:
     ):
         load_scene(write_gltf(folder, extensionsRequired=["KHR_draco_mesh_compression"]))
     (folder / "a.gltf").write_text("[1, 2, 3, 4, 5, 6, 7]")
-    with pytest.raises(InputError, match="its JSON is not an object"):
+    with pytest.raises(InputError, match="is JSON, but not an object"):
         load_scene(folder / "a.gltf")
 
 
@@ -206,10 +207,9 @@ def test_damaged_off_is_refused(tmp_path: Path, text: str, message: str) -> None
         load_scene(tmp_path / "a.off")
 
 
-def test_a_huge_off_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenes.formats.off.MAX_BYTES", 10)
+def test_a_huge_off_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.off").write_text(f"OFF\n4 1 0\n{SQUARE}4 0 1 2 3\n")
-    with pytest.raises(InputError, match="is larger than 10 bytes"):
+    with limits(file_bytes=10), pytest.raises(InputError, match="exceed the limit file_bytes=10"):
         load_scene(tmp_path / "a.off")
 
 

@@ -13,6 +13,7 @@ from scenes.checks import InputError
 from scenes.files import read_scan, write_scan, write_scans
 from scenes.formats.ply import write_mesh_ply
 from scenes.formats.ptx import read_ptx_points
+from scenes.limits import limits
 from scenes.points import POINT_SUFFIXES, PointCloud, read_points
 from scenes.pose import Pose
 from tests.data_paths import data_path, requires_data
@@ -118,7 +119,7 @@ def test_units_scale_lengths_and_not_normals(tmp_path: Path) -> None:
 def test_rows_that_are_not_finite_are_left_out_and_counted(tmp_path: Path, row: str) -> None:
     cloud = read_text(tmp_path, f"{ROWS[0]}\n{row}\n{ROWS[1]}\n{ROWS[2]}\n")
     np.testing.assert_array_equal(cloud.points, POINTS)
-    assert cloud.warnings == ("1 of 4 points are not finite and were left out",)
+    assert cloud.warnings == ("1 of 4 points are not finite or lie beyond 1e12 m and were left out",)
 
 
 def test_an_empty_field_is_a_missing_number_not_a_shift(tmp_path: Path) -> None:
@@ -168,13 +169,10 @@ def test_files_that_are_not_there_empty_or_unknown(tmp_path: Path) -> None:
         read_points(f"{tmp_path / 'cloud.txt'}#2")
 
 
-def test_too_large_text_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenes.formats.point_table.MAX_BYTES", 4)
-    monkeypatch.setattr("scenes.formats.ply_points.MAX_BYTES", 4)
-    with pytest.raises(InputError, match="larger than 4 bytes; store so many points as"):
-        read_text(tmp_path, "1 2 3\n")
-    with pytest.raises(InputError, match="larger than 4 bytes"):
-        read_text(tmp_path, "ply ...\n", "cloud.ply")
+def test_too_large_text_is_refused(tmp_path: Path) -> None:
+    for text, name in (("1 2 3\n", "cloud.xyz"), ("ply ...\n", "cloud.ply")):
+        with limits(file_bytes=4), pytest.raises(InputError, match="exceed the limit file_bytes=4"):
+            read_text(tmp_path, text, name)
 
 
 PLY = "ply\nformat {0} 1.0\ncomment made by hand\nelement vertex 3\n{1}end_header\n"
@@ -352,13 +350,12 @@ def test_las_without_its_extra_names_the_cure(tmp_path: Path, monkeypatch: pytes
         read_points(tmp_path / "c.las")
 
 
-def test_las_that_announces_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_las_that_announces_too_much_is_refused(tmp_path: Path) -> None:
     laspy = pytest.importorskip("laspy")
     las = laspy.create(point_format=0, file_version="1.2")
     las.xyz = POINTS
     las.write(tmp_path / "c.las")
-    monkeypatch.setattr("scenes.formats.las_header.MAX_BYTES", 10)
-    with pytest.raises(InputError, match="announces 3 points, which is too many"):
+    with limits(points=2), pytest.raises(InputError, match="its points: 3 exceed the limit points=2"):
         read_points(tmp_path / "c.las")
 
 

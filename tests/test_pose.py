@@ -128,7 +128,7 @@ def changed(index: object, value: object) -> FloatArray:
         (changed((2, 2), np.inf), "entries that are not finite"),
         (changed(slice(None), Pose.looking_at((1, 2, 3), (4, 4, 3.5)).matrix.T), "is it transposed?"),
         (changed((3, 3), 2.0), "last row of a pose must be 0 0 0 1"),
-        (np.diag([2.0, 2.0, 2.0, 1.0]), r"not rigid: \|R'R - 1\| = 3; remove scale and shear"),
+        (np.diag([2.0, 2.0, 2.0, 1.0]), r"not rigid: \|R'R - 1\| = 3: it is scaled by 2; divide"),
         (np.diag([1.0, 1.0, 1.0 + 1e-4, 1.0]), "not rigid"),
         (np.eye(4) + np.outer([1, 0, 0, 0], [0, 1e-4, 0, 0]), "not rigid"),
         (np.zeros((4, 4)) + np.diag([0, 0, 0, 1.0]), "not rigid"),

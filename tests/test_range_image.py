@@ -100,12 +100,31 @@ def test_points_and_ranges_agree_on_what_came_back() -> None:
     assert scan.valid.tolist() == [[False, False, False], [True, True, True]]
     assert np.isnan(scan.points()[0]).all()
     np.testing.assert_allclose(scan.ranges[1], np.sqrt(3), atol=1e-15)
-    ranges = np.full((2, 3), 2.0)
+    ranges = np.full((2, 3), np.sqrt(3))
+    points[0, 1] = [0, 1, -np.sqrt(2)]
     ranges[1, 1] = 0.0
     both = RangeImage(ranges, projection, POSE, sensor_points=points)
     assert both.valid.tolist() == [[False, True, False], [True, False, True]]
     assert np.isnan(both.points_in_sensor()[1, 1]).all()
     assert np.isfinite(both.rays()).all()
+
+
+def test_measured_points_are_as_far_away_as_their_ranges_say() -> None:
+    projection = PinholeProjection(3, 2, 2.0, 2.0, 1.0, 0.5)
+    points = np.full((2, 3, 3), 1.0)
+    with pytest.raises(InputError, match="6 of 6 measured points are not as far away as their ranges say"):
+        RangeImage(np.full((2, 3), 2.0), projection, POSE, sensor_points=points)
+    RangeImage(np.full((2, 3), np.float32(np.sqrt(3))), projection, POSE, sensor_points=points)
+
+
+def test_intensities_of_returns_are_finite() -> None:
+    projection = PinholeProjection(3, 2, 2.0, 2.0, 1.0, 0.5)
+    ranges, light = np.full((2, 3), 2.0), np.ones((2, 3))
+    ranges[0, 0], light[0, 0] = np.inf, np.nan
+    assert RangeImage(ranges, projection, POSE, intensity=light).intensity is not None
+    light[1, 1] = 1e300
+    with pytest.raises(InputError, match="intensities of returns are not finite"):
+        RangeImage(ranges, projection, POSE, intensity=light)
 
 
 def test_a_scan_without_returns_is_a_scan() -> None:

@@ -117,15 +117,15 @@ def test_ready_made_studies_open(study_file):
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot read study"):
+    with pytest.raises(InputError, match="no such file"):
         read_study(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"')
-    with pytest.raises(InputError, match="not UTF-8"):
+    with pytest.raises(InputError, match="is no UTF-8 text: its byte 9"):
         read_study(tmp_path / "latin.toml")
     (tmp_path / "large.toml").write_bytes(b"#" * ((1 << 20) + 1))
-    with pytest.raises(InputError, match="1,048,576 bytes"):
+    with pytest.raises(InputError, match="exceed the limit toml_bytes=1,048,576"):
         read_study(tmp_path / "large.toml")
-    (tmp_path / "empty.toml").write_text("")
+    (tmp_path / "empty.toml").write_text("\n")
     with pytest.raises(InputError, match=r"scenes: Field required \(and 1 more\)"):
         read_study(tmp_path / "empty.toml")
 

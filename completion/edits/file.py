@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -13,7 +12,8 @@ import numpy as np
 
 from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError
-from scenes.formats.guard import check_file, reading
+from scenes.formats.documents import read_json
+from scenes.formats.guard import reading
 from scenes.plane import Plane
 
 _FIELDS = {
@@ -52,10 +52,10 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
     InputError
         Not such a file; the message names the file, the edit, counted from 1, and the cure.
     """
-    file = check_file(Path(path))
+    file = Path(path)
     with reading(file, "a file of edits (JSON)"):
-        held = json.loads(file.read_text(encoding="utf-8"))
-        if not isinstance(held, dict) or not isinstance(held.get("edits"), list):
+        held = read_json(file, dict)
+        if not isinstance(held.get("edits"), list):
             raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
         anchors = _anchors(held.get("surfaces", []))
         return tuple(
@@ -83,7 +83,8 @@ def _anchors(surfaces: object) -> dict[int, Anchor]:
         raise InputError('its "surfaces" are no list; leave them as unseen complete wrote them')
     try:
         return {
-            int(one["id"]): Anchor(one["anchor"], one.get("kind"), f"surface {one['id']}") for one in surfaces
+            int(one["id"]): Anchor(_numbers(one["anchor"]), _kind(one.get("kind")), f"surface {one['id']}")
+            for one in surfaces
         }
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
@@ -124,7 +125,7 @@ def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
 def _anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> Anchor:
     """The surface that an edit names by number, by point, or as `edit_record` does."""
     if isinstance(name, dict):
-        return Anchor(_numbers(name.get("point")), name.get("kind"))
+        return Anchor(_numbers(name.get("point")), _kind(name.get("kind")))
     if not isinstance(name, int) or isinstance(name, bool):
         return Anchor(_numbers(name))
     if name in anchors:
@@ -145,6 +146,12 @@ def _cut(one: Mapping[str, Any]) -> Plane | Any | None:
     if not isinstance(plane, dict) or not {"point", "normal"} <= plane.keys():
         raise InputError(f'a plane is {{"point": [x, y, z], "normal": [x, y, z]}}, got {plane!r}')
     return Plane(_numbers(plane["point"]), _numbers(plane["normal"]))
+
+
+def _kind(value: object) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise InputError(f'the "kind" of a surface is a text such as "plane", got {value!r}')
+    return value
 
 
 def _numbers(value: object) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import typer
 
@@ -18,13 +18,44 @@ def parse_bytes(text: str, option: str) -> int:
     >>> parse_bytes("2GB", "--max-memory"), parse_bytes("1.5 GiB", "--max-memory")
     (2000000000, 1610612736)
     """
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?\s*", text, re.IGNORECASE)
-    size = 0.0
-    if match:
-        size = float(match[1]) * (1024 if match[3] else 1000) ** " kmgt".index(match[2].lower() or " ")
+    size = _amount(text)
     if size < 1:
         raise typer.BadParameter(f"{text!r} is no amount of memory; write it like 2GB", param_hint=option)
-    return int(size)
+    return size
+
+
+def _amount(text: str) -> int:
+    """Return the number that digits with a suffix such as K, M, GB or GiB mean, 0 where they mean none."""
+    match = re.fullmatch(r"\s*(\d{1,18}(?:\.\d{1,18})?)\s*([kMGT]?)(i?)B?\s*", text, re.IGNORECASE)
+    if not match:
+        return 0
+    return int(float(match[1]) * (1024 if match[3] else 1000) ** " kmgt".index(match[2].lower() or " "))
+
+
+def parse_limits(given: Iterable[str], option: str) -> Mapping[str, int]:
+    """Return limits by name, of texts such as faces=100M; K, M, G and T stand for thousands and more.
+
+    Examples
+    --------
+    >>> parse_limits(["faces=200M", "file_bytes=8GiB"], "--limit")
+    {'faces': 200000000, 'file_bytes': 8589934592}
+    """
+    from scenes.limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
+
+    found: dict[str, int] = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        if name not in LIMIT_NAMES:
+            raise typer.BadParameter(
+                f"{name!r} is no limit; write NAME=NUMBER, NAME one of {', '.join(LIMIT_NAMES)}",
+                param_hint=option,
+            )
+        found[name] = _amount(number)
+        if found[name] < 1:
+            raise typer.BadParameter(
+                f"{number!r} is no number of 1 or more; write {name}=100M", param_hint=option
+            )
+    return found
 
 
 def parse_numbers(text: str, n: int, option: str) -> tuple[float, ...]:

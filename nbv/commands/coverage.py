@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import completion.limits
 from nbv.commands.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, instruments_of, read_request
+from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request
 from nbv.coverage import STATES, Coverage
 from nbv.csv_table import csv_text
 from nbv.manifest import input_digests
@@ -140,6 +140,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         seen = sightings_of(caster, samples, requirement, views)
         return _Measured(coverage, views, seen, sensor, [])
     scans = read_request(request.scans)
+    run.warn(doubts_of(scans))
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
     coverage = measure_scan_coverage(

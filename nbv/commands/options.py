@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from nbv.commands.arguments import parse_bytes
+from nbv.commands.arguments import parse_bytes, parse_limits
 from nbv.commands.run import Shared
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder or file to write.", show_default=False)]
@@ -25,6 +25,15 @@ MaxMemory = Annotated[
     str | None,
     typer.Option(
         "--max-memory", metavar="SIZE", help="Like 2GB; results do not depend on it.", show_default="no limit"
+    ),
+]
+Limit = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limit",
+        metavar="NAME=NUMBER",
+        help="How large what a file holds may be, like faces=200M; repeat it.",
+        show_default="see docs/bad-input.md",
     ),
 ]
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]
@@ -72,7 +81,7 @@ def with_shared(command: Given) -> Given:
     """Return a command that also has the options which all have; `command` takes them as `shared`.
 
     Typer reads options off a function's signature; this writes one with `--out`, `--seed`, `--json`,
-    `--quiet`, `--threads` and `--max-memory` in the place of `shared`.
+    `--quiet`, `--threads`, `--max-memory` and `--limit` in the place of `shared`.
     """
     hints = get_type_hints(command, include_extras=True)
     del hints["shared"], hints["return"]
@@ -93,7 +102,13 @@ def with_shared(command: Given) -> Given:
 
 
 def _shared(
-    out: Path | None, seed: int, as_json: bool, quiet: bool, threads: int | None, max_memory: str | None
+    out: Path | None,
+    seed: int,
+    as_json: bool,
+    quiet: bool,
+    threads: int | None,
+    max_memory: str | None,
+    limit: list[str] | None,
 ) -> Shared:
     return Shared(
         out=out,
@@ -102,6 +117,7 @@ def _shared(
         quiet=quiet,
         threads=threads,
         max_memory=None if max_memory is None else parse_bytes(max_memory, "--max-memory"),
+        limits=parse_limits(limit or (), "--limit"),
     )
 
 
@@ -112,4 +128,5 @@ _SHARED: dict[str, tuple[Any, Any]] = {
     "quiet": (Quiet, False),
     "threads": (Threads, None),
     "max_memory": (MaxMemory, None),
+    "limit": (Limit, None),
 }

@@ -14,7 +14,7 @@ from nbv.baselines import Baseline, compare_with_baselines
 from nbv.classes import Shares
 from nbv.commands.coverage import coverage_content
 from nbv.commands.run import Shared, running
-from nbv.commands.scans import ScanRequest, read_request
+from nbv.commands.scans import ScanRequest, doubts_of, read_request
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage import Coverage
 from nbv.manifest import input_digests
@@ -109,6 +109,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
+        run.warn(doubts_of(scans))
         journal = run.journal([scene, *request.inputs], request.options())
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(

@@ -45,6 +45,8 @@ class Shared:
         Threads; one for each core when not given. Results do not depend on it.
     max_memory : int, optional
         Bytes.
+    limits : mapping
+        Limits of what files may hold, by name, other than the defaults; see `scenes.limits`.
     """
 
     out: Path | None
@@ -53,6 +55,7 @@ class Shared:
     quiet: bool
     threads: int | None
     max_memory: int | None
+    limits: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
@@ -126,7 +129,7 @@ class Run:
             command=self.command,
             seed=self.shared.seed,
             inputs=inputs,
-            options={**options, "max_memory": self.shared.max_memory},
+            options={**options, "max_memory": self.shared.max_memory, "limits": dict(self.shared.limits)},
             threads=self.shared.threads,
             outputs=outputs,
             times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
@@ -164,6 +167,7 @@ def running(
     from completion.fitting.result import FitError
     from nbv.manifest import Stopwatch
     from scenes.checks import InputError
+    from scenes.limits import limits
     from scenes.lock import locked
     from scenes.memory import memory_limit
     from scenes.stage import Stage
@@ -174,6 +178,7 @@ def running(
         folder, name = (out, "") if is_folder else (out.parent, out.name)
         stage = Stage(folder, name)
         with ExitStack() as held:
+            held.enter_context(limits(**shared.limits))
             held.enter_context(interruptible(command))
             if shared.max_memory is not None:
                 reserve(shared.threads or os.cpu_count() or 1)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.convention import convention_doubt
 from scenes.describe_scans import scan_warnings
 from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
 from scenes.formats.header import colour_from_bytes
@@ -128,8 +129,10 @@ def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
 
 
 def doubts_of(scans: Sequence[RangeImage]) -> list[str]:
-    """Return what is doubtful about the scans, each with its scan's name."""
-    return [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
+    """Return what is doubtful about the scans, each with its scan's name, and about their poses."""
+    doubt = convention_doubt(scans)
+    found = [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
+    return [*found, doubt] if doubt else found
 
 
 def title_of(paths: Sequence[str]) -> str:

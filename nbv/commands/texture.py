@@ -18,7 +18,7 @@ from PIL import ExifTags, Image, ImageOps
 from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
 from scenes.checks import InputError
-from scenes.formats.guard import check_file, check_size, reading
+from scenes.formats.image import open_image
 from scenes.memory import require
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
@@ -158,9 +158,7 @@ def read_mask(path: str) -> NDArray[np.bool_]:
 
 @contextmanager
 def _opened(path: str) -> Iterator[Image.Image]:
-    file = check_file(Path(path))
-    with reading(file, "an image"), Image.open(file) as opened:
-        check_size(opened.height, opened.width)
+    with open_image(Path(path)) as opened:
         # Pillow turns TIFF while it loads, and scrambles it when it is neither square nor compressed.
         if (
             opened.format == "TIFF"

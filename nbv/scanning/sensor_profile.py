@@ -8,7 +8,6 @@ stands `[sources]`, with one line for each number, in tables of the same names.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from importlib import resources
@@ -23,7 +22,9 @@ from nbv.scanning.pointing import PointingNoise
 from nbv.scanning.quantisation import Quantisation
 from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.triangulation import LineSensor, TriangulationSensor
-from scenes.checks import InputError
+from scenes.checks import MOST_M, InputError
+from scenes.formats.documents import parse_toml, read_toml
+from scenes.formats.guard import check_size, reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)
@@ -85,16 +86,13 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     """Return a shipped profile, by name, or that of a TOML file; raises as `load_sensor`."""
     name = str(name_or_path)
     if name in sensor_names():
-        return _parse((resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8"), name)
+        text = (resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_text("utf-8")
+        return _profile_of(parse_toml(text), name)
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
-    try:
-        return _parse(path.read_text("utf-8"), name)
-    except OSError as error:
-        raise InputError(f"cannot read sensor {name}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"cannot read sensor {name}: {error}") from error
+    with reading(path, "a sensor"):
+        return _profile_of(read_toml(path), name)
 
 
 def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> Sensor:
@@ -111,6 +109,10 @@ def sensor_from_profile(profile: Mapping[str, Any], source: str = "sensor") -> S
     stages = {key: value for key, value in profile.items() if key in _EFFECTS}
     entries = {key: value for key, value in profile.items() if key != "kind" and key not in _EFFECTS}
     sensor: Sensor = _built(_KINDS[kind], {**entries, "effects": _effects(stages, source)}, source, "")
+    try:
+        check_size(getattr(sensor, "height", 1), getattr(sensor, "width", 1))
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
     return sensor
 
 
@@ -155,17 +157,15 @@ def _fits(value: Any, wanted: str) -> bool:
     if isinstance(value, bool):
         return False
     if "float" in wanted:
-        return isinstance(value, int | float)
-    return isinstance(value, int if wanted == "int" else str)
+        return isinstance(value, int | float) and abs(value) <= MOST_M
+    if wanted == "int":
+        return isinstance(value, int) and abs(value) < 2**31
+    return isinstance(value, str)
 
 
-def _parse(text: str, name: str) -> SensorProfile:
-    """Return the profile that a TOML text describes."""
+def _profile_of(table: dict[str, Any], name: str) -> SensorProfile:
+    """Return the profile that a table describes."""
     source = f"sensor {name}"
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source} is not TOML: {error}") from error
     sources = table.pop("sources", {})
     _check_sources(sources, table, source, "sources")
     return SensorProfile(sensor_from_profile({"name": Path(name).stem, **table}, source), sources)

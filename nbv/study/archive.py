@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 from nbv.study.case import Case
 from scenes.atomic import make_folder, write_json
 from scenes.checks import InputError
+from scenes.formats.documents import read_json
 
 
 class PlanArchive:
@@ -55,10 +55,7 @@ class PlanArchive:
             None there, damaged, or made of something else.
         """
         file = self.path(case)
-        try:
-            record = json.loads(file.read_text("utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{file}: no plan of this case can be read: {error}") from error
-        if not isinstance(record, dict) or record.get("key") != case.key:
+        record = read_json(file, dict)
+        if record.get("key") != case.key:
             raise InputError(f"{file}: is not the plan of this case: it was made of something else")
-        return dict(record)
+        return record

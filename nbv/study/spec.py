@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,9 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from nbv.requirement import Requirement
 from scenes.checks import InputError
+from scenes.formats.documents import read_toml
+from scenes.formats.guard import one_line, reading
+from scenes.formats.references import within_folder
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
-_MOST_BYTES = 1 << 20
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -192,7 +193,7 @@ def common_share(spec: StudySpec) -> float:
 
 
 def read_study(path: str | Path) -> StudySpec:
-    """Read a study file; files that it names lie beside it.
+    """Read a study file; files that it names lie in its folder.
 
     Raises
     ------
@@ -200,21 +201,13 @@ def read_study(path: str | Path) -> StudySpec:
         No such file, not TOML, or not a study: the field is named, as `planners[1].target`.
     """
     file = Path(path)
-    try:
-        if file.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{file}: a study file of more than {_MOST_BYTES:,} bytes is none")
-        table = tomllib.loads(file.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read study {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not TOML: it is not UTF-8 text") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{file} is not TOML: {error}") from error
+    table = read_toml(file)
     try:
         spec = StudySpec.model_validate(table)
     except ValidationError as error:
-        raise InputError(f"{file}: {_first_error(error)}") from error
-    return _beside(spec, file.parent)
+        raise InputError(f"{file}: {one_line(_first_error(error))}") from error
+    with reading(file, "a study"):
+        return _beside(spec, file.parent)
 
 
 def _first_error(error: ValidationError) -> str:
@@ -247,7 +240,7 @@ def _beside(spec: StudySpec, folder: Path) -> StudySpec:
     """Return the study with its files' paths from where we are."""
 
     def found(name: str) -> str:
-        return name if Path(name).is_absolute() else str(folder / name)
+        return str(within_folder(folder, name))
 
     scenes = tuple(
         entry if entry.is_builtin else entry.model_copy(update={"scene": found(entry.scene)})

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,8 @@ def scan_of(cloud: Cloud) -> RangeImage:
             f"its points do not each have a pixel of their own in {rows} x {columns}: was the file edited? "
             "say where the scanner stood (--origin X,Y,Z)"
         )
+    n_bad = int((~np.isfinite(cloud.points).all(axis=1)).sum())
+    left_out = (f"{n_bad} of {len(cloud.points)} points are not finite and were left out",) if n_bad else ()
     points = np.full((rows, columns, 3), np.nan)
     points[cloud.row, cloud.column] = pose.inverse().apply(cloud.points)
     colour = light = None
@@ -107,4 +109,5 @@ def scan_of(cloud: Cloud) -> RangeImage:
     if cloud.intensity is not None:
         light = np.zeros((rows, columns), np.float32)
         light[cloud.row, cloud.column] = cloud.intensity
-    return described(organised_scan(points, GridFit(projection, 0.0), pose, colour, "scan", light), header)
+    scan = organised_scan(points, GridFit(projection, 0.0), pose, colour, "scan", light)
+    return replace(described(scan, header), warnings=left_out)

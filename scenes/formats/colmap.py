@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
 from scenes.natural_order import natural_key
+from scenes.pose import rotation_of
 
 _LINE = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
 _WORDS = len(_LINE.split())
@@ -50,10 +50,7 @@ def colmap_matrices(text: str) -> list[FloatArray]:
 def _matrix(numbers: list[float], name: str) -> FloatArray:
     """World from sensor, of a quaternion w x y z and a translation that go the other way."""
     w, x, y, z = numbers[:4]
-    length = float(np.linalg.norm([w, x, y, z]))
-    if not abs(length - 1) < 0.1:
-        raise InputError(f"image {name!r} has a quaternion of length {length:.3g}, which is no rotation")
-    back = Rotation.from_quat([x, y, z, w]).as_matrix().T
+    back = rotation_of([x, y, z, w], f"image {name!r}").T
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = back, -back @ np.array(numbers[4:])
     return matrix

@@ -12,6 +12,7 @@ from scenes.checks import FloatArray, InputError
 
 DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 _MOST_DISPARITY = 2047  # 11 bits; that number itself means that nothing was measured
+_EIGHT_BITS = 255
 _TURNED = 0.9  # share of multiples of 8; one in eight by chance, all of depths below 8.2 m by turned bits
 _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - disparity), of the NYU toolbox
 
@@ -60,6 +61,14 @@ def _kinect_depth(words: NDArray[np.uint16]) -> FloatArray:
     disparity = words.astype(np.float64)
     known = (disparity > 0) & (disparity < _KINECT_OFFSET - 1)
     return np.where(known, _KINECT_M / (_KINECT_OFFSET - np.where(known, disparity, 0.0)), 0.0)
+
+
+def depth_warnings(counts: FloatArray) -> tuple[str, ...]:
+    """Say where a wide image holds no more than 8 bits, so that depths are steps."""
+    known = counts[np.isfinite(counts) & (counts != 0)]
+    if not len(known) or known.max() > _EIGHT_BITS or (known != np.floor(known)).any():
+        return ()
+    return (f"its depths are whole numbers up to {known.max():g}: 8-bit depth in a wider image?",)
 
 
 def suspected_encoding(counts: FloatArray) -> str:

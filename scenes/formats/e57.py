@@ -4,21 +4,22 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import uuid
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.documents import parse_json
 from scenes.formats.e57_inferred import INFERRED
+from scenes.formats.e57_structure import check_e57
 from scenes.formats.grid import GridFit, fit_grid, organised_scan
 from scenes.formats.guard import check_size, import_extra
-from scenes.formats.header import FORMAT, colour_from_bytes, described, projection_from_dict
+from scenes.formats.header import FORMAT, checked_bytes, colour_from_bytes, described, projection_from_dict
 from scenes.formats.raw_points import RawPoints
-from scenes.pose import Pose
+from scenes.pose import Pose, rotation_of
 from scenes.range_image import RangeImage
 from scenes.station import scan_from_station
 
@@ -31,9 +32,16 @@ _CURE = (
 )
 
 
+def _open(path: Path) -> Any:
+    """Open a file whose structure was checked."""
+    module = import_extra("pye57", "e57")
+    check_e57(path)
+    return module.E57(str(path))
+
+
 def count_e57(path: Path) -> int:
     """Return how many scans the file holds; clouds of inferred points are none."""
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         return len(_measured(file))
 
 
@@ -55,7 +63,7 @@ def read_e57(path: Path, index: int) -> RangeImage:
     InputError
         Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
     """
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         scans = _measured(file)
         own = scans[index]
         header = file.get_header(own)
@@ -76,7 +84,8 @@ def read_e57(path: Path, index: int) -> RangeImage:
         raise InputError(f"scan {index + 1} has no valid point")
     name = name or (f"{path.stem}#{index + 1}" if several else path.stem)
     light = None if data.get("intensity") is None else np.asarray(data["intensity"], np.float32)[kept]
-    return _grid(points, row, column, _colours(data, kept), light, pose, description, name)
+    left_out = _left_out(local)
+    return _grid(points, row, column, _colours(data, kept), light, pose, description, name, left_out)
 
 
 def _projected(path: Path, index: int, name: str) -> RangeImage:
@@ -92,7 +101,7 @@ def read_e57_points(path: Path, index: int) -> RawPoints:
     Structured or not; a scan without pose and grid may have been merged from several, so that its place is
     None.
     """
-    with import_extra("pye57", "e57").E57(str(path)) as file:
+    with _open(path) as file:
         own = _measured(file)[index]
         header = file.get_header(own)
         data = file.read_scan_raw(own, ignore_unsupported_fields=True)
@@ -104,8 +113,15 @@ def read_e57_points(path: Path, index: int) -> RawPoints:
     return RawPoints(
         world,
         origins=pose.translation if is_one_scan else None,
-        colour=None if colours is None else np.asarray(np.rint(colours * 255), dtype=np.uint8),
+        colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
+        warnings=_left_out(points),
     )
+
+
+def _left_out(points: FloatArray) -> tuple[str, ...]:
+    """Say how many points are not finite."""
+    n_bad = int((~np.isfinite(points).all(axis=1)).sum())
+    return (f"{n_bad} of {len(points)} points are not finite and were left out",) if n_bad else ()
 
 
 def _grid(
@@ -117,6 +133,7 @@ def _grid(
     pose: Pose,
     description: str,
     name: str,
+    left_out: tuple[str, ...],
 ) -> RangeImage:
     """Sort points into their pixels and find the projection; of several returns the first is kept."""
     ours = _ours(description)
@@ -138,15 +155,16 @@ def _grid(
             channels[k] = np.zeros(shape, np.float32)
             channels[k][row[::-1], column[::-1]] = values[::-1]
     scan = organised_scan(image, fit or fit_grid(image), pose, channels[0], name, channels[1])
-    return described(scan, ours)
+    n_more = len(points) - int(np.isfinite(image).all(axis=-1).sum())
+    several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
+    return replace(described(scan, ours), warnings=(*left_out, *several))
 
 
 def _ours(description: str) -> dict[str, Any] | None:
     """Return the header that `write_e57` put into the description, None for foreign files."""
     if FORMAT not in description:
         return None
-    header: dict[str, Any] = json.loads(description)
-    return header
+    return parse_json(description, dict)
 
 
 def _text(header: Any, field: str) -> str:
@@ -161,9 +179,7 @@ def _read_pose(header: Any) -> Pose:
     rotation, translation = np.eye(3), np.zeros(3)
     if node.isDefined("rotation"):
         quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
-        if not np.isfinite(quaternion).all() or np.linalg.norm(quaternion) < 1e-9:
-            raise InputError(f"its pose has the quaternion {quaternion.tolist()}, which is no rotation")
-        rotation = Rotation.from_quat(quaternion).as_matrix()
+        rotation = rotation_of(quaternion, "its pose")
     if node.isDefined("translation"):
         translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
     return Pose.from_parts(rotation, translation)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
     if not scans and not inferred:
         raise InputError("there is no scan to write")
     lib = import_extra("pye57", "e57").libe57
-    with atomic_path(path) as temporary:
+    with atomic_path(path) as temporary, _library_writes(lib, path):
         image_file = lib.ImageFile(str(temporary), "w")
         try:
             data3d = _begin(lib, image_file)
@@ -53,6 +54,16 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
                 _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], cloud.columns())
         finally:
             image_file.close()
+
+
+@contextmanager
+def _library_writes(lib: Any, path: Path) -> Iterator[None]:
+    """Turn what the library says of a full disk, in many lines, into an InputError that names the file."""
+    try:
+        yield
+    except lib.E57Exception as error:
+        cause = str(error).strip().partition("\n")[0]
+        raise InputError(f"{path}: cannot write: {cause}; is the disk full?") from error
 
 
 def _begin(lib: Any, image_file: Any) -> Any:

@@ -4,15 +4,19 @@
 from __future__ import annotations
 
 import importlib
+import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from scenes.checks import InputError
+import numpy as np
 
-MAX_BYTES = 4 << 30  # what one file may unpack to; a lying header or a zip bomb asks for more
-MAX_PIXELS = 200_000_000
+from scenes.checks import InputError
+from scenes.limits import check_limit, current_limits
+
+_LONGEST = 1200  # characters of a message: a path may have hundreds
 
 
 @contextmanager
@@ -30,41 +34,81 @@ def reading(path: Path, what: str) -> Iterator[None]:
         What it should be, for the message: "an E57 file".
     """
     try:
-        yield
+        with np.errstate(all="ignore"):  # what overflows is no finite number and found by its check
+            yield
     except InputError as error:
-        cause = _one_line(str(error))
-        raise InputError(cause if cause.startswith(_one_line(str(path))) else f"{path}: {cause}") from error
+        cause = one_line(str(error))
+        raise InputError(cause if cause.startswith(one_line(str(path))) else f"{path}: {cause}") from error
     except MemoryError as error:
         raise InputError(f"{path}: does not fit into memory") from error
     except Exception as error:
         lines = str(error).strip().splitlines()
-        cause = _one_line(lines[0])[:200] if lines else type(error).__name__
+        cause = one_line(lines[0])[:200] if lines else type(error).__name__
         raise InputError(f"{path}: cannot be read as {what}: {cause}") from error
 
 
-def _one_line(text: str) -> str:
-    """Return `text` without line ends and control characters; a damaged file's own words may hold any."""
-    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+def one_line(text: str) -> str:
+    """Return `text` as a line of bounded length without control characters; damaged files hold any words."""
+    line = " ".join(
+        "".join(letter if letter.isprintable() else " " for letter in text[: 4 * _LONGEST]).split()
+    )
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 4 :]}"
 
 
-def check_file(path: Path) -> Path:
-    """Return `path` when it is a file with something in it; raise InputError otherwise."""
-    if not path.exists():
+def check_file(path: Path, limit: str = "file_bytes") -> Path:
+    """Return `path` when it is a file with something in it, no larger than a limit.
+
+    Parameters
+    ----------
+    path : Path
+        Links are followed.
+    limit : str
+        The field of `scenes.limits.Limits` that its bytes are held against.
+
+    Raises
+    ------
+    InputError
+        Nothing there, a folder, a pipe or device, 0 bytes, or too large.
+    """
+    state = _state_of(path)
+    if state is None:
         raise InputError(f"{path}: no such file")
-    if path.is_dir():
+    if stat.S_ISDIR(state.st_mode):
         raise InputError(f"{path}: is a folder, not a file")
-    if path.stat().st_size == 0:
+    if not stat.S_ISREG(state.st_mode):
+        raise InputError(f"{path}: is a pipe or device, not a file; write what it gives to a file first")
+    if state.st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes)")
+    check_limit(limit, state.st_size, f"{path}: its bytes")
     return path
+
+
+def is_there(path: Path) -> bool:
+    """Tell whether a file or folder is there; a name that no file can have is not."""
+    try:
+        return _state_of(path) is not None
+    except InputError:
+        return False
+
+
+def _state_of(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        cause = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"{one_line(str(path))}: cannot be read: {cause}") from error
 
 
 def check_size(rows: int, columns: int) -> None:
     """Raise InputError when an image of rows x columns would be unreasonable."""
-    if rows < 1 or columns < 1 or rows * columns > MAX_PIXELS:
+    if rows < 1 or columns < 1:
         raise InputError(
-            f"a grid of {rows} x {columns} pixels is not usable (1 to {MAX_PIXELS:,} pixels); "
+            f"a grid of {rows} x {columns} pixels is not usable (1 to {current_limits().pixels:,} pixels); "
             "is the header damaged?"
         )
+    check_limit("pixels", rows * columns, f"pixels of a grid of {rows} x {columns} (is its header damaged?)")
 
 
 def import_extra(module: str, extra: str) -> Any:

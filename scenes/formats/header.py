@@ -12,6 +12,7 @@ import numpy as np
 
 from scenes.atomic import to_plain
 from scenes.checks import FloatArray, InputError
+from scenes.formats.documents import parse_json
 from scenes.formats.guard import check_size
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection, Projection, SphericalProjection
@@ -60,6 +61,7 @@ def projection_from_dict(values: dict[str, Any]) -> Projection:
         check_size(height, width)
         return PinholeProjection(width, height, *(float(values[name]) for name in ("fx", "fy", "cx", "cy")))
     if values.get("kind") == "spherical":
+        check_size(len(values["elevations"]), len(values["azimuths"]))
         return SphericalProjection(np.array(values["azimuths"]), np.array(values["elevations"]))
     raise InputError(f"unknown projection {values.get('kind')!r} in the header")
 
@@ -77,16 +79,35 @@ def scan_from_header(
     """Return the scan of a header and its pixels; a pose given here replaces the header's."""
     if header.get("format") != FORMAT:
         raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
+    held = np.asarray(ranges, dtype=np.float64)
     scan = RangeImage(
-        ranges,
+        held,
         projection_from_dict(header["projection"]),
         world_from_sensor or pose_from_header(header),
         colour=colour,
         sensor_points=sensor_points,
         intensity=intensity,
         truth=truth,
+        warnings=range_warnings(held),
     )
     return described(scan, header)
+
+
+def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
+    """Say how many ranges or depths are negative, as no beam's is; they count as no return.
+
+    Raises
+    ------
+    InputError
+        Most of those that are known are.
+    """
+    n_negative, n_known = int((ranges < 0).sum()), int(np.isfinite(ranges[ranges != 0]).sum())
+    if 2 * n_negative > n_known:
+        raise InputError(
+            f"{n_negative} of {n_known} ranges or depths are negative: they lie behind the camera, as where "
+            "z points backwards (OpenGL); turn their sign"
+        )
+    return (f"{n_negative} negative ranges were left out",) if n_negative else ()
 
 
 def pose_from_header(header: dict[str, Any]) -> Pose:
@@ -119,8 +140,7 @@ def from_comments(comments: Iterable[str]) -> dict[str, Any] | None:
     parts = [c[len(_TAG) : -1] for c in comments if c.startswith(_TAG) and c.endswith("|")]
     if not parts:
         return None
-    header: dict[str, Any] = json.loads("".join(parts))
-    return header
+    return parse_json("".join(parts), dict)
 
 
 def colour_bytes(scan: RangeImage) -> Any:
@@ -129,6 +149,14 @@ def colour_bytes(scan: RangeImage) -> Any:
         return None
     safe = np.nan_to_num(np.asarray(scan.colour, dtype=np.float64), nan=0.0)
     return np.clip(np.rint(safe * 255), 0, 255).astype(np.uint8)
+
+
+def checked_bytes(colour: Any) -> Any:
+    """Return colours that are to be 0..255 as uint8; raise InputError for others."""
+    values = np.asarray(colour)
+    if values.size and not (values.min() >= 0 and values.max() <= 255):
+        raise InputError(f"colours are to be in 0..255, got {values.min():.6g}..{values.max():.6g}")
+    return values.astype(np.uint8)
 
 
 def colour_from_bytes(colour: Any) -> Any:

@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
-import json
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from scenes.atomic import atomic_path, json_text
+from scenes.atomic import json_text, write_bytes
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
+from scenes.formats.documents import parse_json
 from scenes.formats.guard import import_extra
 from scenes.formats.las_header import check_las
 from scenes.formats.raw_points import RawPoints
@@ -23,6 +24,7 @@ _USER, _RECORD_BYTES = "unseen", 65_000  # our header goes in records of at most
 _MOST = 65_535
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
+_PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
 
 
 def read_las_points(path: Path) -> RawPoints:
@@ -45,9 +47,14 @@ def read_las_points(path: Path) -> RawPoints:
 
 def _open(path: Path) -> Any:
     laspy = import_extra("laspy", "las")
-    check_las(path)
-    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
-        return opened.read()
+    try:
+        check_las(path)
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
+            return opened.read()
+    except BaseException as error:
+        if type(error).__name__ != _PANIC:
+            raise
+        raise InputError(f"damaged: its packed points cannot be unpacked: {error}") from error
 
 
 def _colour(cloud: Any) -> ColourArray | None:
@@ -86,8 +93,7 @@ def _read_header(cloud: Any) -> Mapping[str, Any] | None:
     if not parts or not {"row", "column"} <= names:
         return None
     text = b"".join(vlr.record_data_bytes() for vlr in sorted(parts, key=lambda vlr: int(vlr.record_id)))
-    header: Mapping[str, Any] = json.loads(text)
-    return header
+    return parse_json(text, dict)
 
 
 def write_las(scan: RangeImage, path: Path) -> None:
@@ -126,8 +132,9 @@ def write_las(scan: RangeImage, path: Path) -> None:
     if cloud.colour is not None:
         data.red, data.green, data.blue = cloud.colour.astype(np.uint16).T * 257
     packed = path.suffix.lower() == ".laz"
-    with atomic_path(path) as temporary:
-        data.write(str(temporary), do_compress=packed, laz_backend=laspy.LazBackend.Lazrs)
+    whole = io.BytesIO()
+    data.write(whole, do_compress=packed, laz_backend=laspy.LazBackend.Lazrs)
+    write_bytes(path, whole.getvalue())
 
 
 def _step(offsets: FloatArray) -> float:

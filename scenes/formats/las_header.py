@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from scenes.checks import InputError
-from scenes.formats.guard import MAX_BYTES
+from scenes.formats.guard import import_extra
+from scenes.formats.laz_chunks import check_chunks
+from scenes.limits import check_limit, check_unpacked
 
 _START = 375  # bytes of the longest header, LAS 1.4
+_EXTENDED_LENGTH = 20  # where an extended record tells its length
 _VLR, _EVLR, _CHUNK = 54, 60, 2  # least bytes of a record, an extended one, a packed chunk's entry and data
 _PACKED = 0xC0  # bits of the point format that say the points are compressed
-_RATIO = 1000  # no scan packs better
 
 
 def check_las(path: Path) -> None:
@@ -35,15 +37,26 @@ def check_las(path: Path) -> None:
             raise InputError(f"damaged: {n_records} records before points at byte {offset} of {size}")
         if n_extended and (first_extended > size or n_extended * _EVLR > size):
             raise InputError(f"damaged: {n_extended} records from byte {first_extended} of {size}")
+        _check_extended(file, first_extended, n_extended, size)
         is_packed, unpacked = bool(point_format & _PACKED), count * length
         if is_packed:
             file.seek(offset)
             _check_chunks(file, size)
-    room = (size - offset) * (_RATIO if is_packed else 1)
-    if unpacked > room:
+            check_chunks(import_extra("lazrs", "las"), file, size, length, count)
+    if not is_packed and unpacked > size - offset:
         raise InputError(f"truncated: {count:,} points of {length} bytes announced, {size} bytes present")
-    if unpacked > MAX_BYTES:
-        raise InputError(f"announces {count:,} points, which is too many")
+    check_limit("points", count, "its points")
+    check_unpacked(unpacked, size, "it")
+
+
+def _check_extended(file: BinaryIO, start: int, n_records: int, size: int) -> None:
+    """Look at the lengths of the records behind the points."""
+    for number in range(1, n_records + 1):
+        file.seek(start + _EXTENDED_LENGTH)
+        length = int.from_bytes(file.read(8), "little")
+        start += _EVLR + length
+        if start > size:
+            raise InputError(f"truncated: extended record {number} ends at byte {start:,} of {size}")
 
 
 def _check_chunks(file: BinaryIO, size: int) -> None:

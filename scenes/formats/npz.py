@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,8 @@ import numpy as np
 
 from scenes.atomic import atomic_path, json_text
 from scenes.checks import InputError
-from scenes.formats.guard import MAX_BYTES
+from scenes.formats.arrays import ArrayFile, open_arrays
+from scenes.formats.documents import parse_json
 from scenes.formats.header import scan_from_header, scan_header
 from scenes.formats.trajectory import rounded_pose
 from scenes.projection import PinholeProjection
@@ -42,11 +41,7 @@ def write_npz(scan: RangeImage, path: Path) -> None:
 
 def read_npz(path: Path) -> list[RangeImage]:
     """Return the scans of a file of ours (one), or of a benchmark file with `range_tenth_mm` (several)."""
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(entry.file_size for entry in archive.infolist())
-    if unpacked > MAX_BYTES:
-        raise InputError(f"unpacks to {unpacked:,} bytes; at most {MAX_BYTES:,} are read")
-    with np.load(path, allow_pickle=False) as arrays:
+    with open_arrays(path) as arrays:
         if "header" in arrays.files and "ranges" in arrays.files:
             return [_read_ours(arrays)]
         if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
@@ -58,17 +53,19 @@ def read_npz(path: Path) -> list[RangeImage]:
     )
 
 
-def _read_ours(arrays: Any) -> RangeImage:
+def _read_ours(arrays: ArrayFile) -> RangeImage:
     """One scan written by `write_npz`."""
     truth = None
     if "truth_face" in arrays.files:
         known = [name for name in TRUTH_CHANNELS if f"truth_{name}" in arrays.files]
         truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in known})
-    optional = {name: arrays[name] for name in _OPTIONAL if name in arrays.files}
-    return scan_from_header(json.loads(str(arrays["header"])), arrays["ranges"], truth=truth, **optional)
+    optional: dict[str, Any] = {name: arrays[name] for name in _OPTIONAL if name in arrays.files}
+    return scan_from_header(
+        parse_json(str(arrays["header"]), dict), arrays["ranges"], truth=truth, **optional
+    )
 
 
-def _read_tenth_mm(arrays: Any, stem: str) -> list[RangeImage]:
+def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
     """Several pinhole scans: ranges along the ray in 0.1 mm, 0 = none; poses; shared intrinsics."""
     ranges, poses = arrays["range_tenth_mm"], arrays["world_from_sensor"]
     fx, fy, cx, cy = (float(value) for value in arrays["intrinsics"])

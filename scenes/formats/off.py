@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from scenes.atomic import write_text
 from scenes.checks import ColourArray, FloatArray, InputError, check_faces
-from scenes.formats.guard import MAX_BYTES
 
 _HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 
@@ -50,8 +49,6 @@ def read_off(path: Path) -> OffMesh:
     InputError
         Binary or four-dimensional, truncated, or a line that is no vertex or face: it is numbered.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
     lines = _lines(path)
     kind = _HEADER.match(lines[0][1]) if lines else None
     if kind is None or "BINARY" in lines[0][1].upper():

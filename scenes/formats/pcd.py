@@ -26,12 +26,15 @@ from scenes.formats.header import (
     to_comments,
 )
 from scenes.formats.raw_points import RawPoints
-from scenes.pose import Pose
+from scenes.limits import check_limit, check_unpacked
+from scenes.pose import Pose, rotation_of
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage
 from scenes.station import scan_from_station
 
 _MAX_HEADER = 1 << 22  # bytes
+_MOST_LINES = 10  # of a header, comments apart: pypcd4 reads no more
+_MOST_VALUES = 4096  # of one point; descriptors have a few hundred
 _NORMALS = ("normal_x", "normal_y", "normal_z")
 _INTENSITIES = ("intensity", "Intensity", "intensities")
 
@@ -43,6 +46,7 @@ class _PcdHeader:
     width: int
     height: int
     point_bytes: int
+    point_values: int
     encoding: str
     comments: tuple[str, ...]
     data_offset: int
@@ -64,13 +68,11 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     header = _read_header(path)
     if header.height == 1:
         return _projected(path, header)
-    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    cloud = _read_cloud(path, header)
     values, shape = cloud.pc_data, (header.height, header.width)
     missing = {"x", "y", "z"} - set(values.dtype.names)
-    if missing or len(values) != header.height * header.width:
-        raise InputError(
-            f"{len(values)} points with fields {values.dtype.names}, expected x, y, z for {shape}"
-        )
+    if missing:
+        raise InputError(f"has points with fields {values.dtype.names}, expected x, y, z for {shape}")
     points = _columns(values, "xyz").astype(np.float64).reshape(*shape, 3)
     points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
     colour = _unpack_colour(values, shape)
@@ -99,13 +101,15 @@ def read_pcd_points(path: Path) -> RawPoints:
     Normals and place are None where the file does not tell; without a grid a default VIEWPOINT says nothing.
     """
     header = _read_header(path)
-    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    cloud = _read_cloud(path, header)
     values, pose = cloud.pc_data, _viewpoint(cloud.metadata.viewpoint)
     missing = {"x", "y", "z"} - set(values.dtype.names)
     if missing:
         raise InputError(f"has the fields {', '.join(values.dtype.names)}; x, y, z are needed")
     points = _columns(values, "xyz").astype(np.float64)
     kept = np.isfinite(points).all(axis=1)
+    n_bad = 0 if header.height > 1 else int((~kept).sum())
+    left_out = (f"{n_bad} of {len(kept)} points are not finite and were left out",) if n_bad else ()
     if header.height > 1:  # an organised cloud says "nothing came back" by NaN or by zeros
         kept &= (points != 0).any(axis=1)
     normals, colour = _columns(values, _NORMALS), _unpack_colour(values, (1, len(values)))
@@ -113,6 +117,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         points[kept],
         None if normals is None else normals.astype(np.float64)[kept],
         colour=None if colour is None else np.asarray(np.rint(colour[0] * 255), dtype=np.uint8)[kept],
+        warnings=left_out,
     )
     if np.allclose(pose.matrix, np.eye(4)):
         return replace(held, origins=pose.translation if header.height > 1 else None)
@@ -121,14 +126,33 @@ def read_pcd_points(path: Path) -> RawPoints:
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
-        return replace(held, points=scan.points()[scan.valid], origins=scan.world_from_sensor.translation)
+        seen = None if colour is None else colour.reshape(*scan.shape, 3)[scan.valid]
+        return replace(
+            held,
+            points=scan.points()[scan.valid],
+            origins=scan.world_from_sensor.translation,
+            colour=None if seen is None else np.asarray(np.rint(seen * 255), dtype=np.uint8),
+        )
     return replace(
         held,
         points=pose.apply(held.points),
         normals=None if held.normals is None else pose.rotate(held.normals),
         origins=pose.translation,
-        warnings=("moved from the sensor's frame to the world by VIEWPOINT",),
+        warnings=(*left_out, "moved from the sensor's frame to the world by VIEWPOINT"),
     )
+
+
+def _read_cloud(path: Path, header: _PcdHeader) -> Any:
+    """The cloud as pypcd4 reads it, which must have understood the header as we do."""
+    cloud = import_extra("pypcd4", "pcd").PointCloud.from_path(path)
+    held, n_points = cloud.metadata, header.width * header.height
+    found = (held.width, held.height, held.points, held.data.value, len(cloud.pc_data))
+    if found != (header.width, header.height, n_points, header.encoding, n_points):
+        raise InputError(
+            f"{len(cloud.pc_data)} points of {held.points} announced for WIDTH {header.width} and HEIGHT "
+            f"{header.height} ({header.encoding}): is its header damaged?"
+        )
+    return cloud
 
 
 def _columns(values: Any, names: Iterable[str]) -> Any:
@@ -177,11 +201,25 @@ def _read_header(path: Path) -> _PcdHeader:
     lines = text[: end + 1].decode("ascii", errors="replace").splitlines()
     words = {line.split()[0].upper(): line.split()[1:] for line in lines if line.strip() and line[0] != "#"}
     width, height = int(words["WIDTH"][0]), int(words.get("HEIGHT", ["1"])[0])
-    check_size(height, width)
+    check_limit("points", width * height, "its points")
+    if height != 1:
+        check_size(height, width)
+    elif width < 1:
+        raise InputError("announces no point")
     counts = [int(count) for count in words.get("COUNT", ["1"] * len(words["SIZE"]))]
+    if min(counts) < 1 or set(words["SIZE"]) - {"1", "2", "4", "8"}:
+        raise InputError(f"its fields have the sizes {words['SIZE']} and counts {counts}")
+    if sum(counts) > _MOST_VALUES or len(words) > _MOST_LINES:
+        raise InputError(
+            f"its header has {len(words)} lines and gives a point {sum(counts)} values; expected at most "
+            f"{_MOST_LINES} lines and {_MOST_VALUES} values"
+        )
+    announced = int(words.get("POINTS", [str(width * height)])[0])
+    if announced != width * height:
+        raise InputError(f"announces {announced} points in {width} x {height}: are rows or columns missing?")
     point_bytes = sum(int(size) * count for size, count in zip(words["SIZE"], counts, strict=True))
     encoding = words["DATA"][0].lower()
-    header = _PcdHeader(width, height, point_bytes, encoding, _comments(lines), end + 1)
+    header = _PcdHeader(width, height, point_bytes, sum(counts), encoding, _comments(lines), end + 1)
     _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
     return header
 
@@ -194,8 +232,12 @@ def _check_length(header: _PcdHeader, file_bytes: int, start: bytes) -> None:
     """Raise when the file is shorter than its header says, or would unpack to something else."""
     expected = header.width * header.height * header.point_bytes
     held = file_bytes - header.data_offset
+    check_unpacked(expected, file_bytes, "it")
     if header.encoding == "binary" and held < expected:
         raise InputError(f"truncated: {expected} bytes of points announced, {held} present")
+    least = header.width * header.height * header.point_values * 2 - 1  # a digit and a blank each
+    if header.encoding == "ascii" and held < least:
+        raise InputError(f"truncated: {least} bytes of points at least announced, {held} present")
     if header.encoding == "binary_compressed":
         packed, unpacked = (int(number) for number in np.frombuffer(start.ljust(8, b"\0"), "<u4"))
         if held < 8 + packed or unpacked != expected:
@@ -207,10 +249,8 @@ def _check_length(header: _PcdHeader, file_bytes: int, start: bytes) -> None:
 
 def _viewpoint(viewpoint: tuple[float, ...]) -> Pose:
     """Pose of a VIEWPOINT tx ty tz qw qx qy qz."""
-    quaternion = np.array(viewpoint[3:7], dtype=np.float64)
-    if not np.isfinite(quaternion).all() or np.linalg.norm(quaternion) < 1e-9:
-        raise InputError(f"VIEWPOINT has the quaternion {quaternion.tolist()}, which is no rotation")
-    rotation = Rotation.from_quat(quaternion[[1, 2, 3, 0]]).as_matrix()
+    w, x, y, z = viewpoint[3:7]
+    rotation = rotation_of([x, y, z, w], "VIEWPOINT")
     return Pose.from_parts(rotation, np.array(viewpoint[:3], dtype=np.float64))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scenes.atomic import write_bytes
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
-from scenes.formats.guard import MAX_BYTES, check_file, reading
+from scenes.formats.guard import check_file, reading
 
 _TYPE_OF_NAME = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -161,8 +161,6 @@ class _Element:
 
 
 def _read(path: Path) -> PlyMesh:
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
     data = path.read_bytes()
     elements, comments, offset = _parse_header(data)
     vertices, properties = np.zeros((0, 3)), {}

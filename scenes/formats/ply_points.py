@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.formats.guard import MAX_BYTES
 from scenes.formats.raw_points import RawPoints
 
 _TYPES = {
@@ -39,8 +38,6 @@ def read_ply_points(path: Path) -> RawPoints:
     InputError
         No PLY, truncated, vertices without x, y, z, or behind another element in a binary file.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
     data = path.read_bytes()
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.guard import MAX_BYTES
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
@@ -80,8 +79,6 @@ def read_point_table(path: Path) -> PointTable:
 
 def _decode(path: Path) -> str:
     """Return the text with plain line ends."""
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes; store so many points as .ply, .las or .npz")
     data = path.read_bytes()
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = data.decode("utf-16", errors="replace")
@@ -172,7 +169,7 @@ def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:
 
 def _names(line: str) -> list[str]:
     """Return the column names of a header line, lower case and without units: "X [mm]" is x."""
-    plain = re.sub(r"[\[(][^\])]*[\])]", " ", line.lower())
+    plain = re.sub(r"[\[(][^\[\](\)]*[\])]", " ", line.lower())
     words = [word for word in re.split(r"[\s#/%!]+", plain) if word]
     words = [re.sub(r"_(?:m|mm|cm|in)$", "", word) for word in words]
     return words if any(_NAME.search(word) for word in words) else []
@@ -196,7 +193,11 @@ def _parse(lines: list[str], layout: _Layout) -> FloatArray:
     try:
         table = np.loadtxt(io.StringIO(body), comments=["#", "//", "%", "!"], usecols=layout.columns, ndmin=2)
     except ValueError as error:
-        if layout.columns == tuple(range(6)) and _fewer_columns(lines, layout):
+        if (
+            not layout.normals_are_named
+            and layout.columns == tuple(range(6))
+            and _fewer_columns(lines, layout)
+        ):
             return _parse(lines, _Layout(layout.first, (0, 1, 2), layout.count, layout.warnings))
         raise InputError(_wrong_line(lines, layout) or str(error)) from error
     return np.asarray(table, dtype=np.float64)

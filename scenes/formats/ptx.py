@@ -16,7 +16,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.formats.e57 import SCANNER_FROM_SENSOR
 from scenes.formats.grid import fit_grid, organised_scan
 from scenes.formats.guard import check_size
-from scenes.formats.header import colour_bytes, colour_from_bytes
+from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes
 from scenes.formats.raw_points import RawPoints
 from scenes.formats.trajectory import rounded_pose
 from scenes.pose import Pose
@@ -73,7 +73,7 @@ def read_ptx_points(path: Path, index: int) -> RawPoints:
     found, _ = _scan(path, index)
     table = found.table.reshape(-1, found.table.shape[2])
     table = table[(table[:, :3] != 0).any(axis=1)]
-    colour = table[:, 4:7].astype(np.uint8) if table.shape[1] == 7 else None
+    colour = checked_bytes(table[:, 4:7]) if table.shape[1] == 7 else None
     return RawPoints(found.pose.apply(table[:, :3]), origins=found.pose.translation, colour=colour)
 
 

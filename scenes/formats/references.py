@@ -1,20 +1,38 @@
 # SPDX-License-Identifier: MIT
-"""References: the files that a mesh file names, all of which must lie within its folder."""
+"""References: the files that a mesh file names, all of which must lie within its folder, and are checked."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
 from urllib.parse import unquote
 
 from scenes.checks import InputError
+from scenes.formats.guard import check_file
+from scenes.formats.image import check_image
 
 _MAX_HEADER = 1 << 22  # bytes
-_MAX_JSON = 1 << 28  # bytes
-_PACKED = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}  # without it there is no geometry
+
+
+EMPTY: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class NamedFiles:
+    """What a mesh names beside it.
+
+    Attributes
+    ----------
+    warnings : tuple of str
+        Files and materials that are named but not there, so that their colour is lost.
+    texels : int
+        Pixels of the textures that are there.
+    """
+
+    warnings: tuple[str, ...]
+    texels: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +51,7 @@ class _Named:
     path: Path
 
 
-def check_references(file: Path) -> tuple[str, ...]:
+def check_references(file: Path, content: Mapping[str, Any] = EMPTY) -> NamedFiles:
     """Check that every file which a mesh names lies within the mesh's folder, and say which are missing.
 
     Material libraries and maps of OBJ, buffers and images of glTF, the texture of PLY.
@@ -42,25 +60,33 @@ def check_references(file: Path) -> tuple[str, ...]:
     ----------
     file : Path
         The mesh file.
+    content : mapping
+        The JSON of a glTF; empty for others.
 
     Returns
     -------
-    tuple of str
-        Warnings: files and materials that are named but not there, so that their colour is lost.
+    NamedFiles
+    ----------
+        What is missing, and how large what is there is.
 
     Raises
     ------
     InputError
-        A name that leads out of the folder: nothing there is opened.
+        A name that leads out of the folder: nothing there is opened. A texture that is no image, or larger
+        than the limits allow.
     """
     suffix = file.suffix.lower()
+    images: list[_Named] = []
+    warnings: list[str] = []
     if suffix == ".obj":
-        return tuple(_check_obj(file))
-    if suffix in (".gltf", ".glb"):
-        return tuple(_check_gltf(file))
-    if suffix == ".ply":
-        return tuple(_missing_textures(_ply_textures(file), file))
-    return ()
+        images, warnings = _check_obj(file)
+    elif suffix in (".gltf", ".glb"):
+        entries = content.get("images") or []
+        images = [named for entry in entries for named in _uri(entry, file)]
+    elif suffix == ".ply":
+        images = _ply_textures(file)
+    there = {image.path: image for image in images if image.path.is_file()}
+    return NamedFiles((*warnings, *_missing_textures(images, file)), sum(map(check_image, there)))
 
 
 def within_folder(folder: Path, text: str) -> Path:
@@ -82,26 +108,57 @@ def within_folder(folder: Path, text: str) -> Path:
     return folder / name
 
 
-def _check_obj(file: Path) -> Iterator[str]:
-    """Look at the libraries, their maps and the materials."""
+class Beside:
+    """What a decoder may open beside a mesh: files within its folder, by the names that it gives them.
+
+    Parameters
+    ----------
+    file : Path
+        The mesh.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.file_name = file.name
+        self._folder = file.parent
+
+    def get(self, name: str) -> bytes:
+        """Return the bytes of a file.
+
+        Raises
+        ------
+        InputError
+            As `within_folder` and `check_file`.
+        """
+        return check_file(within_folder(self._folder, name.strip())).read_bytes()
+
+    __getitem__ = get
+
+
+def _check_obj(file: Path) -> tuple[list[_Named], list[str]]:
+    """Look at the library, its maps and the materials: images, and what to warn of."""
+    warnings: list[str] = []
     libraries, used = _obj_words(file)
     defined: set[str] = set()
-    for text in libraries:
+    images: list[_Named] = []
+    if len(libraries) > 1:
+        warnings.append(f"names {len(libraries)} material files; only the first, {libraries[0]!r}, is read")
+    for text in libraries[:1]:
         library = within_folder(file.parent, text)
         if not library.is_file():
-            yield f"its material file {text!r} is missing: colours and textures are lost"
-            return
+            return [], [f"its material file {text!r} is missing: colours and textures are lost"]
         materials, maps = _mtl_words(library)
         defined |= materials
-        for name in maps:
-            if name.startswith("-"):
-                yield f"the texture {name!r} is left out: options before a file name are not known"
+        warnings += [
+            f"the texture {name!r} is left out: options before a file name are not known"
+            for name in maps
+            if name.startswith("-")
+        ]
         images = [_Named(one, within_folder(file.parent, one)) for one in map(_without_options, maps)]
-        yield from _missing_textures(images, file)
     unknown = sorted(used - defined)
     if libraries and unknown:
         n, first = len(unknown), repr(unknown[0])
-        yield f"materials used but not defined: {n} (first {first}); what they cover is grey"
+        warnings.append(f"materials used but not defined: {n} (first {first}); what they cover is grey")
+    return images, warnings
 
 
 def _obj_words(file: Path) -> tuple[list[str], set[str]]:
@@ -122,7 +179,8 @@ def _obj_words(file: Path) -> tuple[list[str], set[str]]:
 def _mtl_words(library: Path) -> tuple[set[str], list[str]]:
     """Materials of a library, and what it says of their maps."""
     materials, maps = set(), []
-    for line in library.read_text("utf-8", errors="replace").splitlines():
+    text = check_file(library, "json_bytes").read_bytes().decode("utf-8", errors="replace")
+    for line in text.splitlines():
         keyword, _, rest = line.strip().partition(" ")
         if keyword == "newmtl":
             materials.add(rest.strip())
@@ -134,35 +192,6 @@ def _mtl_words(library: Path) -> tuple[set[str], list[str]]:
 def _without_options(text: str) -> str:
     """Return the file name of a map, which stands after options such as `-s 1 1 1`."""
     return text.split()[-1] if text.startswith("-") else text
-
-
-def _check_gltf(file: Path) -> Iterator[str]:
-    """Look at buffers and images; buffers must be there, and not packed in a way that is not known."""
-    content = _gltf_json(file)
-    packed = sorted(_PACKED & set(content.get("extensionsRequired") or ()))
-    if packed:
-        raise InputError(f"needs the extension {packed[0]}, which is not known; save it without compression")
-    for entry in content.get("buffers") or []:
-        for named in _uri(entry, file):
-            if not named.path.is_file():
-                raise InputError(f"its buffer {named.text!r} is missing; put it beside the file")
-    images = [named for entry in content.get("images") or [] for named in _uri(entry, file)]
-    yield from _missing_textures(images, file)
-
-
-def _gltf_json(file: Path) -> dict[str, Any]:
-    """Return the JSON part of a glTF or GLB file."""
-    with file.open("rb") as stream:
-        start = stream.read(20)
-        if start[:4] == b"glTF":
-            length = min(int.from_bytes(start[12:16], "little"), _MAX_JSON)
-            data = stream.read(length)
-        else:
-            data = start + stream.read(_MAX_JSON)
-    content = json.loads(data)
-    if not isinstance(content, dict):
-        raise InputError("is no glTF: its JSON is not an object")
-    return content
 
 
 def _uri(entry: dict[str, Any], file: Path) -> list[_Named]:

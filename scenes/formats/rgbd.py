@@ -3,18 +3,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.depth_encoding import DepthEncoding, depth_in_metres
-from scenes.formats.guard import check_file, check_size, reading
-from scenes.formats.header import colour_from_bytes
+from scenes.formats.depth_encoding import DepthEncoding, depth_in_metres, depth_warnings
+from scenes.formats.guard import reading
+from scenes.formats.header import colour_from_bytes, range_warnings
+from scenes.formats.image import open_image
 from scenes.pose import Pose
 from scenes.projection import PinholeProjection
 from scenes.range_image import RangeImage
@@ -105,7 +105,9 @@ def read_frame(
     pose = frame.pose or Pose.identity()
     with reading(frame.depth, "a depth image"):
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
-    return depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
+        warnings = (*range_warnings(depth_m), *depth_warnings(counts))
+    scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
+    return replace(scan, warnings=warnings)
 
 
 def depth_scan(
@@ -119,8 +121,7 @@ def depth_scan(
 
 def read_depth_image(path: Path) -> FloatArray:
     """Return the values of a 16-bit (or wider) single-channel image as float64, unscaled."""
-    with reading(check_file(path), "a depth image"), Image.open(path) as image:
-        check_size(image.height, image.width)
+    with open_image(path, "a depth image") as image:
         if not image.mode.startswith(("I", "F")):
             raise InputError(
                 f"has mode {image.mode} (8 bits a channel), which cannot hold depth; "
@@ -131,7 +132,7 @@ def read_depth_image(path: Path) -> FloatArray:
 
 def _read_colour(path: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Return the RGB image as float32 in 0..1; it must have the depth image's shape."""
-    with reading(check_file(path), "a colour image"), Image.open(path) as image:
+    with open_image(path, "a colour image") as image:
         if (image.height, image.width) != shape:
             raise InputError(
                 f"is {image.width} x {image.height}, its depth image {shape[1]} x {shape[0]}; "

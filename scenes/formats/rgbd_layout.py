@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +12,11 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.formats.depth_encoding import DepthEncoding, check_encoding
-from scenes.formats.guard import check_file, reading
+from scenes.formats.documents import parse_json, read_json, read_text
+from scenes.formats.guard import reading
 from scenes.formats.rgbd import Intrinsics, RgbdFolder, RgbdFrame
 from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose
+from scenes.limits import check_limit
 from scenes.natural_order import natural_key
 from scenes.pose import Pose
 
@@ -59,8 +60,13 @@ def _images(folder: Path, names: Sequence[str]) -> list[Path]:
     for name in names:
         if (folder / name).is_dir():
             found = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
-            return sorted(found, key=lambda path: natural_key(path.name))
+            check_limit("entries", len(found), f"images in {name}")
+            return sorted((_inside(folder, f"{name}/{p.name}") for p in found), key=_by_name)
     return []
+
+
+def _by_name(path: Path) -> Any:
+    return natural_key(path.name)
 
 
 def _open_plain(folder: Path) -> RgbdFolder:
@@ -112,7 +118,7 @@ class _Camera:
 
 def _read_camera(path: Path) -> _Camera:
     """What a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
-    text = check_file(path).read_text(encoding="utf-8")
+    text = read_text(path)
     if path.suffix == ".txt":
         numbers = [float(word) for word in text.replace(",", " ").split()]
         if len(numbers) == 9:
@@ -121,7 +127,7 @@ def _read_camera(path: Path) -> _Camera:
             raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
         fx, fy, cx, cy = numbers[:4]
         return _Camera((fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None)
-    values = json.loads(text)
+    values = parse_json(text, dict)
     size = (int(values["width"]), int(values["height"])) if "width" in values else None
     scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
     encoding = check_encoding(values.get("depth_encoding", "linear"))
@@ -137,17 +143,20 @@ def _from_matrix(matrix: FloatArray) -> Intrinsics:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """A file that the folder's own list names; it may not lie outside the folder."""
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise InputError(f"names {name!r}, which lies outside the folder")
+    """A file of the folder, or that its own list names; neither it nor what a link shows may lie outside."""
+    if not isinstance(name, str) or "\0" in name:
+        raise InputError(f"names {name!r}, which is no file's name")
+    if not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"names {name!r}, which lies outside the folder and is not opened; copy it into it")
     return folder / name
 
 
 def _open_align3d(folder: Path) -> RgbdFolder:
     frames, cameras = [], set()
     size: Any = None
-    for entry in json.loads((folder / "frames.json").read_text(encoding="utf-8"))["root"]:
+    entries = read_json(folder / "frames.json", dict)["root"]
+    check_limit("entries", len(entries), "its frames")
+    for entry in entries:
         depth, colour = _inside(folder, entry["depth_image"]), _inside(folder, entry["rgb_image"])
         if not depth.exists() and not colour.exists():
             continue
@@ -203,7 +212,7 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
 
 
 def _tum_rows(path: Path, n_words: int) -> list[list[str]]:
-    rows = [line.split() for line in check_file(path).read_text(encoding="utf-8").splitlines()]
+    rows = [line.split() for line in read_text(path).splitlines()]
     rows = [row for row in rows if row and not row[0].startswith("#")]
     if any(len(row) != n_words for row in rows):
         raise InputError(f"expected {n_words} words a line in {path.name}")

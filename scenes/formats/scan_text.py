@@ -12,11 +12,13 @@ import numpy as np
 from scenes.atomic import atomic_path, to_plain
 from scenes.checks import InputError
 from scenes.formats.cloud import NO_RAYS, Cloud, cloud_of, scan_of
-from scenes.formats.guard import MAX_BYTES
+from scenes.formats.documents import parse_json
+from scenes.formats.header import checked_bytes
 from scenes.formats.point_table import TEXT_TAG
 from scenes.range_image import RangeImage
 
 _COLOURS = ("red", "green", "blue")
+_MOST_PIXELS = 2**31
 
 
 def write_scan_text(scan: RangeImage, path: Path) -> None:
@@ -57,8 +59,6 @@ def read_scan_text(path: Path) -> RangeImage:
     InputError
         Any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"is larger than {MAX_BYTES:,} bytes")
     with path.open(encoding="utf-8", errors="replace") as file:
         first = file.readline()
         names = file.readline().lstrip("# ").replace(",", " ").split()
@@ -72,10 +72,17 @@ def read_scan_text(path: Path) -> RangeImage:
     return scan_of(
         Cloud(
             np.stack([column[axis] for axis in "xyz"], axis=-1),
-            column["row"].astype(np.int64),
-            column["column"].astype(np.int64),
-            json.loads(first[len(TEXT_TAG) :]),
-            np.stack([column[name] for name in _COLOURS], axis=-1) if _COLOURS[0] in column else None,
+            _whole(column["row"]),
+            _whole(column["column"]),
+            parse_json(first[len(TEXT_TAG) :], dict),
+            checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
             column["intensity"].astype(np.float32) if "intensity" in column else None,
         )
     )
+
+
+def _whole(values: Any) -> Any:
+    """Numbers of pixels as integers."""
+    if not (np.abs(values) < _MOST_PIXELS).all() or (values != np.floor(values)).any():
+        raise InputError("its rows and columns are not all integers: was the file edited?")
+    return values.astype(np.int64)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,10 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.atomic import write_text
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
-from scenes.formats.guard import check_file, reading
-from scenes.pose import Pose
+from scenes.formats.documents import parse_json, read_text
+from scenes.formats.guard import reading
+from scenes.pose import Pose, rotation_of
 
 TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
@@ -37,17 +37,16 @@ def read_poses(path: Path) -> list[Pose]:
     InputError
         None of these, or a pose that is not rigid; named with its number.
     """
-    file = check_file(path)
-    with reading(file, "a file of poses"):
-        text = file.read_text(encoding="utf-8")
-        if file.suffix.lower() == ".json":
-            return _number_checked(_json_matrices(json.loads(text)))
+    with reading(path, "a file of poses"):
+        text = read_text(path)
+        if path.suffix.lower() == ".json":
+            return _number_checked(_json_matrices(text))
         if is_colmap(text):
             return _number_checked(colmap_matrices(text))
         rows = _number_rows(text)
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
-        return _number_checked([_matrix(row[-7:]) for row in _equal_rows(rows)])
+        return _number_checked([_matrix(row[-7:], k) for k, row in enumerate(_equal_rows(rows), start=1)])
 
 
 def rounded_pose(matrix: FloatArray) -> Pose:
@@ -55,7 +54,9 @@ def rounded_pose(matrix: FloatArray) -> Pose:
     mended = np.array(matrix, dtype=np.float64)
     if mended.shape == (4, 4) and np.isfinite(mended).all():
         rotation = mended[:3, :3]
-        if np.abs(rotation.T @ rotation - np.eye(3)).max() <= _ROUNDING:
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+        if error <= _ROUNDING:
             u, _, vt = np.linalg.svd(rotation)
             mended[:3, :3] = u @ vt
     return Pose(mended)
@@ -63,12 +64,12 @@ def rounded_pose(matrix: FloatArray) -> Pose:
 
 def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
     """Return the timestamps (n,) in seconds and the poses of a TUM trajectory."""
-    file = check_file(path)
-    with reading(file, "a TUM trajectory"):
-        rows = _equal_rows(_number_rows(file.read_text(encoding="utf-8")))
+    with reading(path, "a TUM trajectory"):
+        rows = _equal_rows(_number_rows(read_text(path)))
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
-        return np.array([row[0] for row in rows]), _number_checked([_matrix(row[1:]) for row in rows])
+        times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
+        return times, _number_checked([_matrix(row[1:], k) for k, row in enumerate(rows, start=1)])
 
 
 def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
@@ -103,28 +104,29 @@ def _equal_rows(rows: list[list[float]]) -> list[list[float]]:
     return rows
 
 
-def _matrix(numbers: Sequence[float]) -> FloatArray:
-    """4x4 matrix of tx ty tz qx qy qz qw; the quaternion need not have unit length."""
-    quaternion = np.array(numbers[3:], dtype=np.float64)
-    length = float(np.linalg.norm(quaternion))
-    matrix = np.full((4, 4), np.nan)
-    if np.isfinite(length) and abs(length - 1) < 0.1:
-        matrix[:] = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-        matrix[:3, 3] = numbers[:3]
+def _matrix(numbers: Sequence[float], number: int) -> FloatArray:
+    """4x4 matrix of tx ty tz qx qy qz qw of the pose `number`; the quaternion's length may be rounded."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of(numbers[3:], f"pose {number}")
+    matrix[:3, 3] = numbers[:3]
     return matrix
 
 
 def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    for start in range(0, len(rows), 5):
+        if any(len(row) != 4 for row in rows[start + 1 : start + 5]):
+            raise InputError(f"pose {start // 5 + 1} of this .log is no four lines of four numbers")
     return [np.array(rows[start + 1 : start + 5]) for start in range(0, len(rows), 5)]
 
 
-def _json_matrices(value: object) -> list[FloatArray]:
-    if isinstance(value, dict):
-        value = [view["world_from_sensor"] for view in value["views"]]
-    if not isinstance(value, list):
-        raise InputError(_FORMS)
-    return [np.array(matrix, dtype=np.float64) for matrix in value]
+def _json_matrices(text: str) -> list[FloatArray]:
+    """Matrices of a list, or of the views of a plan."""
+    if text.lstrip().startswith("{"):
+        views = parse_json(text, dict).get("views")
+        if not isinstance(views, list):
+            raise InputError(f'its object has no list "views"; {_FORMS}')
+        return [np.array(view["world_from_sensor"], dtype=np.float64) for view in views]
+    return [np.array(matrix, dtype=np.float64) for matrix in parse_json(text, list)]
 
 
 def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:

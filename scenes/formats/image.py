@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Images: opened by the formats that are known alone, their header looked at before a pixel is unpacked."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from PIL import Image, ImageFile, UnidentifiedImageError
+
+from scenes.checks import InputError
+from scenes.formats.guard import check_file, check_size, reading
+from scenes.limits import check_unpacked
+
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "TGA")
+_opening = threading.Lock()  # Pillow's own limit is a global of its module
+
+
+@contextmanager
+def open_image(path: Path, what: str = "an image") -> Iterator[ImageFile.ImageFile]:
+    """Open an image file; whatever goes wrong while it is open is an InputError that names it.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its first bytes say which of `FORMATS` it is.
+    what : str
+        What it should be, for the message.
+
+    Raises
+    ------
+    InputError
+        As `check_file`; no image of a known format, or more pixels or bytes than the limits allow.
+    """
+    with reading(path, what), check_file(path).open("rb") as stream, _header(stream) as image:
+        _check(image, path.stat().st_size)
+        yield image
+
+
+def check_image(data: Path | bytes) -> int:
+    """Return the pixels of an image, of which only the header is looked at.
+
+    Parameters
+    ----------
+    data : path or bytes
+        A file, or what one holds.
+
+    Raises
+    ------
+    InputError
+        As `open_image`; of bytes without a name.
+    """
+    if isinstance(data, Path):
+        with open_image(data) as image:
+            return image.width * image.height
+    with _header(io.BytesIO(data)) as image:
+        _check(image, len(data))
+        return image.width * image.height
+
+
+def _header(stream: io.BufferedReader | io.BytesIO) -> ImageFile.ImageFile:
+    """Open an image by its header, however many pixels it announces: that is for our own limit to say."""
+    with _opening:
+        usual, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        try:
+            return Image.open(stream, formats=FORMATS)
+        except UnidentifiedImageError as error:
+            raise InputError(f"is no image that is known ({', '.join(FORMATS)})") from error
+        except Exception as error:
+            raise InputError(f"is a damaged image: {error}") from error
+        finally:
+            Image.MAX_IMAGE_PIXELS = usual
+
+
+def _check(image: Image.Image, packed: int) -> None:
+    check_size(image.height, image.width)
+    wide = 4 if image.mode.startswith(("I", "F")) else 1
+    check_unpacked(image.width * image.height * wide * len(image.getbands()), packed, "the image")
