@@ -155,16 +155,9 @@ def completes(n_threads):
 
 
 def plans(method, n_threads):
-    fixed = {
-        "samples": SAMPLES,
-        "candidates": STANDS,
-        "views": 2,
-        "rng": 0,
-        "budgets": CoverOptions(polish_steps=50),
-    }
-    return json.dumps(
-        plan_views(ROOM, SENSOR, method=method, views=2, n_threads=n_threads, **fixed).to_json()
-    )
+    fixed = {"samples": SAMPLES, "candidates": STANDS, "budgets": CoverOptions(polish_steps=50), "rng": 0}
+    plan = plan_views(ROOM, SENSOR, method=method, views=2, n_threads=n_threads, **fixed)
+    return json.dumps(plan.to_json())
 
 
 def grows(n_threads):
