@@ -34,9 +34,12 @@ from completion.tolerance import EvidenceOptions
 from completion.verification import Verification
 from scenes.checks import InputError, check_options
 from scenes.journal import NO_JOURNAL, Journal
+from scenes.memory import require, threads
 from scenes.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
+_BYTES_KEPT = 350  # of every pixel, to the end: points, normals, regions, surfaces, textures
+_BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
 
@@ -177,7 +180,8 @@ def complete(
     Raises
     ------
     InputError
-        No scans, an unknown mode, or edits that fit no surface of these scans.
+        No scans, an unknown mode, edits that fit no surface of these scans, or more pixels than fit into
+        memory.
     """
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
@@ -187,7 +191,13 @@ def complete(
     world_from_reference = scans[0].world_from_sensor
     evidence = replace(options.evidence, registration_m=options.registration_m if len(scans) > 1 else 0.0)
 
-    with ThreadPoolExecutor(n_threads) as pool:
+    largest, together = (f(scan.ranges.size for scan in scans) for f in (max, sum))
+    require(
+        _BYTES_KEPT * together,
+        f"completing {len(scans)} scans of {together:,} pixels",
+        "complete fewer of them at once, smaller ones, or give more memory",
+    )
+    with threads(_BYTES_A_PIXEL * largest, n_threads) as pool:
         observations = _each(
             pool,
             tell,

@@ -115,6 +115,8 @@ def run(
             time.sleep(0.01)
         if not done:
             process.kill()
+            process.wait()
+        process.returncode = status  # it was waited for here, for what it used
         said.seek(0)
         code = os.waitstatus_to_exitcode(status) if done else 999
         return Ending(code, said.read(), usage.ru_maxrss * 1024)

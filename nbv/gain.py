@@ -10,8 +10,6 @@ slides.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -26,9 +24,14 @@ from nbv.prospect import Prospect
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.memory import threads
 from scenes.pose import Pose
 from scenes.raycast import RayCaster
 
+_BYTES_A_TARGET, _BYTES_A_LOOK = (
+    200,
+    2_000_000,
+)  # that a thread takes: what it asks of targets, a prospect's rays
 _FLATTEST = 0.05  # unknown faces seen flatter than this do not count
 
 
@@ -218,7 +221,7 @@ def best_view(
     few = targets.thinned(n_most)
     if prospect is not None:  # what is unknown is its affair
         few, targets = (some.some(~some.is_unknown) for some in (few, targets))
-    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+    with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
     accumulator = Accumulator.of([glimpse.offsets for glimpse in seen], candidates, sensor)
     number = accumulator.best([glimpse.worth_m2 for glimpse in seen])

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -17,8 +15,9 @@ from nbv.requirement import Requirement, SightLimits
 from nbv.samples import SurfaceSamples
 from nbv.scanning.sensor import Sensor
 from nbv.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
-from nbv.visibility import Progress, lines_of_sight, orientations_that_see
+from nbv.visibility import BYTES_A_SAMPLE, Progress, lines_of_sight, orientations_that_see
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.memory import threads
 from scenes.raycast import RayCaster
 from scenes.scene import Scene
 
@@ -140,7 +139,7 @@ def find_reachable(
         view = (caster, candidates.positions[i], rotations, samples, pending, sensor, limits, requirement.k)
         return _look_from(*view)
 
-    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+    with threads(2 * BYTES_A_SAMPLE * len(samples), n_threads) as pool:
         for start in range(0, len(order), _AT_A_TIME):
             pending = np.flatnonzero(times < requirement.k)
             for found in pool.map(look, order[start : start + _AT_A_TIME]):

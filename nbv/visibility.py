@@ -9,9 +9,7 @@ modelled as a single sheet counts as one surface, whichever side is seen.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -25,9 +23,11 @@ from nbv.scanning.triangulation import both_see
 from nbv.sight_kernels import facing, lifted
 from nbv.view import View
 from scenes.checks import FloatArray
+from scenes.memory import threads
 from scenes.raycast import RayCaster
 
 Progress = Callable[[str, int, int], None]
+BYTES_A_SAMPLE = 120  # that a look from one position at all samples takes: indices, distances, cosines, ends
 
 _LIFT = 1e-6  # of the distance, or of the mesh's extent where that is larger: Embree works in float32
 _RAYS_A_FACE = (
@@ -85,7 +85,7 @@ def visible_from_positions(
     """
     everything = np.arange(len(samples))
     rows = []
-    with ThreadPoolExecutor(n_threads or os.cpu_count() or 1) as pool:
+    with threads(BYTES_A_SAMPLE * len(samples), n_threads) as pool:
         seen = pool.map(lambda p: lines_of_sight(caster, p, samples, limits, everything), positions)
         for done, row in enumerate(seen, start=1):
             rows.append((row[0].astype(np.int32), row[1]))

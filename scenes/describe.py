@@ -142,7 +142,7 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
     bounds = mesh.bounds()
     extent = bounds[1] - bounds[0]
     appearance = mesh.appearance
-    suggested = suggest_up(mesh, scene.mode)
+    suggested = "z" if path.startswith("builtin:") else suggest_up(mesh, scene.mode)  # there it is known
     in_file = None if suggested is None else axis_in_file(suggested, up)
     warnings = list(scene.warnings)
     kinds = [surface.kind for surface in scene.surfaces if surface is not None]

@@ -100,7 +100,8 @@ def scan_warnings(scan: RangeImage) -> list[str]:
     if median > _FAR_M or median < _NEAR_M:
         found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
     extent = np.diff(_bounds(scan), axis=0)
-    doubt = units_doubt(float(np.linalg.norm(extent)))
+    diagonal = float(np.linalg.norm(extent))
+    doubt = units_doubt(diagonal) if diagonal > 0 else ""
     if doubt and len(found) == n_before:
         found.append(doubt)
     if scan.valid.mean() < 0.05:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cache
@@ -103,6 +104,33 @@ def rows_within(bytes_a_row: float, most: int | None = None) -> int:
     """
     rows = max(int(max(_SHARE * room(), _LEAST) / max(bytes_a_row, 1.0)), 1)
     return rows if most is None else max(min(rows, most), 1)
+
+
+def threads_within(bytes_each: float, n_threads: int | None = None) -> int:
+    """Return how many threads may work at once when each uses so many bytes; at least one.
+
+    Parameters
+    ----------
+    bytes_each : float
+        What a thread allocates for itself, at its peak.
+    n_threads : int, optional
+        Most of them; one a core when not given.
+    """
+    return max(min(n_threads or os.cpu_count() or 1, int(room() / max(bytes_each, 1.0))), 1)
+
+
+@contextmanager
+def threads(bytes_each: float, n_threads: int | None = None) -> Iterator[ThreadPoolExecutor]:
+    """Give a pool of as many threads as memory allows; they know the limit that is in force here.
+
+    Parameters
+    ----------
+    bytes_each, n_threads
+        As for `threads_within`.
+    """
+    count = threads_within(bytes_each, n_threads)
+    with ThreadPoolExecutor(count, initializer=_limit.set, initargs=(_limit.get(),)) as pool:
+        yield pool
 
 
 def require(n_bytes: float, what: str, cure: str) -> None:

@@ -552,3 +552,9 @@ def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, 
     assert "give --units" in json.loads(quiet.stdout)["warnings"][0]
     empty = succeed("complete", tmp_path / "a.npz", "-o", tmp_path / "out")
     assert "warning: " in empty.stderr
+
+
+def test_a_scan_that_meets_nothing_is_told(tmp_path):
+    away = succeed("scan", "builtin:chair_before_wall", "--sensor", "generic60", "--at", "50,50,1",
+                   "--look", "80,80,1", "-o", tmp_path / "a.npz")  # fmt: skip
+    assert "warning: scan met nothing: is it looking away" in away.stderr

@@ -195,7 +195,10 @@ def test_off_and_its_colours(tmp_path: Path, text: str, n_faces: int, colour: li
         ("PFF\n1 1 0\n", "not a text OFF file"),
         ("OFF BINARY\n1 1 0\n", "not a text OFF file"),
         ("4OFF\n1 1 0\n", "more than three coordinates"),
-        (f"OFF\n4 3 0\n{SQUARE}3 0 1 2\n", "truncated: 4 vertices and 3 faces announced, 5 lines present"),
+        (
+            f"OFF\n4 3 0\n{SQUARE}3 0 1 2\n",
+            "truncated or edited: 4 vertices and 3 faces announced, 5 lines present",
+        ),
         (f"COFF\n4 1 0\n{SQUARE}3 0 1 2\n", "line 3 has 3 numbers, a vertex here has 6 or more"),
         (f"OFF\n4 1 0\n{SQUARE}3 0 1\n", "line 7 announces a face of 3 corners and has 2 numbers"),
         (f"OFF\n4 1 0\n{SQUARE}3 0 1 9\n", r"face 0 is \[0, 1, 9\], but there are 4 vertices"),

@@ -217,7 +217,7 @@ def test_ply_meshes_give_vertices_and_normals(tmp_path: Path) -> None:
         ),
         (
             PLY.format("ascii", AXES.format("float")).encode() + b"1 2 3\n",
-            "truncated: 3 vertices announced, 1",
+            "edited: 3 rows announced .3 of vertices., 1 present",
         ),
         (
             PLY.format("binary_little_endian", AXES.format("float")).encode(),

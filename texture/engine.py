@@ -86,16 +86,24 @@ def lay_out(sample: Sample) -> SampleArrays:
     inner = np.s_[sample.margin : height - sample.margin, sample.margin : width - sample.margin]
     is_centre = np.zeros(sample.padded_usable.shape, dtype=np.bool_)
     is_centre[inner] = sample.usable
-    planes = np.where(sample.padded_usable, np.moveaxis(sample.padded_levels, 2, 0), MISSING)
-    beyond = np.full(LANES, MISSING, dtype=np.float32)
-    chosen = sample.levels[sample.usable]
+    places, n_channels = is_centre.size, sample.levels.shape[2]
+    levels = np.full(
+        n_channels * places + LANES, MISSING, dtype=np.float32
+    )  # beyond the planes there is none
+    planes = levels[: n_channels * places].reshape(n_channels, height, width)
+    np.copyto(
+        planes, np.moveaxis(sample.padded_levels, 2, 0), casting="same_kind", where=sample.padded_usable
+    )
+    costs = np.full(places + LANES, MISSING**2, dtype=np.float32)
+    costs[:places][is_centre.ravel()], costs[places:] = 0, MISSING
+    chosen = [sample.levels[..., channel][sample.usable] for channel in range(n_channels)]
     return SampleArrays(
-        levels=np.concatenate([planes.ravel().astype(np.float32), beyond]),
-        costs=np.concatenate([np.where(is_centre, 0, MISSING**2).ravel().astype(np.float32), beyond]),
+        levels=levels,
+        costs=costs,
         blocks=_list_blocks(np.flatnonzero(is_centre), LANES),
         weights=gaussian_weights(2 * sample.radius + 1),
-        means=chosen.mean(axis=0),
-        variances=chosen.var(axis=0),
+        means=np.array([values.mean() for values in chosen]),
+        variances=np.array([values.var() for values in chosen]),
         plane=height * width,
         row=width,
         margin=sample.margin,

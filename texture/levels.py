@@ -40,9 +40,12 @@ def quantise(pixels: Pixels, needed: NDArray[np.bool_]) -> NDArray[np.int64]:
     channels = pixels if pixels.ndim == 3 else pixels[..., None]
     read = np.where(needed[..., None], channels, np.zeros((), dtype=pixels.dtype))
     if pixels.dtype == np.uint8:
-        return read.astype(np.int64)
-    _check_range(read)
-    return np.rint(np.clip(read.astype(np.float64), 0, 1) * HIGHEST_LEVEL).astype(np.int64)
+        levels = read.astype(np.int64)
+    else:
+        _check_range(read)
+        levels = np.rint(np.clip(read.astype(np.float64), 0, 1) * HIGHEST_LEVEL).astype(np.int64)
+    levels.flags.writeable = False  # so that a sample may keep it as it is
+    return levels
 
 
 def _check_range(read: Pixels) -> None:

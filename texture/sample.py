@@ -55,7 +55,7 @@ class Sample:
         columns, is_column = _extend(self.usable.shape[1], margin, self.wrap[1])
         inside = is_row[:, None] & is_column
         derived = {
-            "levels": self.levels.copy(),
+            "levels": self.levels.copy() if self.levels.flags.writeable else self.levels,
             "usable": self.usable.copy(),
             "positions": np.flatnonzero(self.usable).astype(np.int64),
             "padded_levels": self.levels[rows[:, None], columns],

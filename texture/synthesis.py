@@ -109,7 +109,23 @@ def collect(
 
 def _rate(errors: NDArray[np.float32], sample: Sample) -> NDArray[np.float32]:
     """Return the confidence that errors leave: two unrelated pixels differ by twice the variance."""
-    chosen = sample.levels[sample.usable] / HIGHEST_LEVEL
-    unrelated = 2 * float(chosen.var(axis=0).mean()) if chosen.size else 0.0
+    unrelated = 2 * _variance(sample)
     left = 1 - errors / unrelated if unrelated > 0 else np.where(errors > 0, 0.0, 1.0)
     return np.clip(left, 0, 1).astype(np.float32)
+
+
+def _variance(sample: Sample) -> float:
+    """Mean variance of the channels of what may be copied, levels from 0 to 1; 0 where there is nothing.
+
+    Row by row, in the order in which numpy sums columns: memory for one row, and the same number.
+    """
+    n_channels, n = sample.levels.shape[2], int(np.count_nonzero(sample.usable))
+    if n_channels == 1:  # which numpy sums in another order
+        return float((sample.levels[sample.usable] / HIGHEST_LEVEL).var()) if n else 0.0
+    sums = [np.zeros((1, n_channels)) for _ in range(2)]
+    for power, total in enumerate(sums):
+        mean = sums[0] / max(n, 1) * power
+        for levels, usable in zip(sample.levels, sample.usable, strict=True):
+            parts = (levels[usable] / HIGHEST_LEVEL - mean) ** (power + 1)
+            total[:] = np.add.reduce(np.concatenate([total, parts]), axis=0)
+    return float((sums[1] / max(n, 1)).mean())

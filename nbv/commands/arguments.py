@@ -9,8 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import typer
 
-from scenes.limits import LIMIT_NAMES
-
 
 def parse_bytes(text: str, option: str) -> int:
     """Return the bytes that a text such as 2GB means.
@@ -42,6 +40,8 @@ def parse_limits(given: Iterable[str], option: str) -> Mapping[str, int]:
     >>> parse_limits(["faces=200M", "file_bytes=8GiB"], "--limit")
     {'faces': 200000000, 'file_bytes': 8589934592}
     """
+    from scenes.limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
+
     found: dict[str, int] = {}
     for text in given:
         name, _, number = text.partition("=")

@@ -23,6 +23,8 @@ from scenes.orientation import Axis
 from scenes.pose import Pose
 from scenes.range_image import RangeImage
 
+_EMPTY = "is it looking away from the scene, from within something, or beyond the range of the sensor?"
+
 
 @dataclass(frozen=True, slots=True)
 class Stand:
@@ -87,6 +89,7 @@ def run_scan(
                     n_threads=shared.threads, name=name,
                 )
             )  # fmt: skip
+        run.warn(f"{scan.name} met nothing: {_EMPTY}" for scan in taken if not scan.valid.any())
         if is_folder:
             check_no_other_frames(run.out, len(taken))
             write_scans(taken, run.stage.folder)

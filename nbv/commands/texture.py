@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,27 @@ from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
 from scenes.checks import InputError
 from scenes.formats.image import open_image
+from scenes.memory import require
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
 from texture.surface import fill_surface
 from texture.synthesis import Synthesis
 
+
+class _Need(NamedTuple):
+    """Bytes that a texture takes: once, for compiled code; for each pixel; for each of its channels."""
+
+    once: int
+    pixel: int
+    channel: int
+
+    def of(self, n_pixels: int, n_channels: int) -> int:
+        """Return the bytes that so many pixels take."""
+        return self.once + n_pixels * (self.pixel + self.channel * n_channels)
+
+
+_FILLED, _SURFACE = _Need(150_000_000, 44, 27), _Need(150_000_000, 50, 24)  # as measured
+_SAMPLED, _GROWN = _Need(70_000_000, 28, 21), _Need(0, 50, 9)
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
 
 
@@ -42,6 +58,8 @@ def run_texture(
         _format_of(run.out)
         pixels = read_image(image)
         hole = None if mask is None else read_mask(mask)
+
+        _require(pixels, shape, is_surface)
 
         def tell(done: int, total: int) -> None:
             run.progress("texture", done, total)
@@ -90,6 +108,16 @@ def run_texture(
         if summary["alarms"]:
             line += f"; look at it: {', '.join(summary['alarms'])}"
         run.finish([image] if mask is None else [image, mask], options, summary, [line])
+
+
+def _require(pixels: NDArray[np.uint8], shape: tuple[int, int] | None, is_surface: bool) -> None:
+    """Refuse what does not fit into memory: an image that is filled, or sampled and grown from."""
+    n = pixels.shape[0] * pixels.shape[1]
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    given = _SURFACE if is_surface else _SAMPLED if shape is not None else _FILLED
+    grown = 0 if shape is None else shape[0] * shape[1]
+    needed = given.of(n, channels) + _GROWN.of(grown, channels)
+    require(needed, f"a texture from {n:,} pixels", "use smaller images, or give more memory")
 
 
 def _list_quality(found: Examination) -> dict[str, float | None]:

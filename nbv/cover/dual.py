@@ -14,8 +14,10 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.reduction import Reduction
 from nbv.cover.subgradient import Multipliers, ascend
 from scenes.checks import FloatArray
+from scenes.memory import require
 
 _ASCENT_STEPS = 1000
+_BYTES_AN_ENTRY = 300  # of the relaxation, for HiGHS and what it is given: 80 to 330 were measured
 _HAIR = 1e-12  # by which multipliers are scaled below feasibility, against rounding
 
 
@@ -36,17 +38,36 @@ def find_certificate(
         Size of a choice that is known.
     most_entries : int
         Instances with more entries, and those that HiGHS does not solve, are left to subgradient ascent.
+
+    Raises
+    ------
+    InputError
+        HiGHS would need more memory than is left.
     """
     instance = reduction.instance
     multipliers, price = np.zeros(len(weights)), 0.0
     if instance.n_samples:
-        found = _solve(instance) if instance.matrix.nnz <= most_entries else None
+        found = _solve_within(instance) if instance.matrix.nnz <= most_entries else None
         found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
         part = np.flatnonzero(reduction.sample_of >= 0)
         whole = reduction.sample_of[part]
         multipliers[part] = (_feasible(instance, found.samples) / instance.weights)[whole] * weights[part]
         price = found.price
     return Certificate.rounded(multipliers, price)
+
+
+def _solve_within(instance: CoverInstance) -> Multipliers | None:
+    """Solve the linear relaxation where it fits into memory; without it the bound would be another one.
+
+    Raises
+    ------
+    InputError
+        It does not.
+    """
+    n = instance.matrix.nnz
+    what = f"the bound on the number of views, a linear programme of {n:,} entries,"
+    require(_BYTES_AN_ENTRY * n, what, "plan with fewer candidates, or give more memory")
+    return _solve(instance)
 
 
 def _solve(instance: CoverInstance) -> Multipliers | None:

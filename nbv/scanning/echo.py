@@ -15,6 +15,7 @@ from nbv.scanning.sensor import Partner
 from nbv.scanning.triangulation import both_see
 from scenes.blocks import in_blocks
 from scenes.checks import BoolArray, FloatArray
+from scenes.memory import rows_within
 from scenes.mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.ray_grid import RayGrid
@@ -22,7 +23,8 @@ from scenes.raycast import Hits, RayCaster
 from scenes.scene import Scene
 
 _GREY = 0.5
-_CHUNK = 32_768  # beams at a time: half a million rays
+_CHUNK = 32_768  # beams at a time at the most: half a million rays
+_BYTES_A_RAY = 200  # that casting one takes meanwhile
 _BAND = 32_768  # pixels at a time: their rays and hits fit into a core's cache
 
 
@@ -158,7 +160,9 @@ class World:
                 np.take(face_surface, hits.face, out=surface[part], mode="wrap")  # -1 is written over
             surface[part][missed], incidence[part][missed] = -1, np.nan
 
-        in_blocks(-(-rows // height), look, self.n_threads, block=1)
+        in_blocks(
+            -(-rows // height), look, self.n_threads, block=1, bytes_a_block=_BYTES_A_RAY * height * columns
+        )
         return Sight(ranges, cosine, incidence, face, surface, seen, colour)
 
 
@@ -185,8 +189,9 @@ def footprint_echo(
 
     origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
     out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))
-    for start in range(0, len(directions), _CHUNK):
-        part = slice(start, min(start + _CHUNK, len(directions)))
+    chunk = rows_within(_BYTES_A_RAY * N_RAYS, _CHUNK)
+    for start in range(0, len(directions), chunk):
+        part = slice(start, min(start + chunk, len(directions)))
         starts, along = sub_rays(directions[part], footprint, turns[part])
         hits, seen = world.cast(starts + origin, along)
         rho = world.reflectivity(hits, intensity)

@@ -16,6 +16,7 @@ from scenes.limits import check_limit
 
 _MOST_DIGITS = 18  # of an integer: what fits into 63 bits
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")  # half of a pair that stands for one letter
+_SUSPECT = re.compile(r"\d{19}|\d[eE]\+?\d{3}")  # may be a number that is too large: each is looked at
 _WORDS = {dict: "an object {...}", list: "a list [...]"}
 Kind = TypeVar("Kind", dict[str, Any], list[Any])
 
@@ -67,9 +68,9 @@ def parse_json(text: str | bytes, kind: type[Kind]) -> Kind:
     """
     check_limit("json_bytes", len(text), "bytes of JSON")
     try:
-        value = json.loads(
-            text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_within_63_bits
-        )
+        known = text if isinstance(text, str) else text.decode("utf-8-sig")
+        hooks = _SLOW if _SUSPECT.search(known) else {}
+        value = json.loads(known, parse_constant=_refuse_constant, **hooks)
     except RecursionError as error:
         raise InputError("is no usable JSON: it is nested too deeply") from error
     except InputError:
@@ -78,7 +79,7 @@ def parse_json(text: str | bytes, kind: type[Kind]) -> Kind:
         raise InputError(f"is no valid JSON: {error}") from error
     if not isinstance(value, kind):
         raise InputError(f"is JSON, but not {_WORDS[kind]}: it is {_named(value)}")
-    if _HALF.search(text if isinstance(text, str) else text.decode("utf-8", errors="replace")):
+    if _HALF.search(known):
         _check_letters(value)
     return value
 
@@ -112,6 +113,9 @@ def _check_letters(value: Any) -> None:
         json.dumps(value, ensure_ascii=False).encode("utf-8")
     except UnicodeEncodeError as error:
         raise InputError(f"holds \\u{ord(error.object[error.start]):04x}, which is half a letter") from error
+
+
+_SLOW: dict[str, Any] = {"parse_float": _finite, "parse_int": _within_63_bits}
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -97,6 +97,7 @@ def _list(content: Content, name: str) -> list[Any]:
     held = content.get(name, [])
     if not isinstance(held, list):
         raise InputError(f"its {name} are no list")
+    check_limit("entries", len(held), f"its {name}")
     return held
 
 
@@ -214,7 +215,6 @@ def _check_corners(array: _Array, n_points: int, what: str) -> int:
 def _placed(content: Content, n_meshes: int) -> dict[int, int]:
     """How often each mesh is placed in the scene that is shown."""
     nodes, scenes = _list(content, "nodes"), _list(content, "scenes")
-    check_limit("entries", len(nodes), "its nodes")
     if not scenes:
         return {}
     shown = scenes[_number(content, "scene", "it", 0, most=len(scenes))]

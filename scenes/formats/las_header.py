@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import BinaryIO
@@ -30,6 +31,7 @@ def check_las(path: Path) -> None:
             raise InputError("not a LAS file: it does not begin with LASF and a header")
         offset, n_records = struct.unpack_from("<II", start, 96)
         point_format, length, count = struct.unpack_from("<BHI", start, 104)
+        _check_steps(struct.unpack_from("<6d", start, 131))
         n_extended = first_extended = 0
         if start[25] >= 4 and len(start) >= 255:
             first_extended, n_extended, count = struct.unpack_from("<QIQ", start, 235)
@@ -47,6 +49,12 @@ def check_las(path: Path) -> None:
         raise InputError(f"truncated: {count:,} points of {length} bytes announced, {size} bytes present")
     check_limit("points", count, "its points")
     check_unpacked(unpacked, size, "it")
+
+
+def _check_steps(numbers: tuple[float, ...]) -> None:
+    """Look at the steps in which coordinates are counted, and at where they are counted from."""
+    if not all(map(math.isfinite, numbers)) or 0.0 in numbers[:3]:
+        raise InputError(f"damaged: its coordinates count in steps of {numbers[:3]} from {numbers[3:]}")
 
 
 def _check_extended(file: BinaryIO, start: int, n_records: int, size: int) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scenes.atomic import write_text
 from scenes.checks import ColourArray, FloatArray, InputError, check_faces
+from scenes.limits import check_limit
 
 _HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 
@@ -59,9 +60,12 @@ def read_off(path: Path) -> OffMesh:
     counts = [int(word) for word in (rest or lines[1][1].split())]
     body = lines[1 if rest else 2 :]
     n_vertices, n_faces = counts[:2]
-    if min(counts[:2]) < 0 or len(body) < n_vertices + n_faces:
+    check_limit("points", n_vertices, "its vertices")
+    check_limit("faces", n_faces, "its faces")
+    if min(counts[:2]) < 0 or len(body) != n_vertices + n_faces:
         raise InputError(
-            f"truncated: {n_vertices} vertices and {n_faces} faces announced, {len(body)} lines present"
+            f"truncated or edited: {n_vertices} vertices and {n_faces} faces announced, {len(body)} lines "
+            "present"
         )
     first = 6 if kind[3] else 3  # column after x y z and perhaps a normal
     vertices, colour = _vertices(body[:n_vertices], first if kind[2] else None)

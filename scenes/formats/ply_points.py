@@ -28,6 +28,7 @@ class _Vertices:
     names: list[str] = field(default_factory=list)
     types: list[str] = field(default_factory=list)
     lines_before: int = 0
+    rows: int = 0  # of all elements
 
 
 def read_ply_points(path: Path) -> RawPoints:
@@ -77,6 +78,7 @@ def _parse_header(text: str) -> _Vertices:
             if element == "vertex":
                 vertices.n, vertices.lines_before = int(words[2]), skipped
             skipped += int(words[2])
+            vertices.rows = skipped
         elif words[:1] == ["property"] and element == "vertex":
             if words[1] == "list":
                 raise InputError("its vertices have a list property, which cannot be read")
@@ -88,9 +90,13 @@ def _parse_header(text: str) -> _Vertices:
 
 
 def _read_ascii(data: bytes, vertices: _Vertices) -> dict[str, FloatArray]:
-    lines = data.decode("ascii", errors="replace").splitlines()[vertices.lines_before :][: vertices.n]
-    if len(lines) < vertices.n:
-        raise InputError(f"truncated: {vertices.n} vertices announced, {len(lines)} present")
+    present = data.decode("ascii", errors="replace").rstrip().splitlines()
+    if len(present) != vertices.rows:
+        raise InputError(
+            f"truncated or edited: {vertices.rows} rows announced ({vertices.n} of vertices), "
+            f"{len(present)} present"
+        )
+    lines = present[vertices.lines_before :][: vertices.n]
     if not lines:
         return {name: np.zeros(0) for name in vertices.names}
     table = np.loadtxt(lines, ndmin=2, usecols=range(len(vertices.names)))
@@ -109,5 +115,7 @@ def _read_binary(data: bytes, start: int, vertices: _Vertices) -> dict[str, Floa
             f"truncated: {vertices.n} vertices take {vertices.n * dtype.itemsize} bytes, "
             f"{len(data) - start} left"
         )
+    if vertices.rows == vertices.n and start + vertices.n * dtype.itemsize < len(data):
+        raise InputError(f"has {len(data) - start} bytes for {vertices.n} vertices of {dtype.itemsize} bytes")
     table = np.frombuffer(data, dtype, vertices.n, start)
     return {name: table[name].astype(np.float64) for name in vertices.names}

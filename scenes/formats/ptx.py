@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 from typing import TextIO
@@ -54,6 +54,8 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     """
     found, n_scans = _scan(path, index)
     points = found.table[..., :3].copy()
+    n_bad = int((~np.isfinite(points).all(axis=-1)).sum())
+    left_out = (f"{n_bad} of {points[..., 0].size} points are not finite and were left out",) if n_bad else ()
     points[(points == 0).all(axis=-1)] = np.nan
     if not np.isfinite(points).any():
         raise InputError(f"scan {index + 1} has no return")
@@ -62,7 +64,8 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     name = f"{path.stem}#{index + 1}" if n_scans > 1 else path.stem
     light = found.table[..., 3]
     known = None if (light == _NO_INTENSITY).all() else light
-    return organised_scan(points, fit_grid(points), found.pose @ SCANNER_FROM_SENSOR, colour, name, known)
+    pose = found.pose @ SCANNER_FROM_SENSOR
+    return replace(organised_scan(points, fit_grid(points), pose, colour, name, known), warnings=left_out)
 
 
 def read_ptx_points(path: Path, index: int) -> RawPoints:

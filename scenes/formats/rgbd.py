@@ -81,7 +81,8 @@ def read_frame(
         Unknown intrinsics or depth scale, images that are missing, damaged, of 8 bits or of unequal size.
     """
     frame = folder.frames[index]
-    camera, scale = intrinsics or folder.intrinsics, depth_scale or folder.depth_scale
+    camera = intrinsics or folder.intrinsics
+    scale = folder.depth_scale if depth_scale is None else depth_scale
     missing = ["intrinsics (--intrinsics FX,FY,CX,CY)"] * (camera is None)
     if folder.depth_encoding == "kinect-disparity":
         scale = 1.0
