@@ -14,7 +14,7 @@ from scenes.formats.guard import check_file
 from scenes.formats.image import check_image
 
 _MAX_HEADER = 1 << 22  # bytes
-
+_SHOWN = 100  # characters of a name in a warning
 
 EMPTY: Mapping[str, Any] = {}
 
@@ -147,18 +147,18 @@ def _check_obj(file: Path) -> tuple[list[_Named], list[str]]:
     for text in libraries[:1]:
         library = within_folder(file.parent, text)
         if not library.is_file():
-            return [], [f"its material file {text!r} is missing: colours and textures are lost"]
+            return [], [f"its material file {text[:_SHOWN]!r} is missing: colours and textures are lost"]
         materials, maps = _mtl_words(library)
         defined |= materials
         warnings += [
-            f"the texture {name!r} is left out: options before a file name are not known"
+            f"the texture {name[:_SHOWN]!r} is left out: options before a file name are not known"
             for name in maps
             if name.startswith("-")
         ]
         images = [_Named(one, within_folder(file.parent, one)) for one in map(_without_options, maps)]
     unknown = sorted(used - defined)
     if libraries and unknown:
-        n, first = len(unknown), repr(unknown[0])
+        n, first = len(unknown), repr(unknown[0][:_SHOWN])
         warnings.append(f"materials used but not defined: {n} (first {first}); what they cover is grey")
     return images, warnings
 
@@ -217,4 +217,5 @@ def _missing_textures(images: list[_Named], file: Path) -> Iterator[str]:
     missing = [image.text for image in images if not image.path.is_file()]
     if missing:
         n, noun = len(missing), "texture is" if len(missing) == 1 else "textures are"
-        yield f"{n} {noun} missing beside {file.name}, the first is {missing[0]!r}: what it covers is grey"
+        first = repr(missing[0][:_SHOWN])
+        yield f"{n} {noun} missing beside {file.name}, the first is {first}: what it covers is grey"

@@ -99,7 +99,14 @@ def _text(text: str, name: str = "p.txt") -> Case:
     return Case({name: text.encode()}, name)
 
 
+def obj_with_a_long_name() -> Case:
+    """A material of 5000 characters that is not defined."""
+    text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl " + "a" * 5000 + "\nf 1 2 3\n"
+    return Case({"m.obj": text.encode(), "m.mtl": b"newmtl b\n"}, "m.obj")
+
+
 STRUCTURES = (
+    Crasher("mesh obj", "a warning of 5000 characters", obj_with_a_long_name, ""),
     Crasher(
         "scan laz", "lazrs asked for 4 GB and ended the process (SIGABRT)", laz_layer_of_4_gb, "layers of"
     ),

@@ -115,6 +115,7 @@ def judge(target: Target, path: Path) -> Outcome:
     """Let the reader read a path."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
+        warnings.simplefilter("ignore", DeprecationWarning)  # which Python shows to developers alone
         try:
             target.read(path)
         except InputError as error:
