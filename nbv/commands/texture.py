@@ -27,19 +27,21 @@ from texture.synthesis import Synthesis
 
 
 class _Need(NamedTuple):
-    """Bytes that a texture takes: once, for compiled code; for each pixel; for each of its channels."""
+    """Bytes that a texture takes: for a pixel among the first, for any, for each of its channels."""
 
-    once: int
+    first: int
     pixel: int
     channel: int
 
     def of(self, n_pixels: int, n_channels: int) -> int:
         """Return the bytes that so many pixels take."""
-        return self.once + n_pixels * (self.pixel + self.channel * n_channels)
+        first = self.first * min(n_pixels, _FIRST_PIXELS)
+        return first + n_pixels * (self.pixel + self.channel * n_channels)
 
 
-_FILLED, _SURFACE = _Need(150_000_000, 44, 27), _Need(150_000_000, 50, 24)  # as measured
-_SAMPLED, _GROWN = _Need(70_000_000, 28, 21), _Need(0, 50, 9)
+_FIRST_PIXELS = 1_000_000
+_FILLED, _SURFACE = _Need(150, 44, 27), _Need(150, 50, 24)  # as measured
+_SAMPLED, _GROWN = _Need(70, 28, 21), _Need(0, 50, 9)
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
 
 
@@ -59,7 +61,9 @@ def run_texture(
         pixels = read_image(image)
         hole = None if mask is None else read_mask(mask)
 
-        _require(pixels, shape, is_surface)
+        what = f"a texture from {pixels.shape[0]} x {pixels.shape[1]} pixels"
+        needed = texture_bytes(pixels.shape, shape, is_surface=is_surface)
+        require(needed, what, "use smaller images, or give more memory")
 
         def tell(done: int, total: int) -> None:
             run.progress("texture", done, total)
@@ -110,14 +114,22 @@ def run_texture(
         run.finish([image] if mask is None else [image, mask], options, summary, [line])
 
 
-def _require(pixels: NDArray[np.uint8], shape: tuple[int, int] | None, is_surface: bool) -> None:
-    """Refuse what does not fit into memory: an image that is filled, or sampled and grown from."""
-    n = pixels.shape[0] * pixels.shape[1]
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    given = _SURFACE if is_surface else _SAMPLED if shape is not None else _FILLED
-    grown = 0 if shape is None else shape[0] * shape[1]
-    needed = given.of(n, channels) + _GROWN.of(grown, channels)
-    require(needed, f"a texture from {n:,} pixels", "use smaller images, or give more memory")
+def texture_bytes(shape: tuple[int, ...], grown: tuple[int, int] | None, *, is_surface: bool = False) -> int:
+    """Return about how much memory it takes to fill an image of a shape, or to sample it and grow another.
+
+    Parameters
+    ----------
+    shape : (rows, columns) or (rows, columns, channels)
+        Of the image.
+    grown : (rows, columns), optional
+        Of what is grown.
+    is_surface : bool
+        Whether shading is told apart.
+    """
+    channels = shape[2] if len(shape) == 3 else 1
+    if grown is not None:
+        return _SAMPLED.of(shape[0] * shape[1], channels) + _GROWN.of(grown[0] * grown[1], channels)
+    return (_SURFACE if is_surface else _FILLED).of(shape[0] * shape[1], channels)
 
 
 def _list_quality(found: Examination) -> dict[str, float | None]:
