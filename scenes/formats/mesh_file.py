@@ -23,7 +23,8 @@ from scenes.formats.stl import check_stl, stl_origin
 from scenes.limits import check_limit
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what is wrong is told by our error alone
+# What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 
 
