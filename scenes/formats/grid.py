@@ -76,21 +76,22 @@ def fit_pinhole(points: FloatArray) -> GridFit | None:
     x, y, z = points[ahead].T
     fx, cx = _robust_line(x / z, column.astype(np.float64))
     fy, cy = _robust_line(y / z, row.astype(np.float64))
-    if not np.isfinite([fx, fy, cx, cy]).all() or fx == 0 or fy == 0:
+    try:
+        camera = PinholeProjection(points.shape[1], points.shape[0], fx, fy, cx, cy)
+    except InputError:  # no camera has such numbers
         return None
-    camera = PinholeProjection(points.shape[1], points.shape[0], fx, fy, cx, cy)
     off = np.hypot(fx * x / z + cx - column, fy * y / z + cy - row)
     return GridFit(camera, float(np.median(off)))
 
 
 def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     """Slope and offset of y over x by least squares, repeated without what lies beyond 3 deviations."""
-    keep = np.ones(len(x), dtype=np.bool_)
+    keep: BoolArray = np.asarray(np.isfinite(x), dtype=np.bool_)
     slope, offset = 0.0, 0.0
-    for _ in range(6):
+    for _ in range(6 * keep.any()):
         mean_x, mean_y = x[keep].mean(), y[keep].mean()
         spread = float(((x[keep] - mean_x) ** 2).sum())
-        if spread == 0.0:
+        if not 0.0 < spread < np.inf:
             return 0.0, float(mean_y)
         slope = float(((x[keep] - mean_x) * (y[keep] - mean_y)).sum() / spread)
         offset = float(mean_y - slope * mean_x)

@@ -80,6 +80,15 @@ def _ptx_light() -> Case:
     return case.changed(case.entry, b"\n".join(lines))
 
 
+def _ptx_beside() -> Case:
+    """Points of which one lies at the scanner's side, so that its slope is infinite."""
+    case = seeds_of_scans.scan_files(".ptx")[0]
+    lines = case.files[case.entry].split(b"\n")
+    k = next(k for k, line in enumerate(lines) if k > 10 and not line.startswith(b"0"))
+    lines[k] = b" ".join([b"1e-320", *lines[k].split()[1:]])
+    return case.changed(case.entry, b"\n".join(lines))
+
+
 _plan, _edits = (lambda: seeds_of_scenes.plan_files()[0]), (lambda: seeds_of_scenes.edit_files()[0])
 _candidates = lambda: seeds_of_scenes.candidate_files()[0]  # noqa: E731
 _sensor = lambda: seeds_of_scenes.sensor_files()[0]  # noqa: E731
@@ -91,6 +100,7 @@ def _toml(line: str) -> Case:
 
 
 NUMBERS = (
+    Crasher("scan ptx", "warnings: a line through an infinite slope is none", _ptx_beside, ""),
     Crasher("scan npz", "rays of length NaN", partial(_scan, fx=1e-320), "focal lengths must be in"),
     Crasher(
         "scan npz", "rays of another length than one", _contradiction, "not as far away as their ranges say"
