@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test install bench docs gallery format clean
+.PHONY: demo test install bench docs gallery format fuzz clean
 
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
@@ -23,6 +23,13 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/reports.py
 	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
+
+# so long at most, and so many files for each reader; half the time again where atheris is installed
+SECONDS ?= 300
+N ?= 20000
+
+fuzz: .venv/dev
+	$(BIN)/python -m tests.fuzzing --files $(N) --seconds $(SECONDS) --guided $$(( $(SECONDS) / 2 ))
 
 docs: .venv/docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site

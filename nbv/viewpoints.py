@@ -12,7 +12,7 @@ from trimesh.creation import icosphere
 
 from nbv.scanning.sensor import Sensor
 from nbv.zones import Zones
-from scenes.checks import BoolArray, FloatArray, InputError, check_points, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
 from scenes.formats.arrays import open_arrays
 from scenes.formats.guard import reading
 from scenes.pose import Pose
@@ -51,7 +51,7 @@ class Candidates:
     half_angle_deg: float | None = None
 
     def __post_init__(self) -> None:
-        positions = check_points("positions", self.positions)
+        positions = check_places("positions", self.positions)
         directions = np.asarray(self.directions, dtype=np.float64)
         own = directions.ndim == 3 and len(directions) == len(positions)
         if directions.shape[-1:] != (3,) or not (directions.ndim == 2 or own):
@@ -67,7 +67,7 @@ class Candidates:
             raise InputError(f"half_angle_deg must lie in 0..90 deg, got {self.half_angle_deg}")
         for name in ("patch_points", "patch_normals"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen_copy(check_points(name, getattr(self, name))))
+                object.__setattr__(self, name, frozen_copy(check_places(name, getattr(self, name))))
         if self.patch_points is not None and self.patch_normals is not None:
             n_points, n_normals = len(self.patch_points), len(self.patch_normals)
             if n_points != n_normals:

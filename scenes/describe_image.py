@@ -36,7 +36,8 @@ def describe_image(path: Path) -> dict[str, Any]:
         "bits": values.dtype.itemsize * 8,
         "warnings": [],
     }
-    return found | _depth(values.astype(np.float64)) if is_depth else found
+    with np.errstate(invalid="ignore"):  # counts may be of any kind
+        return found | _depth(values.astype(np.float64)) if is_depth else found
 
 
 def _depth(counts: Any) -> dict[str, Any]:

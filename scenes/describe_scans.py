@@ -87,7 +87,8 @@ def _grid_residual(scan: RangeImage) -> float | None:
     if scan.sensor_points is None or not scan.valid.any():
         return None
     seen = scan.projection.pixels(scan.sensor_points[scan.valid])
-    return float(np.nanmedian(np.hypot(*(seen - np.argwhere(scan.valid)).T)))
+    off = np.hypot(*(seen - np.argwhere(scan.valid)).T)
+    return float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else None
 
 
 def scan_warnings(scan: RangeImage) -> list[str]:

@@ -104,7 +104,8 @@ class PinholeProjection:
         """Return the centred camera with square pixels that sees `fov_deg` across its longer side."""
         if not 0 < fov_deg < 180:
             raise InputError(f"a pinhole's field of view must lie between 0 and 180 deg, got {fov_deg}")
-        focal = max(width, height) / 2 / np.tan(np.radians(fov_deg) / 2)
+        with np.errstate(over="ignore", divide="ignore"):
+            focal = max(width, height) / 2 / np.tan(np.radians(fov_deg) / 2)
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     @property

@@ -16,7 +16,7 @@ TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
 _ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
-_OFF_RANGE = 1e-4  # relative: how far a range may be from its measured point's distance; files round both
+_OFF_RANGE = 1e-6  # relative: how far a range may be from its measured point's distance; files round both
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 

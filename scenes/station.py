@@ -19,6 +19,7 @@ from scenes.range_image import RangeImage
 _N_SAMPLE = 20_000  # points whose neighbours are looked at
 _FILLED = 0.95  # of the pixels between filled ones that must have a point
 _WIDER = 1.2  # from one try to the next
+_SPARSE, _FEW = 1000, 1_000_000  # pixels for each point, and in all cases, beyond which no image is tried
 _APART, _MOST_APART = 0.2, 0.3  # relative: ranges in one pixel, and the share of such pixels
 _NARROW = np.cos(np.radians(60.0))  # half angle up to which the image's middle is put where the points are
 
@@ -107,6 +108,9 @@ def _pose(points: FloatArray, stood: FloatArray) -> Pose:
 def _binned(angles: FloatArray) -> _Bins:
     """Pixels wide enough to be filled, starting from the steps between neighbouring points."""
     step = _steps(angles)
+    sides = np.ptp(angles, axis=0)
+    while np.prod(np.maximum(sides / step, 1)) > _SPARSE * len(angles) + _FEW:
+        step = step * _WIDER  # most of so many pixels would be empty
     while True:
         bins = _bins(angles, step)
         filled = np.zeros(bins.projection.shape, dtype=np.bool_)

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ import typer
 
 from nbv.commands.headroom import reserve
 from nbv.commands.interruption import interruptible
+from nbv.commands.progress import Progress, progress_bars
 from nbv.commands.starvation import NOT_ENOUGH, is_starved
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from scenes.journal import FileJournal
     from scenes.stage import Stage
 
-Progress = Callable[[str, int, int], None]
 _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
 
 
@@ -186,7 +185,7 @@ def running(
             if writes:
                 held.enter_context(locked(folder, name))
                 held.enter_context(stage)
-            progress = held.enter_context(_progress(shared, watch))
+            progress = held.enter_context(progress_bars(watch, hidden=shared.quiet or shared.as_json))
             yield Run(command, shared, out, is_folder, watch, progress, stage)
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
@@ -217,39 +216,3 @@ def _prepared(out: Path, *, is_folder: bool) -> Path:
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: cannot write to this folder")
     return out
-
-
-@contextmanager
-def _progress(shared: Shared, watch: Stopwatch) -> Iterator[Progress]:
-    """Yield a progress callback that times stages, and draws them on stderr where that is a terminal."""
-    if shared.quiet or shared.as_json or not sys.stderr.isatty():
-        yield lambda stage, _done, _total: watch.enter(stage)
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bars
-
-    columns = (
-        TextColumn("{task.description:<18}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, Any] = {}
-
-        def tell(stage: str, done: int, total: int) -> None:
-            watch.enter(stage)
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield tell

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +116,8 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         cloud = read_points(path, request.units)
         try:
             colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
-            scans.append(scan_from_station(cloud.points, origin, cloud.name, colour))
+            scan = scan_from_station(cloud.points, origin, cloud.name, colour)
+            scans.append(replace(scan, warnings=cloud.warnings))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

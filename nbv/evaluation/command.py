@@ -12,7 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from completion.limits import Mode
-from nbv.commands.run import Progress, Shared, running
+from nbv.commands.progress import Progress
+from nbv.commands.run import Shared, running
 from nbv.evaluation.archive import Archive
 from nbv.evaluation.baselines import BASELINES
 from nbv.evaluation.cases import Case

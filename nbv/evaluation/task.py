@@ -16,7 +16,7 @@ from completion.evaluation.radii import radius_errors
 from completion.evaluation.score import score
 from completion.evaluation.splits import PairCounts, merge_counts
 from completion.pipeline import CompletionOptions, complete
-from nbv.commands.run import Progress
+from nbv.commands.progress import Progress
 from nbv.evaluation.archive import Archive
 from nbv.evaluation.baselines import Baseline, baseline_hypothesis
 from nbv.evaluation.cases import Case, hypothesis_of

@@ -92,7 +92,7 @@ def _projected(path: Path, index: int, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     cloud = read_e57_points(path, index)
     colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
-    return scan_from_station(cloud.points, cloud.origins, name, colour)
+    return replace(scan_from_station(cloud.points, cloud.origins, name, colour), warnings=cloud.warnings)
 
 
 def read_e57_points(path: Path, index: int) -> RawPoints:

@@ -9,22 +9,20 @@ from __future__ import annotations
 
 import base64
 import binascii
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.formats.gltf_nodes import Content, entry_list, entry_number, placed_meshes
 from scenes.formats.image import check_image
 from scenes.limits import check_limit, check_unpacked
 
-Content = Mapping[str, Any]
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_DEEPEST = 256  # nodes within each other: a drawing program's own limit lies below
-_PARTS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 _HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_texture_", "EXT_texture_webp", "KHR_mesh_quantization")
 
 
@@ -53,14 +51,14 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
         that is not there, nodes in a circle or in two places, or more than the limits allow.
     """
     _check_version(content)
-    views = [_view(entry, k, buffers) for k, entry in enumerate(_list(content, "bufferViews"))]
-    arrays = [_Array(entry, k, views) for k, entry in enumerate(_list(content, "accessors"))]
+    views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]
+    arrays = [_Array(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
     held = sum(len(buffer) for buffer in buffers)
     check_unpacked(sum(array.n_bytes for array in arrays), held, "its accessors")
     for array in arrays:
         array.check()
     faces, points = _meshes(content, arrays)
-    placed = _placed(content, len(faces))
+    placed = placed_meshes(content, len(faces))
     check_limit("points", sum(times * points[k] for k, times in placed.items()), "its vertices as placed")
     n_faces = sum(times * faces[k] for k, times in placed.items())
     check_limit("faces", n_faces, "its faces as placed")
@@ -88,39 +86,19 @@ def _check_version(content: Content) -> None:
     version = content.get("asset", {}).get("version") if isinstance(content.get("asset"), dict) else None
     if not isinstance(version, str) or not version.startswith("2."):
         raise InputError(f"is glTF of version {version!r}; 2.0 is known")
-    for name in _list(content, "extensionsRequired"):
+    for name in entry_list(content, "extensionsRequired"):
         if not str(name).startswith(_HARMLESS):
             raise InputError(f"needs the extension {str(name)[:60]}, which is not known; save it without")
-
-
-def _list(content: Content, name: str) -> list[Any]:
-    held = content.get(name, [])
-    if not isinstance(held, list):
-        raise InputError(f"its {name} are no list")
-    check_limit("entries", len(held), f"its {name}")
-    return held
-
-
-def _number(entry: Any, name: str, what: str, default: int | None = None, most: int | None = None) -> int:
-    """Return an integer entry of 0 or more, and below `most` where that is given."""
-    if not isinstance(entry, dict):
-        raise InputError(f"{what} is no object")
-    value = entry.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise InputError(f"{what} has the {name} {value!r}; an integer of 0 or more is needed")
-    if most is not None and value >= most:
-        raise InputError(f"{what} names {name} {value}, but there are {most}")
-    return value
 
 
 def _view(entry: Any, number: int, buffers: Sequence[memoryview]) -> tuple[memoryview, int]:
     """Bytes of a buffer view, and its stride, 0 where it has none."""
     what = f"bufferView {number}"
-    buffer = buffers[_number(entry, "buffer", what, most=len(buffers))]
-    start, length = _number(entry, "byteOffset", what, 0), _number(entry, "byteLength", what)
+    buffer = buffers[entry_number(entry, "buffer", what, most=len(buffers))]
+    start, length = entry_number(entry, "byteOffset", what, 0), entry_number(entry, "byteLength", what)
     if start + length > len(buffer):
         raise InputError(f"{what} ends at byte {start + length}, its buffer has {len(buffer)}")
-    return buffer[start : start + length], _number(entry, "byteStride", what, 0)
+    return buffer[start : start + length], entry_number(entry, "byteStride", what, 0)
 
 
 class _Array:
@@ -128,7 +106,7 @@ class _Array:
 
     def __init__(self, entry: Any, number: int, views: Sequence[tuple[memoryview, int]]) -> None:
         self.what = f"accessor {number}"
-        self.count = _number(entry, "count", self.what)
+        self.count = entry_number(entry, "count", self.what)
         if entry.get("type") not in _WIDTHS or entry.get("componentType") not in _TYPES:
             kind = f"{entry.get('componentType')!r} {entry.get('type')!r}"
             raise InputError(f"{self.what} has the unknown type {kind}")
@@ -136,8 +114,8 @@ class _Array:
             cause = "is sparse" if "sparse" in entry else "has no bytes (no bufferView)"
             raise InputError(f"{self.what} {cause}, which is not known; save it without")
         self.width, self.dtype = _WIDTHS[entry["type"]], np.dtype(_TYPES[entry["componentType"]])
-        self._bytes, stride = views[_number(entry, "bufferView", self.what, most=len(views))]
-        self._start = _number(entry, "byteOffset", self.what, 0)
+        self._bytes, stride = views[entry_number(entry, "bufferView", self.what, most=len(views))]
+        self._start = entry_number(entry, "byteOffset", self.what, 0)
         self._stride = stride or self.width * self.dtype.itemsize
 
     @property
@@ -164,7 +142,7 @@ class _Array:
 def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list[int]]:
     """Faces and vertices of each mesh."""
     faces, points = [], []
-    for number, mesh in enumerate(_list(content, "meshes")):
+    for number, mesh in enumerate(entry_list(content, "meshes")):
         what = f"mesh {number}"
         if not isinstance(mesh, dict) or not isinstance(mesh.get("primitives"), list):
             raise InputError(f"{what} has no list of primitives")
@@ -179,10 +157,10 @@ def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, in
     attributes = entry.get("attributes") if isinstance(entry, dict) else None
     if not isinstance(attributes, dict):
         raise InputError(f"{what} has no attributes")
-    named = {name: arrays[_number(attributes, name, what, most=len(arrays))] for name in attributes}
+    named = {name: arrays[entry_number(attributes, name, what, most=len(arrays))] for name in attributes}
     if "POSITION" not in named or named["POSITION"].width != 3:
         raise InputError(f"{what} has no POSITION of three coordinates")
-    n_points, mode = named["POSITION"].count, _number(entry, "mode", what, _TRIANGLES)
+    n_points, mode = named["POSITION"].count, entry_number(entry, "mode", what, _TRIANGLES)
     for name, array in named.items():
         if array.count != n_points:
             raise InputError(f"{what} has {n_points} positions and {array.count} of {name}")
@@ -190,7 +168,7 @@ def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, in
         raise InputError(f"{what} is a fan of triangles, which is not known; save it as plain triangles")
     n_corners = n_points
     if "indices" in entry:
-        array = arrays[_number(entry, "indices", what, most=len(arrays))]
+        array = arrays[entry_number(entry, "indices", what, most=len(arrays))]
         if array.width != 1 or array.dtype.kind != "u":
             raise InputError(f"{what} has indices that are no list of unsigned integers")
         n_corners = _check_corners(array, n_points, what)
@@ -212,66 +190,16 @@ def _check_corners(array: _Array, n_points: int, what: str) -> int:
     return array.count
 
 
-def _placed(content: Content, n_meshes: int) -> dict[int, int]:
-    """How often each mesh is placed in the scene that is shown."""
-    nodes, scenes = _list(content, "nodes"), _list(content, "scenes")
-    if not scenes:
-        return {}
-    shown = scenes[_number(content, "scene", "it", 0, most=len(scenes))]
-    times: dict[int, int] = {}
-    seen: set[int] = set()
-    level, depth = _numbers(shown, "nodes", "its scene", len(nodes)), 0
-    while level:
-        depth += 1
-        if depth > _DEEPEST:
-            raise InputError(f"its nodes lie within each other more than {_DEEPEST} deep")
-        below: list[int] = []
-        for number in level:
-            if number in seen:
-                raise InputError(f"node {number} hangs on two others, or in a circle")
-            seen.add(number)
-            _check_node(nodes[number], number)
-            below += _numbers(nodes[number], "children", f"node {number}", len(nodes))
-            if "mesh" in nodes[number]:
-                mesh = _number(nodes[number], "mesh", f"node {number}", most=n_meshes)
-                times[mesh] = times.get(mesh, 0) + 1
-        level = below
-    return times
-
-
-def _numbers(entry: Any, name: str, what: str, most: int) -> list[int]:
-    held = entry.get(name, []) if isinstance(entry, dict) else None
-    if not isinstance(held, list):
-        raise InputError(f"{what} has no list of {name}")
-    return [_number({name: one}, name, what, most=most) for one in held]
-
-
-def _check_node(node: Any, number: int) -> None:
-    """Raise where what moves a node is no list of numbers of the right length."""
-    if not isinstance(node, dict):
-        raise InputError(f"node {number} is no object")
-    for name, length in _PARTS.items():
-        values = node.get(name, [0.0] * length)
-        if not isinstance(values, list) or len(values) != length or not all(map(_is_number, values)):
-            raise InputError(f"node {number} has a {name} that is not {length} numbers")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list[int]:
     """Pixels of the images that are within the file."""
     found = []
-    for number, image in enumerate(_list(content, "images")):
+    for number, image in enumerate(entry_list(content, "images")):
         what = f"image {number}"
-        if not isinstance(image, dict):
-            raise InputError(f"{what} is no object")
         uri = image.get("uri")
         if isinstance(uri, str) and uri.startswith("data:"):
             found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]
         elif "bufferView" in image:
-            view = views[_number(image, "bufferView", what, most=len(views))][0]
+            view = views[entry_number(image, "bufferView", what, most=len(views))][0]
             found.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]
     return found
 

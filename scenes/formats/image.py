@@ -4,19 +4,25 @@
 from __future__ import annotations
 
 import io
+import logging
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, ImageFile, UnidentifiedImageError
+from PIL.TiffImagePlugin import TiffImageFile
 
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, check_size, reading
 from scenes.limits import check_unpacked
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "TGA")
-_opening = threading.Lock()  # Pillow's own limit is a global of its module
+_opening = threading.Lock()  # Pillow's own limit is a global of its module, and so are filters of warnings
+_STRIPS = ((273, 279), (324, 325))  # of TIFF: tags of where strips, or tiles, begin, and of their bytes
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # what is wrong is told by our error alone
 
 
 @contextmanager
@@ -37,6 +43,8 @@ def open_image(path: Path, what: str = "an image") -> Iterator[ImageFile.ImageFi
     """
     with reading(path, what), check_file(path).open("rb") as stream, _header(stream) as image:
         _check(image, path.stat().st_size)
+        if isinstance(image, TiffImageFile):
+            _decode_tiff(image, path.stat().st_size)
         yield image
 
 
@@ -63,7 +71,8 @@ def check_image(data: Path | bytes) -> int:
 
 def _header(stream: io.BufferedReader | io.BytesIO) -> ImageFile.ImageFile:
     """Open an image by its header, however many pixels it announces: that is for our own limit to say."""
-    with _opening:
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("error")  # of tags that are damaged
         usual, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             return Image.open(stream, formats=FORMATS)
@@ -73,6 +82,18 @@ def _header(stream: io.BufferedReader | io.BytesIO) -> ImageFile.ImageFile:
             raise InputError(f"is a damaged image: {error}") from error
         finally:
             Image.MAX_IMAGE_PIXELS = usual
+
+
+def _decode_tiff(image: TiffImageFile, size: int) -> None:
+    """Unpack a TIFF whose strips lie within the file; what Pillow only warns of is damage."""
+    for tags in _STRIPS:
+        starts, counts = (np.ravel(image.tag_v2.get(tag, ())).astype(np.float64) for tag in tags)
+        if len(starts) != len(counts) or (starts + counts > size).any():
+            raise InputError(f"truncated: its pixels end behind the {size} bytes that are present")
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        image.getexif()
+        image.load()
 
 
 def _check(image: Image.Image, packed: int) -> None:

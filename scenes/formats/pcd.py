@@ -90,8 +90,9 @@ def _projected(path: Path, header: _PcdHeader) -> RangeImage:
             "organised cloud of the sensor (HEIGHT > 1, NaN where nothing came back), or say where the "
             "scanner stood (--origin X,Y,Z)"
         )
+    left_out = tuple(text for text in cloud.warnings if "left out" in text)
     colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
-    return scan_from_station(cloud.points, cloud.origins, path.stem, colour)
+    return replace(scan_from_station(cloud.points, cloud.origins, path.stem, colour), warnings=left_out)
 
 
 def read_pcd_points(path: Path) -> RawPoints:

@@ -81,7 +81,9 @@ def check_references(file: Path, content: Mapping[str, Any] = EMPTY) -> NamedFil
     if suffix == ".obj":
         images, warnings = _check_obj(file)
     elif suffix in (".gltf", ".glb"):
-        entries = content.get("images") or []
+        entries = content.get("images", [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise InputError("its images are no list of objects")
         images = [named for entry in entries for named in _uri(entry, file)]
     elif suffix == ".ply":
         images = _ply_textures(file)

@@ -9,6 +9,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from tests.fuzzing.guided import is_installed, run_guided
 from tests.fuzzing.report import findings, save_findings, table
 from tests.fuzzing.supervision import Tally, supervise
 from tests.fuzzing.targets import TARGETS
@@ -22,6 +23,9 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=1e9, help="for the whole run")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument(
+        "--guided", type=float, default=0, metavar="SECONDS", help="then so long with atheris"
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("out/fuzz"), help="folder for the table and what was found"
     )
@@ -44,7 +48,20 @@ def main() -> int:
     (options.out / "table.md").write_text(text + "\n", encoding="utf-8")
     print(text)
     print(*findings(tallies), sep="\n")
-    return int(any(tally.findings for tally in tallies))
+    guided = _guided(names, options.guided, options.out) if options.guided else False
+    return int(guided or any(tally.findings for tally in tallies))
+
+
+def _guided(names: list[str], seconds: float, out: Path) -> bool:
+    """Let atheris go on, where it is installed; tell whether it found something."""
+    if not is_installed():
+        print("atheris is not installed, so nothing is guided by coverage: pip install -e '.[fuzz]' (Linux)")
+        return False
+    done = [run_guided(name, out / "guided", max(10.0, seconds / len(names))) for name in names]
+    print("| reader, guided | runs | branches | finding |\n| --- | --: | --: | --- |")
+    for one in done:
+        print(f"| {one['reader']} | {one['runs']:,} | {one['covered']} | {one['finding']} |")
+    return any(one["finding"] for one in done)
 
 
 if __name__ == "__main__":
