@@ -118,6 +118,14 @@ def test_want_of_memory_has_many_names(error, is_so):
     assert is_starved(_caused(error)) is is_so
 
 
+def test_an_internal_error_counts_under_a_limit_alone(monkeypatch):
+    error = SystemError("error return without exception set")
+    monkeypatch.setattr(sys, "argv", ["unseen", "plan"])
+    assert not is_starved(error)
+    monkeypatch.setattr(sys, "argv", ["unseen", "plan", "--max-memory=1GB"])
+    assert is_starved(error)
+
+
 def _caused(error):
     outer = RuntimeError("it did not work")
     outer.__cause__ = error
