@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from nbv.cli import app
+from nbv.cluster import _on_worker
 from scenes.checks import InputError
 from scenes.formats.arrays import open_arrays
 from scenes.formats.documents import parse_json, parse_toml, read_json, read_text
@@ -180,3 +181,11 @@ def test_places_far_from_the_origin_lose_nothing_in_ray_casting() -> None:
     assert hit.sum() > 100
     rounding = 64 * np.spacing(far.max())  # of coordinates, through a few dozen operations
     np.testing.assert_allclose(far_hits.ranges[hit], near_hits.ranges[hit], atol=rounding * 10, rtol=0)
+
+
+def test_workers_elsewhere_have_the_limits_of_here() -> None:
+    def work(_item: None, _n_threads: int | None) -> int:
+        return current_limits().faces
+
+    assert _on_worker(work, None, 1, {"faces": 5}) == 5
+    assert current_limits() == Limits()

@@ -3,6 +3,8 @@
 
 import json
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from scenes.loading import load_scene
 from scenes.mesh import LabelledMesh
 from scenes.mesh_doubts import mesh_doubts
 from tests.bad_files import meshes
+from tests.bad_files.trial import ROOT
 
 
 def changed(folder: Path, path: list[Any], value: Any) -> Path:
@@ -213,6 +216,14 @@ def test_binary_lists_of_two_lengths_are_refused() -> None:
         check_ply(head + vertices + row + b"\4" + row[1:])
     with pytest.raises(InputError, match="has 3 bytes more than it announces"):
         check_ply(head + vertices + row + row + b"abc")
+
+
+def test_decoders_print_nothing(tmp_path: Path) -> None:
+    path = meshes.write_ply(tmp_path, meshes.SIDE, meshes.FACES, "comment TextureFile gone.png\n")
+    code = f"from scenes.loading import load_scene; print(load_scene({str(path)!r}).warnings)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert "1 texture is missing" in done.stdout
+    assert done.stderr == ""
 
 
 def mesh(faces: Any, vertices: Any = meshes.SIDE) -> LabelledMesh:

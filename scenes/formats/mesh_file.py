@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from scenes.formats.stl import check_stl, stl_origin
 from scenes.limits import check_limit
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+# What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 
 
