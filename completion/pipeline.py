@@ -240,8 +240,9 @@ def complete(
         def textured(index: int) -> ChartTexture | None:
             return texture_patch(patches[index], observations, options.texturing, seed + index)
 
-        wanted = range(len(patches)) if options.texture else ()
-        textures = _each(pool, tell, "texture", textured, wanted, journal)
+        textures: list[ChartTexture | None] = []
+        if options.texture:
+            textures = _each(pool, tell, "texture", textured, range(len(patches)), journal)
     mesh = hypothesised_mesh(patches, textures)
     tell("audit", 0, 1)
     result = audit(

@@ -108,18 +108,30 @@ def run(
         process = subprocess.Popen(
             command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=said, preexec_fn=limited
         )
-        begin = time.monotonic()
-        done = 0
-        while not done and time.monotonic() < begin + TIMEOUT_S:
-            done, status, usage = os.wait4(process.pid, os.WNOHANG)
+        begin, peak = time.monotonic(), 0
+        while process.poll() is None and time.monotonic() < begin + TIMEOUT_S:
+            peak = max(peak, peak_bytes(process.pid))
             time.sleep(0.01)
-        if not done:
+        code = process.poll()
+        if code is None:
             process.kill()
             process.wait()
-        process.returncode = status  # it was waited for here, for what it used
         said.seek(0)
-        code = os.waitstatus_to_exitcode(status) if done else 999
-        return Ending(code, said.read(), usage.ru_maxrss * 1024)
+        return Ending(999 if code is None else code, said.read(), peak)
+
+
+def peak_bytes(pid: int) -> int:
+    """Return the largest resident memory that a process, or a child of its, has had; 0 where it has gone.
+
+    What `wait4` tells includes that of whoever forked it.
+    """
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        marks = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if "VmHWM" in line]
+    except OSError:
+        return 0
+    own = int(marks[0].split()[1]) * 1024 if marks else 0
+    return max([own, *(peak_bytes(int(child)) for child in children)])
 
 
 def digests(folder: Path) -> dict[str, str]:

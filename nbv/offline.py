@@ -157,6 +157,7 @@ def seen_by_candidates(task: Task, name: str, limits: SightLimits) -> csr_array:
         )
 
     seen = task.journal.step(f"seen-{name}", cast)
+    seen.data = np.ones(seen.nnz, np.int8)
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
 
 

@@ -14,6 +14,8 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 
+from nbv.commands.starvation import is_limited
+
 _SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 _GRACE_S = 0.2  # in which a child that got a signal itself ends, so that it need not be passed on
 _FAULTS = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGILL", "SIGFPE", "SIGTRAP", "SIGSYS", "SIGKILL")
@@ -89,7 +91,7 @@ def _exit_like(status: int, noise: bytes) -> None:
         sys.exit(code)
     name = signal.Signals(-code).name
     if name in _FAULTS:
-        os.write(2, f"{epitaph(name, sys.argv, noise, _is_limited(sys.argv))}\n".encode())
+        os.write(2, f"{epitaph(name, sys.argv, noise, is_limited(sys.argv))}\n".encode())
         sys.exit(1)
     signal.signal(-code, signal.SIG_DFL)
     os.kill(os.getpid(), -code)
@@ -127,12 +129,3 @@ def epitaph(name: str, arguments: Sequence[str], noise: bytes, is_limited: bool)
 def title_of(arguments: Sequence[str]) -> str:
     """Return the program and its command, as lines on standard error begin."""
     return " ".join(["unseen", *[one for one in arguments[1:2] if not one.startswith("-")]])
-
-
-def _is_limited(arguments: Sequence[str]) -> bool:
-    """Whether this process, or its command line, has a limit on memory."""
-    import resource
-
-    limits = [resource.getrlimit(which)[0] for which in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
-    asked = any(argument.startswith("--max-memory") for argument in arguments)
-    return asked or any(limit != resource.RLIM_INFINITY for limit in limits)

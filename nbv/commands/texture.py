@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps
+from PIL import Image, ImageOps
 
 from nbv.commands.run import Shared, running
 from scenes.atomic import write_bytes
@@ -171,13 +171,6 @@ def read_mask(path: str) -> NDArray[np.bool_]:
 @contextmanager
 def _opened(path: str) -> Iterator[Image.Image]:
     with open_image(Path(path)) as opened:
-        # Pillow turns TIFF while it loads, and scrambles it when it is neither square nor compressed.
-        if (
-            opened.format == "TIFF"
-            and opened.getexif().get(ExifTags.Base.Orientation, 1) > 4
-            and opened.tile[0][0] == "raw"
-        ):
-            raise InputError("is an uncompressed TIFF lying on its side; save it upright, or compressed")
         opened.load()
         yield ImageOps.exif_transpose(opened)
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageFile, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from scenes.checks import InputError
@@ -92,7 +92,9 @@ def _decode_tiff(image: TiffImageFile, size: int) -> None:
             raise InputError(f"truncated: its pixels end behind the {size} bytes that are present")
     with _opening, warnings.catch_warnings():
         warnings.simplefilter("error")
-        image.getexif()
+        # Pillow turns TIFF while it loads, and scrambles it when it is neither square nor compressed.
+        if image.getexif().get(ExifTags.Base.Orientation, 1) > 4 and image.tile[0][0] == "raw":
+            raise InputError("is an uncompressed TIFF lying on its side; save it upright, or compressed")
         image.load()
 
 
