@@ -44,7 +44,7 @@ def describe_output(path: Path) -> dict[str, Any] | None:
         return None
     with reading(check_file(path), f"a {path.suffix[1:].upper()} file"):
         found = describer(path)
-    return None if found is None else _ordered(path, found)
+        return None if found is None else _ordered(path, found)
 
 
 def with_states(held: dict[str, Any]) -> dict[str, Any]:

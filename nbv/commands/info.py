@@ -13,6 +13,8 @@ from scenes.describe import describe
 from scenes.files import Units, split_index
 from scenes.orientation import Axis
 
+_DEEPEST = 8
+
 
 def run_info(
     shared: Shared,
@@ -50,13 +52,18 @@ def _lines(held: dict[str, Any]) -> list[str]:
     return lines + [f"warning: {text}" for text in held.get("warnings", [])]
 
 
-def _text(value: Any) -> str:
-    """Return a value in few characters."""
+def _text(value: Any, depth: int = 0) -> str:
+    """Return a value in few characters; what lies deeper than people look as dots."""
+    if depth > _DEEPEST:
+        return "..."
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(item)}" for key, item in value.items()) or "none"
+        return ", ".join(f"{key} {_text(item, depth + 1)}" for key, item in value.items()) or "none"
     if isinstance(value, list):
-        shown = ", ".join(f"[{_text(item)}]" if isinstance(item, list) else _text(item) for item in value[:8])
+        shown = ", ".join(
+            f"[{_text(item, depth + 1)}]" if isinstance(item, list) else _text(item, depth + 1)
+            for item in value[:8]
+        )
         return shown + (f", ... ({len(value)})" if len(value) > 8 else "") or "none"
     return "none" if value is None else str(value)

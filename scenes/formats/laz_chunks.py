@@ -16,7 +16,8 @@ _USER, _ID = b"laszip encoded", 22204
 _CHUNKED, _LAYERED = 2, 3  # compressors; of the latter a chunk's streams are announced by their sizes
 _N_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of point, colour, colour with near infrared, wave packet
 _EXTRA_BYTES = 14  # has a layer for each byte
-_KNOWN = {0, 6, 7, 8, 9, *_N_LAYERS, _EXTRA_BYTES}
+_POINTS = {_CHUNKED: {6: 20}, _LAYERED: {10: 30}}  # bytes of the first item, by its kind
+_MORE = {_CHUNKED: {7: 8, 8: 6, 9: 29, 0: None}, _LAYERED: {11: 6, 12: 8, 13: 29, _EXTRA_BYTES: None}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +74,18 @@ def _packing(file: BinaryIO, start: int, n_records: int, length: int) -> _Packin
         )
     items = [struct.unpack_from("<HHH", data, _RECORD.size + 6 * k) for k in range(n_items)]
     point_bytes = sum(n_bytes for _, n_bytes, _ in items)
-    if point_bytes != length or not {kind for kind, *_ in items} <= _KNOWN:
+    if point_bytes != length or not _are_known(items, compressor):
         raise InputError(f"damaged: a point has {length} bytes, its packed items {items} have {point_bytes}")
     n_layers = sum(n_bytes if kind == _EXTRA_BYTES else _N_LAYERS.get(kind, 0) for kind, n_bytes, _ in items)
     return _Packing(data, compressor, point_bytes, n_layers)
+
+
+def _are_known(items: list[tuple[int, int, int]], compressor: int) -> bool:
+    """Tell whether these are a point and what may follow it, each of its own length and no kind twice."""
+    kinds = [kind for kind, *_ in items]
+    known: dict[int, int | None] = {**_POINTS[compressor], **_MORE[compressor]}
+    lengths = all(kind in known and known[kind] in (None, n_bytes) for kind, n_bytes, _ in items)
+    return lengths and kinds[0] in _POINTS[compressor] and len(set(kinds)) == len(kinds)
 
 
 def _records(file: BinaryIO, start: int, n_records: int) -> Iterator[tuple[bytes, int, bytes]]:

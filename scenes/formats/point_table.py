@@ -15,6 +15,7 @@ from scenes.checks import FloatArray, InputError
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _NAME = re.compile(r"[a-z]+")
+_SHOWN = 200  # characters of names in a warning
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
 _CURE = "correct the line, or mark it as a comment with #"
 
@@ -145,7 +146,7 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
     if not named:
         columns = tuple(range(6)) if len(fields) == 6 else (0, 1, 2)
         if len(names) == len(fields):
-            warnings = (f"no columns x, y, z among {', '.join(names)}: the first three were taken",)
+            warnings = (f"no columns x, y, z among {', '.join(names)[:_SHOWN]}: the first three were taken",)
             columns = (0, 1, 2)
     elif len(fields) < len(names) and max(columns) >= len(fields):
         raise InputError(

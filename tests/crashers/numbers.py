@@ -53,6 +53,15 @@ def _record(case: Case, *path: Any, value: Any) -> Case:
     return case.changed(case.entry, json.dumps(content).encode())
 
 
+def _deep_record(depth: int) -> Case:
+    """What unseen complete wrote, with lists within objects within lists for its mode."""
+    value: Any = 1
+    for _ in range(depth):
+        value = {"a": [value]}
+    case = next(case for case in seeds_of_scenes.record_files() if case.entry == "completion.json")
+    return _record(case, "mode", value=value)
+
+
 def _far_pose() -> Case:
     return Case({"pose.txt": b"1e200 0 0 0 0 0 1\n"}, "pose.txt")
 
@@ -100,6 +109,13 @@ def _toml(line: str) -> Case:
 
 
 NUMBERS = (
+    Crasher("info", "deep JSON was shown by recursion", lambda: _deep_record(50), ""),
+    Crasher(
+        "info",
+        "deeper JSON too, without an error of ours",
+        lambda: _deep_record(400),
+        "maximum recursion depth",
+    ),
     Crasher("scan ptx", "warnings: a line through an infinite slope is none", _ptx_beside, ""),
     Crasher("scan npz", "rays of length NaN", partial(_scan, fx=1e-320), "focal lengths must be in"),
     Crasher(

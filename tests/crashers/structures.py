@@ -43,6 +43,11 @@ def laz_items_of_another_length() -> Case:
     return patched(_laz(), _laszip_at(_laz()) + 36, (200).to_bytes(2, "little"))
 
 
+def laz_without_a_point() -> Case:
+    """The first item is a colour of a point's length, so that there are fewer layers than lazrs reads."""
+    return patched(_laz(), _laszip_at(_laz()) + 34, (11).to_bytes(2, "little"))
+
+
 def laz_without_chunks() -> Case:
     """Points are packed in one piece."""
     return patched(_laz(), _laszip_at(_laz()), b"\1")
@@ -106,12 +111,14 @@ def obj_with_a_long_name() -> Case:
 
 
 STRUCTURES = (
+    Crasher("points text", "a warning of 9000 characters", lambda: _text("a" * 3000 + " b c\n1 2 3\n"), ""),
     Crasher("mesh obj", "a warning of 5000 characters", obj_with_a_long_name, ""),
     Crasher(
         "scan laz", "lazrs asked for 4 GB and ended the process (SIGABRT)", laz_layer_of_4_gb, "layers of"
     ),
     Crasher("scan laz", "lazrs panicked, which is no Exception", laz_without_items, "packed as 0 items"),
     Crasher("scan laz", "lazrs panicked", laz_items_of_another_length, "its packed items .* have 2"),
+    Crasher("scan laz", "lazrs asked for GB of layers", laz_without_a_point, "its packed items .* have"),
     Crasher("scan laz", "lazrs knows chunks alone", laz_without_chunks, "packed in way 1"),
     Crasher("scan laz", "lazrs panicked", laz_without_its_record, "no record that says how its points"),
     Crasher(
