@@ -29,7 +29,7 @@ SECONDS ?= 300
 N ?= 20000
 
 fuzz: .venv/dev
-	$(BIN)/python -m tests.fuzzing --files $(N) --seconds $(SECONDS) --guided $$(( $(SECONDS) / 2 ))
+	$(BIN)/python -m tests.robustness.fuzzing --files $(N) --seconds $(SECONDS) --guided $$(( $(SECONDS) / 2 ))
 
 docs: .venv/docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet -c docs . out/site

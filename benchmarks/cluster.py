@@ -21,13 +21,13 @@ import numpy as np
 from rays import room_with_spheres
 from scipy.sparse import csr_array
 
-from nbv.cluster import cluster
-from nbv.remote_visibility import RemoteVisibility
-from nbv.requirement import SightLimits
-from nbv.samples import SurfaceSamples, sample_surface
-from nbv.visibility import visible_from_positions
-from scenes.mesh import LabelledMesh
-from scenes.raycast import RayCaster
+from nbv.plan.remote_visibility import RemoteVisibility
+from nbv.run.cluster import cluster
+from nbv.visibility.requirement import SightLimits
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.visibility import visible_from_positions
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.rays.raycast import RayCaster
 
 N_POSITIONS, N_SAMPLES = 60, 200_000
 PROCESSES = (1, 2, 3, 4)

@@ -22,10 +22,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from scenes.morton import morton_order
+from scenes.mesh.morton import morton_order
 from scenes.pose import Pose
-from scenes.projection import PinholeProjection
-from scenes.raycast import RayCaster
+from scenes.rays.raycast import RayCaster
+from scenes.scan.projection import PinholeProjection
 
 SIDE, N = 1000, 1_000_000
 Job = Callable[[], object]

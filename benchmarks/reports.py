@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.report import picture
-from nbv.report.page import Page, Section
+from nbv.report.page.page import Page, Section
+from nbv.report.pictures import picture
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from tests.browser import CHROMIUM, Browser
+from tests.helpers.browser import CHROMIUM, Browser
 
 _MOST_BYTES = 12e6
 _CATEGORIES = (

@@ -18,11 +18,11 @@ import numpy as np
 from rays import SIDE, N, raw_embreex, room_with_spheres, workload
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from scenes.mesh import Appearance, LabelledMesh
+from nbv.scanning.sensors.sensor import PinholeSensor
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.pose import Pose
-from scenes.raycast import RayCaster
-from scenes.scene import Scene
+from scenes.rays.raycast import RayCaster
+from scenes.world.scene import Scene
 
 AT = [-3.5, -3.5, 1.0]
 

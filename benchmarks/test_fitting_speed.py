@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from completion.fitting import fit
 from completion.fitting.moments import moments
 from completion.fitting.quadrics import fit_quadric, read_surface
-from scenes.surfaces import Cone, Cylinder, EllipticCylinder
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder
 
 RADIUS, LENGTH, SIGMA = 60.0, 100.0, 0.1
 RADII = (66.0, 54.0)

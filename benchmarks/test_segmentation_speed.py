@@ -7,9 +7,18 @@ import time
 import numpy as np
 import pytest
 
-from completion.evaluation.hoover import score_regions
-from tests.bench_frames import LEAST_PIXELS, NOISE_M, Frame, frames, judged, labels_of, prepared, segmented
-from tests.data_paths import requires_bench
+from benchmarks.completion.scores.hoover import score_regions
+from tests.helpers.bench_frames import (
+    LEAST_PIXELS,
+    NOISE_M,
+    Frame,
+    frames,
+    judged,
+    labels_of,
+    prepared,
+    segmented,
+)
+from tests.helpers.data_paths import requires_bench
 
 pytestmark = requires_bench
 ROWS: list[str] = []

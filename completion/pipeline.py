@@ -13,29 +13,29 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.audit import audit
+from completion.boundary.boundary_pixels import find_rim
 from completion.boundary.cues import ALL_CUES, Cue
-from completion.boundary.rim import find_rim
 from completion.edits.application import apply_edits
 from completion.edits.edit import Edit
-from completion.export import export_completion, save_completion
-from completion.extension import Patch, extend
-from completion.limits import Mode, limit, with_ends
+from completion.extension.adjacency import survey
+from completion.extension.extent import Mode, limit, with_ends
+from completion.extension.patch import Patch, extend
 from completion.merging.pipeline import MergedSurface, merge
-from completion.model import CompletedModel, hypothesised_mesh
-from completion.observation import Observation, observe
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import EvidenceOptions
+from completion.result.audit import audit
+from completion.result.completed_model import CompletedModel, hypothesised_mesh
+from completion.result.export import export_completion, save_completion
+from completion.result.verification import Verification
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
-from completion.surroundings import survey
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import texture_patch
-from completion.texturing.task import TexturingOptions
-from completion.tolerance import EvidenceOptions
-from completion.verification import Verification
+from completion.texturing.problem import TexturingOptions
 from scenes.checks import InputError, check_options
-from scenes.journal import NO_JOURNAL, Journal
-from scenes.memory import require, threads
-from scenes.range_image import RangeImage
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.run.memory import require, threads
+from scenes.scan.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
 _BYTES_KEPT = 350  # of every pixel, to the end: points, normals, regions, surfaces, textures
@@ -141,7 +141,7 @@ class Completion(CompletedModel):
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
-        from completion.cards import card_of_completion  # only notebooks need it
+        from completion.result.cards import card_of_completion  # only notebooks need it
 
         return card_of_completion(self).to_html()
 

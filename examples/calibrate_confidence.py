@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from benchmarks.completion.scenes.cases import hypothesis_of
+from benchmarks.completion.scenes.rooms import random_case
+from benchmarks.completion.truth.truth import TrueChart
 from completion import CompletionOptions, Patch, complete
-from completion.confidence import PERSISTENCE, Onward, Prospects, prospects
-from completion.evaluation.truth import TrueChart
-from completion.evidence import Label
-from nbv.evaluation.cases import hypothesis_of
-from nbv.evaluation.rooms import random_case
-from nbv.scanning.effects import named_effects
+from completion.evidence.evidence import Label
+from completion.extension.confidence import PERSISTENCE, Onward, Prospects, prospects
+from nbv.scanning.effects.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 

@@ -2,17 +2,18 @@
 """The law that nothing is inferred where a beam went through, on many random scenes.
 
 Run it with `python examples/check_free_space.py [COUNT] [FIRST_SEED]` (default: 500 scenes from seed 0, some
-minutes). Each scene is completed from all its scans and from the first alone, and `nbv.evaluation.free_space`
-re-measures both with the beams of all scans. It prints the violating scenes, the worst of them and totals,
-and exits with 1 where a noise-free scene violates, or where a scan more made a violation larger.
+minutes). Each scene is completed from all its scans and from the first alone, and
+`benchmarks.completion.cases.free_space` re-measures both with the beams of all scans. It prints the violating
+scenes, the worst of them and totals, and exits with 1 where a noise-free scene violates, or where a scan more
+made a violation larger.
 """
 
 import sys
 from dataclasses import dataclass
 
+from benchmarks.completion.cases.free_space import Violation, violation_of
+from benchmarks.completion.scenes.clutter import random_clutter
 from completion import CompletionOptions, complete
-from nbv.evaluation.clutter import random_clutter
-from nbv.evaluation.free_space import Violation, violation_of
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,11 @@ from tempfile import mkdtemp
 import numpy as np
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.view import View
-from scenes.builtin import builtin_scene
-from scenes.files import write_scan
+from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.view import View
+from scenes.files.scan_files import write_scan
 from scenes.pose import Pose
+from scenes.world.builtin import builtin_scene
 
 SENSOR = 'kind = "pinhole"\nname = "small"\nfov_deg = 70.0\nwidth = 64\nheight = 64\n'
 STUDY = """

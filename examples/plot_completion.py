@@ -19,9 +19,9 @@ from PIL import Image
 
 from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
-from nbv.report.camera import Camera, aside_cameras
 from nbv.report.completion_report import Stage, before_and_after
-from nbv.report.page import Gallery
+from nbv.report.page.page import Gallery
+from nbv.report.pictures.camera import Camera, aside_cameras
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 
 _GAP, _WIDTH = 12, 600

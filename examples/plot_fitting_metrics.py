@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from completion.fitting import FitError, fit
 from scenes import Cylinder
-from scenes.surfaces import EllipticCylinder
+from scenes.surfaces.catalogue import EllipticCylinder
 
 RADIUS, LENGTH, N_POINTS = 60.0, 100.0, 10_000  # mm
 ROWS = ((180, 0.5), (90, 0.1), (90, 0.5), (60, 0.1), (60, 0.5), (30, 0.1), (30, 0.5))  # arc deg, sigma mm

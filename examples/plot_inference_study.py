@@ -20,16 +20,16 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from nbv.classes import Shares, classify, shares_of
-from nbv.coverage import UNREACHABLE
-from nbv.knowledge import Knowledge
-from nbv.measurement import CoverageTally
-from nbv.planner import RENEWED
-from nbv.planning import plan_views
-from nbv.samples import sample_surface
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.coverage import UNREACHABLE
+from nbv.coverage.measurement import CoverageTally
+from nbv.coverage.surface_classes import Shares, classify, shares_of
+from nbv.online.planner import RENEWED
+from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import Sensor
-from nbv.scanning.sensor_profile import load_sensor
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.visibility.samples import sample_surface
 from scenes import RangeImage, Scene, builtin_scene
 
 PAGE, PICTURE = "inference-study.md", "inference_study.png"

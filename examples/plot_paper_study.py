@@ -36,8 +36,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from nbv import load_sensor
-from nbv.viewpoints import TRIPOD_HEIGHTS_M
-from nbv.wording import count
+from nbv.run.wording import count
+from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M
 from scenes import Pose, Scene, builtin_scene
 
 Results = Mapping[tuple[str, int], Result]

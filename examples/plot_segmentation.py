@@ -21,10 +21,10 @@ from matplotlib import pyplot as plt
 from scipy.ndimage import distance_transform_cdt
 
 from completion.merging.pipeline import MergedSurface, merge
-from completion.observation import observe
+from completion.observe.observation import observe
+from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
-from completion.tolerance import EvidenceOptions
 from scenes import Cylinder, RangeImage, read_scan
 
 ROOT = Path(__file__).resolve().parents[1]

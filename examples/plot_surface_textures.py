@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
+from benchmarks.completion.cases.study import office_cases
+from benchmarks.completion.scores.colour import ColourScore, score_colour
 from completion import Completion, complete
-from completion.evaluation.colour import ColourScore, score_colour
-from completion.observation import observe
+from completion.observe.observation import observe
 from completion.texturing.chart_texture import ChartTexture
 from nbv import PinholeSensor, scan_scene
-from nbv.evaluation.study import office_cases
-from nbv.scanning.effects import named_effects
+from nbv.scanning.effects.effects import named_effects
 from scenes import Pose, RangeImage, builtin_scene, read_scan
-from scenes.building import Finish, SceneBuilder
-from scenes.finishes import brick
-from scenes.projection import PinholeProjection
+from scenes.scan.projection import PinholeProjection
+from scenes.world.building import Finish, SceneBuilder
+from scenes.world.finishes import brick
 
 DATA = Path(os.environ.get("UNSEEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 _BLUE, _GAP, _HEIGHT = np.array([60, 110, 235]), 12, 420
@@ -288,8 +288,9 @@ HEAD = """<!-- Written by `python examples/plot_surface_textures.py`; do not edi
 A surface's chart is rasterised as finely as its pixels are. Each measured texel gets the colour of the pixel
 that sees it largest, interpolated among the surface's own pixels alone. What is inferred is synthesised by
 Efros-Leung sampling from the surface's own texels: from those seen finely enough, away from the occluders'
-rims, in the light, and of the material that borders on the hidden part (`completion/texturing/samples.py`).
-Shadows (`light.py`) and slow shading (`texture/shading.py`) are set apart before, and put back after.
+rims, in the light, and of the material that borders on the hidden part
+(`completion/texturing/texture_samples.py`). Shadows (`light.py`) and slow shading
+(`texture/surface/shading.py`) are set apart before, and put back after.
 
 Each picture: measured, with what is hidden in blue (grey: unknown); completed; and the truth, where it is
 known."""

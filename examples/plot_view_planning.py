@@ -34,14 +34,14 @@ from nbv import (
 from nbv.cover.dual import find_certificate
 from nbv.cover.greedy import choose_greedily, drop_redundant
 from nbv.cover.instance import CoverInstance
-from nbv.cover.polish import polish
+from nbv.cover.overlap import OverlapOptions
 from nbv.cover.reduction import reduce_instance
-from nbv.free_space import FreeSpace
-from nbv.overlap import OverlapOptions
-from nbv.viewpoints import room_lattice, sensor_directions
-from nbv.visibility import orient, visible_from_positions
+from nbv.cover.swap_search import polish
+from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.viewpoints import room_lattice, sensor_directions
+from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Scene, builtin_scene
-from scenes.building import Finish, SceneBuilder
+from scenes.world.building import Finish, SceneBuilder
 
 BENCH = Path(os.environ.get("UNSEEN_BENCH", Path(__file__).parents[2] / "shared" / "bench"))
 CONE = PinholeSensor(fov_deg=60, width=320, height=320, name="cone of 60 deg", aperture="circular")

@@ -20,20 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.baselines import farthest_poses
-from nbv.gain import GainOptions
-from nbv.planner import PlannerOptions, explore
-from nbv.requirement import SightLimits
-from nbv.samples import SurfaceSamples, sample_surface
+from nbv.online.gain import GainOptions
+from nbv.online.planner import PlannerOptions, explore
+from nbv.plan.baselines import farthest_poses
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.viewpoints import Candidates, viewing_sphere
-from nbv.visibility import lines_of_sight
-from scenes.loading import load_scene
-from scenes.mesh import LabelledMesh
-from scenes.range_image import RangeImage
-from scenes.raycast import RayCaster
-from scenes.scene import Scene
+from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.visibility.requirement import SightLimits
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.viewpoints import Candidates, viewing_sphere
+from nbv.visibility.visibility import lines_of_sight
+from scenes.files.scene_loading import load_scene
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.rays.raycast import RayCaster
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
 BUNNY = Path(os.environ.get("UNSEEN_DATA", ROOT.parent / "shared/data")) / "scenes/objects/stanford-bunny.obj"

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from benchmarks.completion.scenes.cases import hypothesis_of
+from benchmarks.completion.scores.buffers import BUFFERS_M
+from benchmarks.completion.scores.other_scans import HiddenScore, score_by_others
+from benchmarks.completion.truth.samples import sample
 from completion import CompletionOptions, complete
-from completion.evaluation.buffers import BUFFERS_M
-from completion.evaluation.other_scans import HiddenScore, score_by_others
-from completion.evaluation.samples import sample
-from completion.limits import Mode
-from nbv.evaluation.cases import hypothesis_of
+from completion.extension.extent import Mode
 from scenes import RangeImage, read_scan
 
 MODES: tuple[Mode, ...] = ("conservative", "standard", "bold")

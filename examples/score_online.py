@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.gain import GainOptions
-from nbv.measurement import CoverageTally
-from nbv.plan import Plan
-from nbv.planner import PlannerOptions
-from nbv.planning import plan_views
-from nbv.samples import SurfaceSamples
-from nbv.viewpoints import Candidates, load_candidates
-from nbv.wording import count
-from scenes.builtin import builtin_scene
+from nbv.coverage.measurement import CoverageTally
+from nbv.online.gain import GainOptions
+from nbv.online.planner import PlannerOptions
+from nbv.plan.plan import Plan
+from nbv.plan.planning import plan_views
+from nbv.run.wording import count
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.viewpoints import Candidates, load_candidates
+from scenes.world.builtin import builtin_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 BENCH = Path(os.environ.get("UNSEEN_BENCH", ROOT.parent / "shared/bench")) / "room_candidates.npz"

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv import Candidates, CoverOptions, Requirement, Sensor, load_sensor, plan_views, sample_surface
-from nbv.baselines import farthest_poses
 from nbv.cover.greedy import choose_greedily
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import find_cover
-from nbv.reachability import scene_candidates
-from nbv.samples import SurfaceSamples
-from nbv.visibility import orient, visible_from_positions
+from nbv.plan.baselines import farthest_poses
+from nbv.visibility.reachability import scene_candidates
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Pose, RayCaster, Scene, builtin_scene
 
 SHARES = (0.95, 0.99, 1.0)

@@ -9,10 +9,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from nbv.commands.arguments import parse_choices, parse_numbers, parse_shape
-from nbv.commands.guardian import guarded, title_of
-from nbv.commands.headroom import settle
-from nbv.commands.options import (
+from nbv.commands.options.arguments import parse_choices, parse_numbers, parse_shape
+from nbv.commands.options.options import (
     DepthScale,
     Intrinsics,
     NoiseOption,
@@ -25,9 +23,11 @@ from nbv.commands.options import (
     UpOption,
     with_shared,
 )
-from nbv.commands.run import Shared
-from nbv.commands.starvation import NOT_ENOUGH, is_starved
-from nbv.commands.views_cli import coverage, plan
+from nbv.commands.options.views_cli import coverage, plan
+from nbv.commands.process.guardian import guarded, title_of
+from nbv.commands.process.headroom import settle
+from nbv.commands.process.run import Shared
+from nbv.commands.process.starvation import NOT_ENOUGH, is_starved
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
@@ -60,7 +60,7 @@ def _jobs(context: typer.Context) -> None:
 @with_shared
 def demo(shared: Shared) -> None:
     """Plan, scan, complete, texture and report on a built-in room with two occluders."""
-    from nbv.demo import run_demo
+    from nbv.commands.demo import run_demo
 
     run_demo(shared)
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Efros-Leung texture synthesis: arrays in, arrays out; knows no geometry, no files, no screen."""
 
+from texture.analysis.lattice import Lattice, find_lattice, measure_phase_error
+from texture.analysis.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.examination import Examination, examine
-from texture.lattice import Lattice, find_lattice, measure_phase_error
 from texture.pipeline import fill, grow
-from texture.quality import measure_distance, measure_seam, measure_verbatim_share
-from texture.surface import SurfaceFill, fill_surface
-from texture.synthesis import Synthesis
+from texture.result import Synthesis
+from texture.surface.surface_fill import SurfaceFill, fill_surface
 
 __all__ = [
     "Examination",

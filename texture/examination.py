@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.arguments import check_known, check_mask
-from texture.lattice import measure_phase_error
-from texture.quality import measure_distance, measure_seam, measure_verbatim_share
-from texture.synthesis import Synthesis
+from texture.analysis.lattice import measure_phase_error
+from texture.analysis.quality import measure_distance, measure_seam, measure_verbatim_share
+from texture.result import Synthesis
+from texture.sampling.arguments import check_known, check_mask
 
 N_PIECES = 6
 CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
@@ -29,12 +29,14 @@ class Examination:
     piece_distance, piece_spread : float
         The same among real pieces: mean and standard deviation.
     seam : float
-        How much the border shows (`texture.quality.measure_seam`), in 8-bit levels; NaN where it has none.
+        How much the border shows (`texture.analysis.quality.measure_seam`), in 8-bit levels; NaN where it has
+        none.
     verbatim_share : float
         Share of patches copied in one piece from one place.
     phase_error : float
-        How far the fill is out of step with a repeating texture (`texture.lattice.measure_phase_error`), as a
-        fraction of the period; NaN where there is no lattice.
+        How far the fill is out of step with a repeating texture
+        (`texture.analysis.lattice.measure_phase_error`), as a fraction of the period; NaN where there is no
+        lattice.
     confidence : float
         Mean over the fill of `Synthesis.confidence`.
     alarms : tuple of str

@@ -15,7 +15,14 @@ References
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.arguments import (
+from texture.analysis.self_check import WindowCheck, check_windows
+from texture.analysis.window import SMALLEST_CHOICE
+from texture.engine.engine import can_compile, count_threads
+from texture.engine.passes import Progress, Way, synthesise
+from texture.engine.plain import fill_plainly
+from texture.result import Synthesis, collect
+from texture.sampling.arguments import (
+    EngineName,
     check_engine,
     check_image,
     check_known,
@@ -27,18 +34,12 @@ from texture.arguments import (
     check_window,
     check_wrap,
 )
-from texture.canvas import Canvas
-from texture.engine import EngineName, can_compile, count_threads
-from texture.levels import quantise
-from texture.order import OrderName
-from texture.passes import Progress, Way, synthesise
-from texture.plain import fill_plainly
-from texture.randomness import draw_key
-from texture.sample import Sample
-from texture.seed import plant_seed
-from texture.self_check import WindowCheck, check_windows
-from texture.synthesis import Synthesis, collect
-from texture.window import SMALLEST_CHOICE
+from texture.sampling.canvas import Canvas
+from texture.sampling.levels import quantise
+from texture.sampling.order import OrderName
+from texture.sampling.randomness import draw_key
+from texture.sampling.sample import Sample
+from texture.sampling.seed import plant_seed
 
 
 def fill(
@@ -69,7 +70,7 @@ def fill(
     window : int, optional
         Odd side of the comparison window, 3..99 pixels. None chooses 7..31 by the largest feature of the
         sample and, where it has room for them and numba compiles, by filling holes cut out of it
-        (`texture.self_check`); the result says which.
+        (`texture.analysis.self_check`); the result says which.
     order : {"paper", "window"}
         "paper": a pass visits the whole rim, most filled 8-neighbours first. "window": it visits the best
         eighth of the rim, most filled pixels in the whole window first: much more reliable on structured
@@ -96,8 +97,8 @@ def fill(
         Seconds after which no further pass begins: then the result is what is filled so far, says so
         (`Synthesis.is_complete`), and depends on the machine.
     plain : bool
-        Whether the sample is one colour and noise (`texture.plain.is_plain`): random ones of its usual pixels
-        fill the hole, and nothing is matched: no window is chosen.
+        Whether the sample is one colour and noise (`texture.engine.plain.is_plain`): random ones of its usual
+        pixels fill the hole, and nothing is matched: no window is chosen.
 
     Returns
     -------

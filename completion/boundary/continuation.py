@@ -11,7 +11,7 @@ import numpy as np
 from completion.boundary.cues import ALL_CUES, Cue
 from completion.boundary.curves import Circle, Line
 from completion.boundary.edges import Edge
-from completion.chart import ChartGrid
+from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 
 _LEAD = 4.0  # cells between the end of a run and the hidden zone

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from completion.boundary.curves import Line
-from scenes.surfaces import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _LEAST_SINE = 0.1  # of the angle between surfaces: flatter ones meet anywhere
 _SQUARE = float(np.cos(np.radians(3.0)))  # between a plane's normal and an axis

@@ -11,8 +11,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from completion.boundary.boundary_pixels import RimPoints
 from completion.boundary.curves import Circle, Line, fit_circle
-from completion.boundary.rim import RimPoints
 from scenes.checks import BoolArray, FloatArray
 
 _N_DIRECTIONS = 180

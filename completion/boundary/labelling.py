@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from completion.boundary.shadows import Shadows
+from completion.boundary.hidden_regions import Shadows
 from scenes.checks import BoolArray, FloatArray
 
 _UNITS = 10_000  # capacities are whole numbers

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from completion.evidence import Evidence, Label
+from completion.evidence.evidence import Evidence, Label
 from scenes.checks import BoolArray
 
 

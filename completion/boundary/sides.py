@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.boundary.rim import Rim, RimPoints
+from completion.boundary.boundary_pixels import Rim, RimPoints
 from scenes.checks import FloatArray
 
 _NEAR = 2.0  # steps between pixels, from a side

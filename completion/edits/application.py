@@ -11,13 +11,13 @@ import numpy as np
 from shapely import Polygon
 
 from completion.edits.edit import Anchor, Edit
-from completion.edits.verdict import Verdict, Wish, outline_uv
+from completion.edits.surface_edits import Verdict, Wish, outline_uv
 from completion.merging.pipeline import MergedSurface
-from completion.observation import Observation
-from completion.refitting import refit
+from completion.observe.observation import Observation
+from completion.observe.refitting import refit
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
-from scenes.surfaces import Plane
+from scenes.surfaces.catalogue import Plane
 
 _PICK_M = 0.05  # within which a place that a person names lies on a surface
 _FEWEST = 12  # pixels of a part

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_point, check_points, frozen_copy
-from scenes.plane import Plane
+from scenes.surfaces.plane import Plane
 
 Action = Literal["accept", "reject", "merge", "split", "end", "opening"]
 ACTIONS: tuple[Action, ...] = get_args(Action)

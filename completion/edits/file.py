@@ -14,7 +14,7 @@ from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError
 from scenes.formats.documents import read_json
 from scenes.formats.guard import reading
-from scenes.plane import Plane
+from scenes.surfaces.plane import Plane
 
 _FIELDS = {
     "accept": ("surface", "outline"),

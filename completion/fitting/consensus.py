@@ -7,7 +7,7 @@ import numpy as np
 
 from completion.fitting.result import FitError
 from scenes.checks import FloatArray, InputError
-from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
 _N_SCORED = 600
 _LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set

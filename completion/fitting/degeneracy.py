@@ -9,7 +9,7 @@ from scipy.special import chdtri
 from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere
 
 LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7}
 _ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}

@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from completion.fitting.axial_charts import ConeChart, CylinderChart
-from completion.fitting.chart import Chart
-from completion.fitting.charts import chart_of
+from completion.fitting.charts.axial_charts import ConeChart, CylinderChart
+from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.planar_charts import chart_of
 from completion.fitting.degeneracy import check_enough, check_layer, check_spread, principal, undetermined
 from completion.fitting.moments import centroid
 from completion.fitting.polish import Cloud, Normal, full_step, polished
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import cones_along, starts
 from scenes.checks import BoolArray, FloatArray, InputError, check_points
-from scenes.surfaces import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _SUBSAMPLE = 20_000  # points that a fit converges on before its last two full steps
 _START_SAMPLE = 2_000  # points on which starts compete

@@ -13,7 +13,7 @@ from completion.fitting.result import FitError, Metric, Shape, SurfaceFit
 from completion.fitting.robust import fit_robust
 from completion.fitting.selection import select
 from scenes.checks import FloatArray, InputError, check_points, check_vectors
-from scenes.surfaces import Surface
+from scenes.surfaces.catalogue import Surface
 
 
 def fit(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.chart import Chart
+from completion.fitting.charts.chart import Chart
 from completion.fitting.result import FitError
 from scenes.checks import FloatArray
 

@@ -13,7 +13,7 @@ from completion.fitting.degeneracy import check_spread, principal
 from completion.fitting.moments import MONOMIALS, Moments, moments
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Sphere, Surface, perpendicular
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere, Surface, perpendicular
 
 _N_SPREAD = 2_000  # points that show whether all lie on a line or in a plane
 _N_PARAMETERS = {"sphere": 4, "cylinder": 5, "cone": 6, "elliptic-cylinder": 7}

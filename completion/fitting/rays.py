@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.chart import Chart
-from completion.fitting.charts import chart_of
+from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.planar_charts import chart_of
 from completion.fitting.degeneracy import undetermined
 from completion.fitting.euclidean import normalised
 from completion.fitting.polish import Cloud, Normal
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Surface
+from scenes.surfaces.catalogue import Surface
 
 _N_STEPS = 50
 _N_NEWTON = 25

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from completion.fitting.charts import chart_of
+from completion.fitting.charts.planar_charts import chart_of
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.surfaces import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
 Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"]
 Metric = Literal["euclidean", "taubin", "algebraic"]
@@ -109,7 +109,7 @@ class SurfaceFit:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""
-        from completion.cards import card_of_fit  # only notebooks need it
+        from completion.result.cards import card_of_fit  # only notebooks need it
 
         return card_of_fit(self).to_html()
 

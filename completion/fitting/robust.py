@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.fitting.charts import chart_of
+from completion.fitting.charts.planar_charts import chart_of
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.degeneracy import check_layer
 from completion.fitting.polish import Cloud, normal_equations, polished
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Plane, Surface
+from scenes.surfaces.catalogue import Plane, Surface
 
 _N_SAMPLE = 1_500  # points that take part in the consensus
 _N_TREE = 50_000

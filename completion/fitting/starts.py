@@ -14,9 +14,9 @@ from functools import cache
 
 import numpy as np
 
-from completion.fitting.axial_charts import ConeChart, CylinderChart, EllipticChart
-from completion.fitting.chart import Chart, axis_frame, turned_frame
-from completion.fitting.charts import SphereChart
+from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
+from completion.fitting.charts.chart import Chart, axis_frame, turned_frame
+from completion.fitting.charts.planar_charts import SphereChart
 from completion.fitting.moments import moments
 from scenes.checks import FloatArray
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder
+from scenes.surfaces.catalogue import Cylinder
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
 _CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed

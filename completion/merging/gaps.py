@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.evidence import Label, label_points
-from completion.observation import Observation
-from completion.tolerance import EvidenceOptions
+from completion.evidence.evidence import Label, label_points
+from completion.observe.observation import Observation
+from completion.observe.tolerance import EvidenceOptions
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Surface
+from scenes.surfaces.catalogue import Surface
 
 _N_ENDS = 40  # points of either part that bridges start from
 _N_STEPS = 24

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.beams import Beams
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
 from completion.merging.gaps import gap_is_hidden
-from completion.observation import Observation
-from completion.refitting import improve, refit
+from completion.observe.measured_rays import Beams
+from completion.observe.observation import Observation
+from completion.observe.refitting import improve, refit
+from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.regions import Region
-from completion.tolerance import EvidenceOptions
 from scenes.checks import BoolArray, FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests

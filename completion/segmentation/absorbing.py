@@ -9,11 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.observation import Observation
-from completion.segmentation.packed import gap_to
+from completion.observe.observation import Observation
+from completion.observe.packed_surfaces import gap_to
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
-from scenes.surfaces import Surface
+from scenes.surfaces.catalogue import Surface
 
 _WITHIN = 0.9  # of an island's pixels within tolerance of the surface around
 _ENCLOSED = 0.5  # of its outline next to that surface

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.observation import Observation
+from completion.observe.observation import Observation
+from completion.observe.tiles import Tiles
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
 from completion.segmentation.growing import Cluster, grow_plane, tile_cut
 from completion.segmentation.regions import SegmentationOptions
 from completion.segmentation.seeds import find_seeds, next_seed
-from completion.segmentation.tiles import Tiles
 
 _LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder
 

@@ -7,10 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.observation import Observation
-from completion.segmentation.packed import gap_to
+from completion.observe.observation import Observation
+from completion.observe.packed_surfaces import gap_to
+from completion.observe.tiles import Tiles
 from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.tiles import Tiles
 from scenes.checks import FloatArray
 
 _SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual

@@ -7,16 +7,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.beams import Beams
-from completion.fitting.chart import axis_frame
-from completion.observation import Observation
-from completion.refitting import improve
+from completion.fitting.charts.chart import axis_frame
+from completion.observe.measured_rays import Beams
+from completion.observe.observation import Observation
+from completion.observe.packed_surfaces import pack
+from completion.observe.refitting import improve
+from completion.observe.tiles import Tiles
 from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
-from completion.segmentation.packed import pack
 from completion.segmentation.regions import SegmentationOptions, observed_arc
-from completion.segmentation.tiles import Tiles
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces import Cylinder
+from scenes.surfaces.catalogue import Cylinder
 
 _SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
 _RING = 1.3  # growth by the smooth tiles around that makes a patch a narrow one

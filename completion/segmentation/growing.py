@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from completion.segmentation.packed import pack_plane, tangent_plane
+from completion.observe.packed_surfaces import pack_plane, tangent_plane
+from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
 
 _N_ROUNDS = 12

@@ -8,18 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.beams import Beams
-from completion.observation import Observation
-from completion.refitting import improve, refit
+from completion.observe.measured_rays import Beams
+from completion.observe.observation import Observation
+from completion.observe.packed_surfaces import pack
+from completion.observe.refitting import improve, refit
+from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
 from completion.segmentation.absorbing import absorb
 from completion.segmentation.clusters import find_clusters
 from completion.segmentation.competition import compete
-from completion.segmentation.creases import sharpen_creases
+from completion.segmentation.connected_parts import split_parts
 from completion.segmentation.growing import Cluster
-from completion.segmentation.packed import pack
-from completion.segmentation.parts import split_parts
 from completion.segmentation.regions import Region, SegmentationOptions
-from completion.segmentation.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
+from completion.segmentation.rounded_creases import sharpen_creases
 from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to

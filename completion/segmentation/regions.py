@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray, FloatArray, check_options
-from scenes.surfaces import Cylinder
+from scenes.surfaces.catalogue import Cylinder
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numba import njit
 
+from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.growing import CHI2_3, quadratic
-from completion.segmentation.tiles import Tiles, solve_plane
 from scenes.checks import BoolArray, FloatArray
 
 _MAX_MISFIT = 3.0  # of a tile that an edge may not cross

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.chart import ChartGrid
+from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 
 GREY = 158  # of a texel of which nothing is known

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from scenes.checks import BoolArray, FloatArray
-from texture.shading import fit_shading
+from texture.surface.shading import fit_shading
 
 NEIGHBOURHOOD = 31  # texels: side of the square whose median colour is a material's
 FEWEST = 400  # texels: fewer are no texture

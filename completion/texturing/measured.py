@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.extension import Patch
-from completion.observation import Observation
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation
 from completion.texturing.raster import TexelRaster, footprint
 from scenes.checks import BoolArray, FloatArray
 

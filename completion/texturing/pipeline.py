@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.extension import Patch
-from completion.observation import Observation
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture, spread_colour
 from completion.texturing.light import cast_shadows
 from completion.texturing.measured import measure_colour
+from completion.texturing.problem import TexturingOptions, resized, set_task
 from completion.texturing.raster import lay_texels
-from completion.texturing.task import TexturingOptions, resized, set_task
 from texture import fill_surface, measure_verbatim_share
 
 

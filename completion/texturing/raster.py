@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.chart import ChartGrid
-from completion.extension import Patch
-from completion.observation import Observation
+from completion.evidence.chart_grid import ChartGrid
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 
 LARGEST_SIDE = 4096  # texels: what viewers take for one image

@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from completion.edits.file import read_edits
-from completion.effect import effect_of
-from completion.limits import Mode
+from completion.extension.extent import Mode
 from completion.pipeline import Completion, CompletionOptions, complete
-from completion.verification import Finding, Verification, verify
-from nbv.commands.run import Shared, running
+from completion.result.edit_effect import effect_of
+from completion.result.verification import Finding, Verification, verify
+from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
-from nbv.manifest import input_digests
 from nbv.report.completion_report import completion_page
-from nbv.report.page import square_metres
-from nbv.wording import count
-from scenes.journal import NO_JOURNAL, Journal
-from scenes.range_image import RangeImage
+from nbv.report.page.page import square_metres
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

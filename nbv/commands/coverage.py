@@ -11,34 +11,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import completion.limits
-from nbv.commands.run import Run, Shared, running
+import completion.extension.extent
+from nbv.commands.process.run import Run, Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request
-from nbv.coverage import STATES, Coverage
-from nbv.csv_table import csv_text
-from nbv.manifest import input_digests
-from nbv.measurement import measure_coverage, measure_scan_coverage
-from nbv.plan import read_plan
-from nbv.reachability import REASONS, scene_candidates
+from nbv.coverage.coverage import STATES, Coverage
+from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
+from nbv.coverage.unreachable import unreachable_patches
+from nbv.coverage.visibility_history import Sightings, sightings_of
+from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
-from nbv.report.page import percent
-from nbv.report.surface_values import fine_coverage
-from nbv.requirement import Requirement
-from nbv.samples import sample_surface
-from nbv.scanning.sensor import Sensor
-from nbv.scanning.sensor_profile import load_sensor
-from nbv.sightings import Sightings, sightings_of
-from nbv.unreachable import unreachable_patches
-from nbv.view import View
-from nbv.wording import count
-from scenes.atomic import write_json, write_text
-from scenes.files import Units
-from scenes.formats.ply import write_mesh_ply
+from nbv.report.page.page import percent
+from nbv.report.pictures.surface_values import fine_coverage
+from nbv.run.csv_table import csv_text
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.view import View
+from nbv.visibility.reachability import REASONS, scene_candidates
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.samples import sample_surface
+from scenes.files.scan_files import Units
+from scenes.files.scene_loading import open_scene
+from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.formats.trajectory import read_poses
-from scenes.loading import open_scene
-from scenes.orientation import Axis
-from scenes.range_image import RangeImage
-from scenes.scene import Mode, Scene
+from scenes.mesh.orientation import Axis
+from scenes.run.atomic import write_json, write_text
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Mode, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +51,7 @@ class CoverageRequest:
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
     mode: Mode | None = None
-    inference: completion.limits.Mode = "standard"
+    inference: completion.extension.extent.Mode = "standard"
     up: Axis = "z"
     units: Units = "m"
 

@@ -11,10 +11,10 @@ import typer
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, inflated
 from completion.fitting.selection import Selection, select
-from nbv.commands.run import Shared, running
-from scenes.atomic import json_text, write_json
-from scenes.files import Units
-from scenes.points import PointCloud, read_points
+from nbv.commands.process.run import Shared, running
+from scenes.files.point_files import PointCloud, read_points
+from scenes.files.scan_files import Units
+from scenes.run.atomic import json_text, write_json
 
 
 def run_fit(

@@ -6,12 +6,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from nbv.commands.run import Shared, running
-from nbv.outputs import describe_output, with_states
-from scenes.atomic import write_json
-from scenes.describe import describe
-from scenes.files import Units, split_index
-from scenes.orientation import Axis
+from nbv.commands.outputs import describe_output, with_states
+from nbv.commands.process.run import Shared, running
+from scenes.files.describe import describe
+from scenes.files.scan_files import Units, split_index
+from scenes.mesh.orientation import Axis
+from scenes.run.atomic import write_json
 
 _DEEPEST = 8
 

@@ -8,25 +8,25 @@ from dataclasses import replace
 from typing import Any
 
 from nbv.commands.plan import PlanRequest
-from nbv.commands.run import Shared, running
+from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
-from nbv.knowledge import Knowledge
-from nbv.manifest import input_digests
-from nbv.next_stations import check_aperture, plan_next_stations
-from nbv.plan import Plan
-from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
-from nbv.planner import PlannerOptions
-from nbv.planning import with_aperture
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.online.planner import PlannerOptions
+from nbv.plan.plan import Plan
+from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
+from nbv.plan.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
-from nbv.report.page import square_metres
-from nbv.scan_coverage import ScanCoverage, cover_by_scans
-from nbv.scanning.sensor_profile import load_sensor
-from nbv.survey import Survey
-from nbv.viewpoints import allowed, load_candidates
-from nbv.wording import count
-from scenes.atomic import write_json
-from scenes.orientation import Axis, world_from_file_up
-from scenes.range_image import RangeImage
+from nbv.report.page.page import square_metres
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scans.next_stations import check_aperture, plan_next_stations
+from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scans.scan_map import Survey
+from nbv.visibility.viewpoints import allowed, load_candidates
+from scenes.mesh.orientation import Axis, world_from_file_up
+from scenes.run.atomic import write_json
+from scenes.scan.range_image import RangeImage
 
 
 def run_next_stations(shared: Shared, request: PlanRequest) -> None:

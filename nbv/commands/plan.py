@@ -10,33 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from nbv.baselines import Baseline, compare_with_baselines
-from nbv.classes import Shares
 from nbv.commands.coverage import coverage_content
-from nbv.commands.run import Shared, running
+from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, read_request
+from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
-from nbv.coverage import Coverage
-from nbv.manifest import input_digests
-from nbv.overlap import OverlapOptions
-from nbv.plan import Plan
-from nbv.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
-from nbv.planning import Method, plan_views
-from nbv.remote_visibility import remote_visibility
+from nbv.coverage.coverage import Coverage
+from nbv.coverage.surface_classes import Shares
+from nbv.plan.baselines import Baseline, compare_with_baselines
+from nbv.plan.plan import Plan
+from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
+from nbv.plan.planning import Method, plan_views
+from nbv.plan.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
-from nbv.report.page import percent, square_metres
-from nbv.requirement import Requirement
-from nbv.scanning.sensor import chosen_effects
-from nbv.scanning.sensor_profile import load_sensor
-from nbv.viewpoints import load_candidates
-from nbv.wording import count
-from nbv.zones import Box, Zones
-from scenes.atomic import write_json
-from scenes.files import Units
-from scenes.loading import open_scene
-from scenes.orientation import Axis
-from scenes.range_image import RangeImage
-from scenes.scene import Mode, Scene
+from nbv.report.page.page import percent, square_metres
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor import chosen_effects
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.viewpoints import load_candidates
+from nbv.visibility.zones import Box, Zones
+from scenes.files.scan_files import Units
+from scenes.files.scene_loading import open_scene
+from scenes.mesh.orientation import Axis
+from scenes.run.atomic import write_json
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Mode, Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.run import Shared, running
+from nbv.commands.process.run import Shared, running
+from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor_profile import load_profile
-from nbv.wording import count
+from nbv.scanning.sensors.sensor_profile import load_profile
 from scenes.checks import InputError
-from scenes.files import Units, split_index, write_scan, write_scans
-from scenes.formats.rgbd_writer import check_no_other_frames
+from scenes.files.scan_files import Units, split_index, write_scan, write_scans
+from scenes.files.scene_loading import open_scene
+from scenes.formats.rgbd.rgbd_writer import check_no_other_frames
 from scenes.formats.trajectory import read_poses
-from scenes.loading import open_scene
-from scenes.orientation import Axis
+from scenes.mesh.orientation import Axis
 from scenes.pose import Pose
-from scenes.range_image import RangeImage
+from scenes.scan.range_image import RangeImage
 
 _EMPTY = "is it looking away from the scene, from within something, or beyond the range of the sensor?"
 

@@ -12,20 +12,20 @@ import numpy as np
 from completion.pipeline import CompletionOptions, complete
 from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
-from nbv.commands.run import Shared, running
+from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
-from nbv.csv_table import csv_text
-from nbv.manifest import input_digests
-from nbv.report.page import square_metres
+from nbv.report.page.page import square_metres
 from nbv.report.scan_coverage_report import scan_coverage_page
-from nbv.requirement import Requirement
-from nbv.scan_coverage import ScanCoverage, cover_by_scans
-from nbv.scanning.sensor_profile import load_sensor
-from nbv.state_mesh import STATES, StateMesh
-from nbv.survey import Survey
-from nbv.wording import count
-from scenes.atomic import write_json, write_text
-from scenes.formats.ply import write_mesh_ply
+from nbv.run.csv_table import csv_text
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scans.scan_map import Survey
+from nbv.scans.state_mesh import STATES, StateMesh
+from nbv.visibility.requirement import Requirement
+from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.run.atomic import write_json, write_text
 
 _COLOURS = np.array(
     [[158, 163, 163], [244, 211, 158], [46, 122, 204], [230, 159, 26], [219, 219, 214]], np.uint8

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.convention import convention_doubt
-from scenes.describe_scans import scan_warnings
-from scenes.files import Intrinsics, Units, open_scans, read_scans, split_index
+from scenes.files.describe_scans import scan_warnings
+from scenes.files.point_files import read_points
+from scenes.files.scan_files import Intrinsics, Units, open_scans, read_scans, split_index
 from scenes.formats.header import colour_from_bytes
+from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
-from scenes.points import read_points
 from scenes.pose import Pose
-from scenes.range_image import RangeImage
-from scenes.station import scan_from_station
+from scenes.scan.convention import convention_doubt
+from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True)

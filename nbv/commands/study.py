@@ -7,18 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nbv.cluster import workers_of
-from nbv.commands.run import Run, Shared, running
-from nbv.manifest import input_digests
-from nbv.plots import on_white
+from nbv.commands.process.run import Run, Shared, running
+from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
+from nbv.run.cluster import workers_of
+from nbv.run.manifest import input_digests
+from nbv.run.wording import count
 from nbv.study.outcome import Outcome
 from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
 from nbv.study.spec import StudySpec, common_share, read_study
 from nbv.study.summary import groups_of
-from nbv.wording import count
-from scenes.atomic import write_bytes
+from scenes.run.atomic import write_bytes
 
 
 def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:

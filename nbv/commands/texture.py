@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from nbv.commands.run import Shared, running
-from scenes.atomic import write_bytes
+from nbv.commands.process.run import Shared, running
 from scenes.checks import InputError
 from scenes.formats.image import open_image
-from scenes.memory import require
+from scenes.run.atomic import write_bytes
+from scenes.run.memory import require
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
-from texture.surface import fill_surface
-from texture.synthesis import Synthesis
+from texture.result import Synthesis
+from texture.surface.surface_fill import fill_surface
 
 
 class _Need(NamedTuple):

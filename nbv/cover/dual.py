@@ -14,7 +14,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.reduction import Reduction
 from nbv.cover.subgradient import Multipliers, ascend
 from scenes.checks import FloatArray
-from scenes.memory import require
+from scenes.run.memory import require
 
 _ASCENT_STEPS = 1000
 _BYTES_AN_ENTRY = 300  # of the relaxation, for HiGHS and what it is given: 80 to 330 were measured

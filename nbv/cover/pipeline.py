@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.cover.cover import Cover, LowerBound
 from nbv.cover.dual import find_certificate
 from nbv.cover.exact import solve_exactly
 from nbv.cover.greedy import Progress, by_gain, choose_greedily, drop_redundant
 from nbv.cover.instance import CoverInstance
-from nbv.cover.polish import polish
 from nbv.cover.reduction import reduce_instance
-from nbv.cover.result import Cover, LowerBound
+from nbv.cover.swap_search import polish
 from scenes.checks import InputError
 
 _DUAL, _EXACT = "dual of the linear relaxation, checked exactly", "branch and bound (HiGHS)"

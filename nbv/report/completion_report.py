@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from completion.extension import Patch
+from completion.extension.patch import Patch
 from completion.pipeline import Completion
-from completion.verification import Verification
-from nbv.plots import range_colours
-from nbv.report.camera import aside_cameras, overview_cameras
-from nbv.report.edit_blocks import edit_sections
-from nbv.report.page import (
+from completion.result.verification import Verification
+from nbv.report.blocks.edit_blocks import edit_sections
+from nbv.report.blocks.station_tables import scans_table
+from nbv.report.blocks.verification_blocks import verification_sections
+from nbv.report.figures.plots import range_colours
+from nbv.report.page.page import (
     Bar,
     Block,
     Cell,
@@ -31,13 +32,12 @@ from nbv.report.page import (
     Text,
     square_metres,
 )
-from nbv.report.picture import picture_of, segment_pixels, surface_colour
-from nbv.report.stage import Stage, is_single_camera, solid_bounds
-from nbv.report.station_tables import scans_table
-from nbv.report.verification_blocks import verification_sections
+from nbv.report.pictures.camera import aside_cameras, overview_cameras
+from nbv.report.pictures.completion_shots import Stage, is_single_camera, solid_bounds
+from nbv.report.pictures.picture import picture_of, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
-from nbv.wording import count
-from scenes.thumbnail import upright
+from nbv.run.wording import count
+from scenes.card.thumbnail import upright
 
 _MOST_SCANS = 3  # of which pictures are shown
 

@@ -6,14 +6,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nbv.baselines import Baseline
-from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
-from nbv.plan import Plan
-from nbv.report.baseline_blocks import baselines_section
-from nbv.report.coverage_tables import reasons, stations_table, surfaces_table, views_table
-from nbv.report.findings import Findings, measured_sentence, met_before
-from nbv.report.inference_blocks import with_inference
-from nbv.report.page import (
+from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.coverage.visibility_history import Sightings, sightings_of
+from nbv.plan.baselines import Baseline
+from nbv.plan.plan import Plan
+from nbv.report.blocks.baseline_blocks import baselines_section
+from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
+from nbv.report.blocks.inference_blocks import with_inference
+from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
+from nbv.report.blocks.state_pictures import state_pictures
+from nbv.report.blocks.station_plots import curve, stations
+from nbv.report.page.page import (
     Bar,
     Block,
     Gallery,
@@ -26,9 +29,7 @@ from nbv.report.page import (
     percent,
     square_metres,
 )
-from nbv.report.picture import MEASURED, UNKNOWN, Picture
-from nbv.report.state_pictures import state_pictures
-from nbv.report.station_plots import curve, stations
+from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.viewer.markers import (
     given_markers,
     opening_lines,
@@ -37,14 +38,13 @@ from nbv.report.viewer.markers import (
     zone_lines,
 )
 from nbv.report.viewer.scene_view import PALE, scene_view
-from nbv.scanning.sensor import Sensor
-from nbv.sightings import Sightings, sightings_of
-from nbv.view import View
-from nbv.wording import count
-from nbv.zones import EVERYWHERE, Zones
-from scenes.projection import Projection
-from scenes.range_image import RangeImage
-from scenes.scene import Scene
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.view import View
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.scan.projection import Projection
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Scene
 
 
 def plan_page(

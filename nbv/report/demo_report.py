@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from completion.pipeline import Completion
-from nbv.coverage import Coverage
-from nbv.plan import Plan
-from nbv.report import picture
+from nbv.coverage.coverage import Coverage
+from nbv.coverage.visibility_history import sightings_of
+from nbv.plan.plan import Plan
+from nbv.report.blocks.coverage_tables import reasons, views_table
+from nbv.report.blocks.state_pictures import state_pictures
+from nbv.report.blocks.station_plots import curve, stations
+from nbv.report.blocks.truth import INFERRED, MEASURED, UNKNOWN, Comparison
 from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
-from nbv.report.coverage_tables import reasons, views_table
-from nbv.report.page import (
+from nbv.report.page.page import (
     Bar,
     Block,
     Cell,
@@ -30,14 +33,11 @@ from nbv.report.page import (
     percent,
     square_metres,
 )
-from nbv.report.state_pictures import state_pictures
-from nbv.report.station_plots import curve, stations
-from nbv.report.truth import INFERRED, MEASURED, UNKNOWN, Comparison
+from nbv.report.pictures import picture
 from nbv.report.viewer.markers import view_markers
 from nbv.report.viewer.scene_view import colours_of_views, scene_view
-from nbv.sightings import sightings_of
-from nbv.wording import count
-from scenes.scene import Scene
+from nbv.run.wording import count
+from scenes.world.scene import Scene
 
 _STATES: tuple[tuple[State, int], ...] = (
     ("measured", MEASURED),

@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nbv.plan import Plan
-from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
-from nbv.report.scan_coverage_blocks import (
+from nbv.plan.plan import Plan
+from nbv.report.blocks.scan_coverage_blocks import (
     area_bar,
     area_headlines,
     boundary_blocks,
@@ -16,11 +15,12 @@ from nbv.report.scan_coverage_blocks import (
     stations_plan,
     surfaces_blocks,
 )
+from nbv.report.blocks.station_tables import PLACE_COLUMNS, place_cells, scans_table
+from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
 from nbv.report.scan_coverage_report import summary
-from nbv.report.station_tables import PLACE_COLUMNS, place_cells, scans_table
-from nbv.scan_coverage import ScanCoverage
-from nbv.state_mesh import StateMesh
-from nbv.wording import count
+from nbv.run.wording import count
+from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.state_mesh import StateMesh
 
 _NO_FLOOR = (
     "No floor was seen below the scanners, so stations are wherever space is known to be free; "

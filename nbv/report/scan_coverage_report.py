@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nbv.report.page import Gallery, Page, Section, square_metres
-from nbv.report.scan_coverage_blocks import (
+from nbv.report.blocks.scan_coverage_blocks import (
     area_bar,
     area_headlines,
     boundary_blocks,
@@ -15,11 +14,12 @@ from nbv.report.scan_coverage_blocks import (
     stations_plan,
     surfaces_blocks,
 )
-from nbv.report.station_tables import scans_table
-from nbv.scan_coverage import ScanCoverage
-from nbv.scanning.sensor import Sensor
-from nbv.state_mesh import StateMesh
-from nbv.wording import count
+from nbv.report.blocks.station_tables import scans_table
+from nbv.report.page.page import Gallery, Page, Section, square_metres
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.state_mesh import StateMesh
 
 
 def scan_coverage_page(

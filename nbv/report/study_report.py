@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from nbv.plots import Plot
-from nbv.report.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, percent
-from nbv.report.picture import Picture
+from nbv.report.figures.plots import Plot
+from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, percent
+from nbv.report.pictures.picture import Picture
+from nbv.run.wording import count
 from nbv.study.outcome import Outcome
-from nbv.study.plots import colour_of, coverage_curves, views_needed
 from nbv.study.spec import StudySpec, common_share
+from nbv.study.study_plots import colour_of, coverage_curves, views_needed
 from nbv.study.summary import Group, groups_of
-from nbv.wording import count
 from scenes.checks import FloatArray
 
 _MOST_PICTURES = 24

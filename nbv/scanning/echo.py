@@ -9,18 +9,18 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.scanning.footprint import N_RAYS, Footprint, Returns, sub_rays
-from nbv.scanning.intensity import Intensity, reflectivity_of_colour
-from nbv.scanning.sensor import Partner
-from nbv.scanning.triangulation import both_see
-from scenes.blocks import in_blocks
+from nbv.scanning.effects.footprint import N_RAYS, Footprint, Returns, sub_rays
+from nbv.scanning.effects.intensity import Intensity, reflectivity_of_colour
+from nbv.scanning.sensors.sensor import Partner
+from nbv.scanning.sensors.triangulation import both_see
 from scenes.checks import BoolArray, FloatArray
-from scenes.memory import rows_within
-from scenes.mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
-from scenes.ray_grid import RayGrid
-from scenes.raycast import Hits, RayCaster
-from scenes.scene import Scene
+from scenes.rays.raycast import Hits, RayCaster
+from scenes.run.blocks import in_blocks
+from scenes.run.memory import rows_within
+from scenes.scan.ray_grid import RayGrid
+from scenes.world.scene import Scene
 
 _GREY = 0.5
 _CHUNK = 32_768  # beams at a time at the most: half a million rays
@@ -185,7 +185,7 @@ def footprint_echo(
 
     One uniform number is drawn for every beam: how its pattern of rays is turned.
     """
-    from nbv.scanning.returns import merge_returns  # numba: imported when first needed
+    from nbv.scanning.effects.returns import merge_returns  # numba: imported when first needed
 
     origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
     out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))

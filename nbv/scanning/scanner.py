@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.scanning.echo import Echo, Sight, World, footprint_echo
-from nbv.scanning.effects import Effects
-from nbv.scanning.footprint import N_RAYS
-from nbv.scanning.intensity import Intensity
-from nbv.scanning.noise import range_sigma_m
-from nbv.scanning.random_streams import normal_numbers, stage_streams
-from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects
-from nbv.view import View
+from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects.footprint import N_RAYS
+from nbv.scanning.effects.intensity import Intensity
+from nbv.scanning.effects.noise_models import range_sigma_m
+from nbv.scanning.effects.random_streams import normal_numbers, stage_streams
+from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects
+from nbv.scanning.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
-from scenes.projection import Projection
-from scenes.range_image import RangeImage, ScanTruth
-from scenes.raycast import RayCaster
-from scenes.scene import Scene
+from scenes.rays.raycast import RayCaster
+from scenes.scan.projection import Projection
+from scenes.scan.range_image import RangeImage, ScanTruth
+from scenes.world.scene import Scene
 
 _FAR_M = 1e9  # stands for "nothing met" where formulas cannot do with infinity
 _DRAWING = ("footprint", "dropout", "noise", "pointing")  # stages that draw random numbers
@@ -54,8 +54,8 @@ def scan_scene(
     sensor : Sensor, optional
         Needed with a pose; with a view it replaces the view's own.
     noise : str
-        Effects by name, see `nbv.scanning.effects.named_effects`; "profile" for those of the sensor's own
-        profile; "none" unless asked for.
+        Effects by name, see `nbv.scanning.effects.effects.named_effects`; "profile" for those of the sensor's
+        own profile; "none" unless asked for.
     effects : Effects, optional
         Effects stage by stage, instead of `noise`.
     truth : bool

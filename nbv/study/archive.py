@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from nbv.study.case import Case
-from scenes.atomic import make_folder, write_json
 from scenes.checks import InputError
 from scenes.formats.documents import read_json
+from scenes.run.atomic import make_folder, write_json
 
 
 class PlanArchive:

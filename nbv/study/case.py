@@ -11,21 +11,21 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
-from nbv.coverage import Coverage
-from nbv.manifest import sha256_of, versions
-from nbv.overlap import OverlapOptions
-from nbv.planning import plan_views
-from nbv.reachability import scene_candidates
-from nbv.samples import SurfaceSamples, sample_surface
-from nbv.scanning.sensor import Sensor, chosen_effects
-from nbv.scanning.sensor_profile import load_sensor
+from nbv.coverage.coverage import Coverage
+from nbv.plan.planning import plan_views
+from nbv.run.manifest import sha256_of, versions
+from nbv.scanning.sensors.sensor import Sensor, chosen_effects
+from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
-from nbv.viewpoints import Candidates
-from scenes.atomic import json_text
+from nbv.visibility.reachability import scene_candidates
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
-from scenes.loading import open_scene
-from scenes.scene import Scene
+from scenes.files.scene_loading import open_scene
+from scenes.run.atomic import json_text
+from scenes.world.scene import Scene
 
 _SLUG = re.compile(r"[^a-z0-9]+")
 _LONGEST = 24  # characters of each part of a name

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from nbv.run.workers import ThisProcess, Workers
 from nbv.study.archive import PlanArchive
 from nbv.study.case import Case, cases_of, run_case
 from nbv.study.outcome import Outcome, outcome_of
 from nbv.study.spec import StudySpec
-from nbv.workers import ThisProcess, Workers
 
 Progress = Callable[[str, int, int], None]
 

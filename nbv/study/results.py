@@ -9,10 +9,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
-from nbv.csv_table import csv_text
+from nbv.run.csv_table import csv_text
 from nbv.study.outcome import COLUMNS, Outcome
-from scenes.atomic import write_bytes, write_text
 from scenes.checks import InputError
+from scenes.run.atomic import write_bytes, write_text
 
 Rows = Sequence[Mapping[str, Any]]
 Columns = Mapping[str, type]

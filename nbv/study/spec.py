@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from nbv.requirement import Requirement
+from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.formats.documents import read_toml
 from scenes.formats.guard import one_line, reading
@@ -68,7 +68,7 @@ class SensorEntry(Entry):
 
 
 class RequirementEntry(Entry):
-    """What counts as measured; see `nbv.requirement.Requirement`."""
+    """What counts as measured; see `nbv.visibility.requirement.Requirement`."""
 
     max_incidence_deg: float = Field(default=60.0, gt=0, le=90)
     max_range_m: Positive | None = None

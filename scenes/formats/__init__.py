@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""File formats, one module each; `scenes.files` dispatches to them by suffix."""
+"""File formats, one module each; `scenes.files.scan_files` dispatches to them by suffix."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, reading
-from scenes.limits import check_limit, check_unpacked
+from scenes.run.file_limits import check_limit, check_unpacked
 
 _KNOWN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes; others may ask for any memory
 _SUFFIX = ".npy"

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.natural_order import natural_key
+from scenes.formats.natural_order import natural_key
 from scenes.pose import rotation_of
 
 _LINE = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"

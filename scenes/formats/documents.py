@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, reading
-from scenes.limits import check_limit
+from scenes.run.file_limits import check_limit
 
 _MOST_DIGITS = 18  # of an integer: what fits into 63 bits
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")  # half of a pair that stands for one letter
@@ -29,7 +29,7 @@ def read_text(path: Path, limit: str = "json_bytes") -> str:
     path : Path
         The file.
     limit : str
-        The field of `scenes.limits.Limits` that its bytes are held against.
+        The field of `scenes.run.file_limits.Limits` that its bytes are held against.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.limits import check_limit, current_limits
+from scenes.run.file_limits import check_limit, current_limits
 
 _LONGEST = 1200  # characters of a message: a path may have hundreds
 
@@ -63,7 +63,7 @@ def check_file(path: Path, limit: str = "file_bytes") -> Path:
     path : Path
         Links are followed.
     limit : str
-        The field of `scenes.limits.Limits` that its bytes are held against.
+        The field of `scenes.run.file_limits.Limits` that its bytes are held against.
 
     Raises
     ------

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from scenes.atomic import to_plain
 from scenes.checks import FloatArray, InputError
 from scenes.formats.documents import parse_json
 from scenes.formats.guard import check_size
 from scenes.pose import Pose
-from scenes.projection import PinholeProjection, Projection, SphericalProjection
-from scenes.range_image import RangeImage
+from scenes.run.atomic import to_plain
+from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.scan.range_image import RangeImage
 
 FORMAT = "unseen organised scan 1"
 _TAG = "unseen "

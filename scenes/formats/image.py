@@ -17,7 +17,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, check_size, reading
-from scenes.limits import check_unpacked
+from scenes.run.file_limits import check_unpacked
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "TGA")
 _opening = threading.Lock()  # Pillow's own limit is a global of its module, and so are filters of warnings

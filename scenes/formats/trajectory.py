@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenes.atomic import write_text
 from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.documents import parse_json, read_text
 from scenes.formats.guard import reading
 from scenes.pose import Pose, rotation_of
+from scenes.run.atomic import write_text
 
 TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this

@@ -8,8 +8,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from nbv.report.camera import Camera
-from nbv.report.picture import Picture
+from nbv.report.pictures.camera import Camera
+from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.layers import Colour, Layer
 from scenes.checks import FloatArray
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.extension import Patch
-from completion.meshing import mesh_cells
-from completion.model import CompletedModel
-from completion.openings import find_openings
-from completion.parts import remainder_mesh
-from completion.provenance import Provenance
-from completion.texturing.atlas import Atlas, make_atlas
-from nbv.report.camera import Camera
-from nbv.report.picture import Picture, surface_rgb
-from nbv.report.surface_values import cut_finely
+from completion.boundary.meshing import mesh_cells
+from completion.extension.patch import Patch
+from completion.extension.provenance import Provenance
+from completion.result.atlas import Atlas, make_atlas
+from completion.result.completed_model import CompletedModel
+from completion.result.model_parts import remainder_mesh
+from completion.result.openings import find_openings
+from nbv.report.pictures.camera import Camera
+from nbv.report.pictures.picture import Picture, surface_rgb
+from nbv.report.pictures.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
 from nbv.report.viewer.markers import opening_lines, view_markers
@@ -31,8 +31,8 @@ from nbv.report.viewer.scan_channels import (
 )
 from nbv.report.viewer.thinning import thinned
 from scenes.checks import BoolArray, FloatArray
-from scenes.mesh import Appearance
-from scenes.range_image import RangeImage
+from scenes.mesh.labelled_mesh import Appearance
+from scenes.scan.range_image import RangeImage
 
 _PIECES = 40_000  # into which recognised surface is cut, about
 _MOST_FACES = 400_000  # of what belongs to no surface

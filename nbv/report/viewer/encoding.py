@@ -17,12 +17,12 @@ import numpy as np
 from matplotlib import colormaps
 
 from nbv.report.viewer.block import Lines, Marker, Viewer
+from nbv.report.viewer.byte_packing import Packer, by_appearance
 from nbv.report.viewer.framing import best_camera, focus
 from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
-from nbv.report.viewer.packing import Packer, by_appearance
 from nbv.report.viewer.skins import add_images, corner_keys, skin_entry
 from scenes.checks import FloatArray
-from scenes.morton import morton_order
+from scenes.mesh.morton import morton_order
 
 _FINEST_M = 0.00025  # step of the coordinates in large scenes; small ones have 2^16 steps
 _MOST_STEPS = 2**24  # what a 32-bit float of the graphics card holds

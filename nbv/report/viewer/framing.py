@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nbv.report.camera import Camera, overview_cameras
+from nbv.report.pictures.camera import Camera, overview_cameras
 from nbv.report.viewer.layers import Layer
 from scenes.checks import FloatArray
 

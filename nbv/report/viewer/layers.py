@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError
-from scenes.mesh import Appearance
+from scenes.mesh.labelled_mesh import Appearance
 
 Pattern = Literal["plain", "hatched", "dotted"]
 Colour = tuple[float, float, float]

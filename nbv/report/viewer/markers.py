@@ -7,15 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nbv.floor_plan import letters
-from nbv.report.picture import UNKNOWN
+from nbv.plan.tour import Tour
+from nbv.report.figures.floor_plan import letters
+from nbv.report.pictures.picture import UNKNOWN
 from nbv.report.viewer.block import Lines, Marker
 from nbv.report.viewer.layers import Colour
-from nbv.tour import Tour
-from nbv.zones import Box, Zones
+from nbv.visibility.zones import Box, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
 _OPENING, _WAY = (0.10, 0.55, 0.45), (0.70, 0.42, 0.0)
 _AROUND = np.radians(150.0)  # a field of view from here on is drawn as a ring

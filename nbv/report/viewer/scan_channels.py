@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.provenance import Provenance
-from completion.record import provenance_word
-from nbv.measurement import measured_samples
-from nbv.report import picture
-from nbv.report.picture import surface_rgb
+from completion.extension.provenance import Provenance
+from completion.result.record import provenance_word
+from nbv.coverage.measurement import measured_samples
+from nbv.report.pictures import picture
+from nbv.report.pictures.picture import surface_rgb
 from nbv.report.viewer.layers import Category, Numbers, Sightings
-from nbv.samples import SurfaceSamples
-from nbv.survey import with_known_noise
+from nbv.scans.scan_map import with_known_noise
+from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import FloatArray
-from scenes.range_image import RangeImage
+from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)
 INFERRED = Category("inferred", picture.INFERRED)

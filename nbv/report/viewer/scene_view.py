@@ -10,22 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from nbv.classes import INFERRED as CLASS_INFERRED
-from nbv.classes import MET as CLASS_MET
-from nbv.classes import MODELLED as CLASS_MODELLED
-from nbv.coverage import MET, REACHABLE, UNREACHABLE, Coverage
-from nbv.reachability import REASONS
-from nbv.report import picture
-from nbv.report.picture import Picture, surface_rgb
-from nbv.report.surface_values import FineCoverage, fine_coverage
+from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.coverage.surface_classes import INFERRED as CLASS_INFERRED
+from nbv.coverage.surface_classes import MET as CLASS_MET
+from nbv.coverage.surface_classes import MODELLED as CLASS_MODELLED
+from nbv.coverage.visibility_history import NEVER
+from nbv.coverage.visibility_history import Sightings as Seen
+from nbv.report.pictures import picture
+from nbv.report.pictures.picture import Picture, surface_rgb
+from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Colour, Layer, Numbers, Sightings
-from nbv.sightings import NEVER
-from nbv.sightings import Sightings as Seen
-from nbv.zones import EVERYWHERE, Zones
+from nbv.visibility.reachability import REASONS
+from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
-from scenes.mesh import Appearance
-from scenes.scene import Scene
+from scenes.mesh.labelled_mesh import Appearance
+from scenes.world.scene import Scene
 
 _SAMPLES_A_FACE = 1.0
 _NEAR_HULL = 0.02  # of the scene's extent: what encloses it

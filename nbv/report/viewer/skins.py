@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from nbv.report.viewer.packing import Packer, by_appearance
-from scenes.mesh import Appearance
+from nbv.report.viewer.byte_packing import Packer, by_appearance
+from scenes.mesh.labelled_mesh import Appearance
 
 _MOST_PIXELS = 3_000_000  # of all images together
 _QUALITY = 82  # of WebP

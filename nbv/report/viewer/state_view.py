@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.report import picture
-from nbv.report.camera import aside_cameras
-from nbv.report.picture import Picture
-from nbv.report.stage import is_single_camera
+from nbv.report.pictures import picture
+from nbv.report.pictures.camera import aside_cameras
+from nbv.report.pictures.completion_shots import is_single_camera
+from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
 from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
@@ -23,13 +23,13 @@ from nbv.report.viewer.scan_channels import (
 )
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.thinning import thinned
-from nbv.scan_coverage import ScanCoverage
-from nbv.scanning.sensor import Sensor
-from nbv.state_mesh import FRONTIER, SEEN_WORSE, SHADOW, STATES, StateMesh
-from nbv.state_mesh import INFERRED as STATE_INFERRED
-from nbv.zones import EVERYWHERE, Zones
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.state_mesh import FRONTIER, SEEN_WORSE, SHADOW, STATES, StateMesh
+from nbv.scans.state_mesh import INFERRED as STATE_INFERRED
+from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
-from scenes.mesh import Appearance
+from scenes.mesh.labelled_mesh import Appearance
 from scenes.pose import Pose
 
 _CATEGORIES = (

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Pages of the evaluation: summaries, tables, plots and their text."""

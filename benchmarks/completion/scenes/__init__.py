@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Scenes of the evaluation: generated rooms, furniture, stations and sweeps."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Scores: inferred surface held against the truth."""

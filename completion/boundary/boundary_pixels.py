@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: MIT
+"""Rim: the boundary pixels of a surface's regions, each told apart by what its neighbour saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.fitting.result import SurfaceFit
+from completion.observe.observation import Observation
+from completion.observe.tolerance import EvidenceOptions, ray_tolerance
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces.catalogue import Surface
+
+_STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+class Rim(IntEnum):
+    """Why a region ends at a boundary pixel (Dell'Acqua & Fisher 2002: true and false boundaries)."""
+
+    CONTIGUOUS = 0  # the neighbour lies on the surface too, but on another one as well: a crease
+    OWN_EDGE = 1  # the neighbouring beam went past the surface
+    OCCLUDED = 2  # the neighbouring beam met something nearer
+    LIMB = 3  # the neighbouring ray passes the surface altogether: it turns away there
+    NO_RETURN = 4  # nothing came back
+    FRAME = 5  # the image ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RimPoints:
+    """Places half way between the last pixel of a region and the next.
+
+    Attributes
+    ----------
+    uv : (n, 2) float
+        Chart coordinates, metres.
+    step : (n, 2) float
+        Way along the chart from the last pixel to the next, metres: what `uv` may be off by, half to
+        either side.
+    kind : (n,) int8
+        A `Rim`.
+    """
+
+    uv: FloatArray
+    step: FloatArray
+    kind: NDArray[np.int8]
+
+    def only(self, keep: BoolArray) -> RimPoints:
+        """Return the points that `keep` (n,) marks."""
+        return RimPoints(self.uv[keep], self.step[keep], self.kind[keep])
+
+    def recharted(self, chart: Surface, other: Surface) -> RimPoints:
+        """Return the points in another chart of the same surface."""
+        ends = [other.to_uv(chart.from_uv(self.uv + sign * self.step / 2)) for sign in (-1.0, 1.0)]
+        step = ends[1] - ends[0]
+        if np.isfinite(other.period):
+            step[:, 0] -= other.period * np.rint(step[:, 0] / other.period)
+        return RimPoints(other.to_uv(chart.from_uv(self.uv)), step, self.kind)
+
+
+def find_rim(
+    fit: SurfaceFit,
+    masks: Sequence[BoolArray],
+    observations: Sequence[Observation],
+    options: EvidenceOptions,
+) -> RimPoints:
+    """Classify every boundary pixel of a surface, in all scans.
+
+    A range is compared with the surface's own along the neighbouring ray, never with the range of the last
+    pixel: a fixed step in range would fire at grazing incidence.
+
+    Parameters
+    ----------
+    fit : SurfaceFit
+        The surface, in whose chart coordinates are given, and its predicted deviation.
+    masks : sequence of (rows, columns) bool
+        Its pixels in each scan.
+    observations : sequence of Observation
+        The scans.
+    options : EvidenceOptions
+        Tolerances along the ray.
+    """
+    parts = [
+        _rim_of(fit, mask, seen, step, options)
+        for mask, seen in zip(masks, observations, strict=True)
+        for step in _STEPS
+        if mask.any()
+    ]
+    return RimPoints(
+        np.concatenate([part.uv for part in parts]) if parts else np.zeros((0, 2)),
+        np.concatenate([part.step for part in parts]) if parts else np.zeros((0, 2)),
+        np.concatenate([part.kind for part in parts]) if parts else np.zeros(0, np.int8),
+    )
+
+
+def _rim_of(
+    fit: SurfaceFit,
+    mask: BoolArray,
+    seen: Observation,
+    step: tuple[int, int],
+    options: EvidenceOptions,
+) -> RimPoints:
+    chart = fit.surface
+    last = np.argwhere(mask & ~_shifted(mask, step))
+    beyond = last + step
+    inside = ((beyond >= 0) & (beyond < mask.shape)).all(axis=1)
+    kind = np.full(len(last), Rim.FRAME, np.int8)
+    uv, way = chart.to_uv(seen.points[tuple(last.T)]), np.zeros((len(last), 2))
+    p, q = last[inside], beyond[inside]
+    ray_p, ray_q = seen.rays[tuple(p.T)], seen.rays[tuple(q.T)]
+    origin = seen.scan.origin
+    here, there = chart.ray_ranges(origin, ray_p), chart.ray_ranges(origin, ray_q)
+    meets = np.isfinite(here) & np.isfinite(there)
+    on_p = origin + np.where(meets, here, 0.0)[:, None] * ray_p
+    on_q = origin + np.where(meets, there, 0.0)[:, None] * ray_q
+    kind[inside] = _kinds(fit, seen, q, there, on_q, ray_q, options)
+    kind[inside] = np.where(meets, kind[inside], Rim.LIMB)
+    from_, to = chart.to_uv(on_p), chart.to_uv(on_q)
+    jump = to - from_
+    if np.isfinite(chart.period):
+        jump[:, 0] -= chart.period * np.rint(jump[:, 0] / chart.period)
+    uv[inside] = np.where(meets[:, None], from_ + jump / 2, uv[inside])
+    way[inside] = np.where(meets[:, None], jump, 0.0)
+    return RimPoints(uv, way, kind)
+
+
+def _kinds(
+    fit: SurfaceFit,
+    seen: Observation,
+    pixel: NDArray[np.int64],
+    reach: FloatArray,
+    points: FloatArray,
+    rays: FloatArray,
+    options: EvidenceOptions,
+) -> NDArray[np.int8]:
+    """What the beams of `pixel` (n, 2) say of the surface that their rays meet at range `reach` (n,)."""
+    measured, sigma = seen.scan.ranges[tuple(pixel.T)], np.nan_to_num(seen.sigma[tuple(pixel.T)])
+    cosine = np.abs(np.einsum("ij,ij->i", rays, fit.surface.normal(points)))
+    tolerance = ray_tolerance(sigma, fit.standard_deviation(points), cosine, options)
+    beyond = measured - np.where(np.isfinite(reach), reach, 0.0)
+    word = np.select([beyond > tolerance, beyond < -tolerance], [Rim.OWN_EDGE, Rim.OCCLUDED], Rim.CONTIGUOUS)
+    return np.where(np.isfinite(measured), word, Rim.NO_RETURN).astype(np.int8)
+
+
+def _shifted(mask: BoolArray, step: tuple[int, int]) -> BoolArray:
+    """At each pixel the mask's value one step on, False beyond the image."""
+    padded = np.pad(mask, 1)
+    rows, columns = mask.shape
+    return padded[1 + step[0] : 1 + step[0] + rows, 1 + step[1] : 1 + step[1] + columns]

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Shadows: hidden cells divided by continued edges into pieces that are surface as a whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from completion.boundary.continuation import Stretch
+from completion.evidence.chart_grid import ChartGrid
+from scenes.checks import BoolArray, FloatArray
+
+GOES_ON = 0.9
+"""Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Borders:
+    """Pairs of neighbouring hidden cells between which a continued edge passes.
+
+    Attributes
+    ----------
+    first, second : (n,) int64
+        Flat cells.
+    stretch : (n,) int32
+        Which edge.
+    cost : (n, 2) float
+        Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
+        minus `GOES_ON` on the side where the surface was seen along the edge, 1 on the other.
+    length : (n,) float
+        Length of the cells' common side, metres.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    stretch: NDArray[np.int32]
+    cost: FloatArray
+    length: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shadows:
+    """The hidden zone in pieces.
+
+    Attributes
+    ----------
+    piece : (rows, columns) int32
+        Number of the piece that each cell belongs to, from 0; -1 for cells that are not hidden.
+    n_pieces : int
+        How many there are.
+    borders : Borders
+        Where continued edges part them.
+    beside_measured, beside_open : (n_pieces,) float
+        Length of each piece's outline on measured surface and on cells that beams passed, metres.
+    """
+
+    piece: NDArray[np.int32]
+    n_pieces: int
+    borders: Borders
+    beside_measured: FloatArray
+    beside_open: FloatArray
+
+
+def divide(
+    grid: ChartGrid,
+    hidden: BoolArray,
+    measured: BoolArray,
+    open_: BoolArray,
+    stretches: Sequence[Stretch],
+) -> Shadows:
+    """Divide the hidden cells along the continued edges.
+
+    Parameters
+    ----------
+    grid : ChartGrid
+        The cells.
+    hidden, measured, open_ : (rows, columns) bool
+        Where the surface may be, where it is, and where it is not.
+    stretches : sequence of Stretch
+        Continued edges.
+    """
+    index = np.arange(hidden.size).reshape(grid.shape)
+    sides = [(index[:, :-1], index[:, 1:], grid.cell[1]), (index[:-1], index[1:], grid.cell[0])]
+    if grid.wraps:
+        sides.append((index[:, -1], index[:, 0], grid.cell[1]))
+    first = np.concatenate([a.ravel() for a, _, _ in sides])
+    second = np.concatenate([b.ravel() for _, b, _ in sides])
+    length = np.concatenate([np.full(a.size, side) for a, _, side in sides])
+    flat = hidden.ravel()
+    inner = flat[first] & flat[second]
+    borders = _borders(grid, first[inner], second[inner], length[inner], stretches)
+    piece = _pieces(flat, first[inner], second[inner], borders.first, borders.second)
+    n_pieces = int(piece.max(initial=-1)) + 1
+    beside = np.zeros((2, n_pieces))
+    for row, what in enumerate((measured.ravel(), open_.ravel())):
+        for a, b in ((first, second), (second, first)):
+            touching = flat[a] & what[b] & ~flat[b]
+            beside[row] += np.bincount(piece[a[touching]], length[touching], minlength=n_pieces)
+    return Shadows(piece.reshape(grid.shape), n_pieces, borders, beside[0], beside[1])
+
+
+def _borders(
+    grid: ChartGrid,
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    length: FloatArray,
+    stretches: Sequence[Stretch],
+) -> Borders:
+    """Pairs of cells on different sides of a stretch."""
+    centres = grid.centres_uv().reshape(-1, 2)
+    slack = 2 * float(grid.cell.max())
+    cost = np.ones((len(first), 2))
+    owner = np.full(len(first), -1, np.int32)
+    for number, stretch in enumerate(stretches):
+        side = stretch.curve.across(centres) >= 0
+        parted = np.flatnonzero(side[first] != side[second])
+        middle = (centres[first[parted]] + centres[second[parted]]) / 2
+        progress = stretch.progress(middle)
+        within = (progress >= -slack) & (progress <= abs(stretch.end - stretch.start) + slack)
+        parted, progress = parted[within], progress[within]
+        surface = np.where(side[first[parted]] == (stretch.side > 0), 0, 1)
+        owner[parted[owner[parted] < 0]] = number
+        cost[parted, surface] = 1 - GOES_ON
+    at = np.flatnonzero(owner >= 0)
+    return Borders(first[at], second[at], owner[at], cost[at], length[at])
+
+
+def _pieces(
+    hidden: BoolArray,
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    cut_first: NDArray[np.int64],
+    cut_second: NDArray[np.int64],
+) -> NDArray[np.int32]:
+    """Number the parts that hang together without crossing a border."""
+    n = hidden.size
+    number = np.full(n, -1, np.int32)
+    if not hidden.any():
+        return number
+    is_cut = np.isin(first * n + second, cut_first * n + cut_second)
+    a, b = first[~is_cut], second[~is_cut]
+    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(n, n))
+    part = connected_components(graph, directed=False)[1]
+    number[hidden] = np.unique(part[hidden], return_inverse=True)[1]
+    return number

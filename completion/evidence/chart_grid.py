@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Chart grid: cells on a surface's metric chart, which evidence, extension and texture share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChartGrid:
+    """Cells on a chart: rows run along v, columns along u; on a full cylinder columns wrap around.
+
+    Attributes
+    ----------
+    surface : Surface
+        Whose chart it is.
+    corner : (2,) float
+        Chart coordinates of the corner of cell (0, 0), metres.
+    cell : (2,) float
+        Size of a cell along u and v, metres.
+    shape : tuple
+        Rows and columns.
+    wraps : bool
+        Whether the last column touches the first.
+    """
+
+    surface: Surface
+    corner: FloatArray
+    cell: FloatArray
+    shape: tuple[int, int]
+    wraps: bool
+
+    @classmethod
+    def over(
+        cls, surface: Surface, low: FloatArray, high: FloatArray, cell_m: float, *, full_turn: bool
+    ) -> ChartGrid:
+        """Return the grid over chart coordinates `low` to `high`; with `full_turn`, over one period of u."""
+        low, high = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+        size = np.array([cell_m, cell_m])
+        if full_turn:
+            low[0], high[0] = -surface.period / 2, surface.period / 2
+        count = np.maximum(np.ceil((high - low) / cell_m - 1e-6), 1).astype(np.int64)
+        if full_turn:
+            size[0] = surface.period / count[0]
+        return cls(surface, low, size, (int(count[1]), int(count[0])), full_turn)
+
+    @property
+    def cell_area(self) -> float:
+        """Area of a cell in square metres."""
+        return float(self.cell[0] * self.cell[1])
+
+    def centres_uv(self) -> FloatArray:
+        """Chart coordinates (rows, columns, 2) of the cell centres."""
+        return self.uv_of(*np.mgrid[: self.shape[0], : self.shape[1]].astype(np.float64) + 0.5)
+
+    def uv_of(self, row: FloatArray, column: FloatArray) -> FloatArray:
+        """Chart coordinates of fractional cells; integers are cell corners, halves their centres."""
+        return np.stack(
+            [self.corner[0] + column * self.cell[0], self.corner[1] + row * self.cell[1]], axis=-1
+        )
+
+    def centres(self) -> FloatArray:
+        """Points (rows * columns, 3) at the cell centres."""
+        return self.surface.from_uv(self.centres_uv().reshape(-1, 2))
+
+    def cells_of(self, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Indices of the points that fall into the grid, and the flat cell that each falls into."""
+        uv = self.surface.to_uv(points)
+        column = np.floor((uv[:, 0] - self.corner[0]) / self.cell[0]).astype(np.int64)
+        row = np.floor((uv[:, 1] - self.corner[1]) / self.cell[1]).astype(np.int64)
+        if self.wraps:
+            column %= self.shape[1]
+        inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
+        index = np.flatnonzero(inside)
+        return index, row[index] * self.shape[1] + column[index]

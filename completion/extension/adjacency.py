@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Surroundings: which surfaces enclose the room, which meet, and how surely things stand on each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.boundary.boundary_pixels import Rim, RimPoints
+from completion.extension.enclosure import find_enclosing
+from completion.merging.pipeline import MergedSurface
+from completion.observe.observation import Observation
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+
+_STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
+_UPRIGHT = 0.1  # sine of the angle
+_MEETING_PAIRS = 8  # of neighbouring pixels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What n surfaces are to each other.
+
+    Attributes
+    ----------
+    encloses : (n,) bool
+        Surfaces with nearly all measured points on their inner side: walls, floor, ceiling, vault.
+    meets : (n, n) bool
+        Pairs that were seen to meet.
+    standing : (n,) float
+        Probability that what stands at right angles to an enclosing plane reaches down to it, 0 for others.
+    """
+
+    encloses: BoolArray
+    meets: BoolArray
+    standing: FloatArray
+
+
+def survey(
+    surfaces: Sequence[MergedSurface],
+    rims: Sequence[RimPoints],
+    owners: Sequence[NDArray[np.int32]],
+    observations: Sequence[Observation],
+    scales: Sequence[FloatArray],
+) -> Surroundings:
+    """Find what surfaces are to each other.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        All surfaces, working frame.
+    rims : sequence of RimPoints
+        The rim of each, in its own chart.
+    owners : sequence of (rows, columns) int32
+        For each scan the surface that each pixel belongs to, from 1; 0 for none.
+    observations : sequence of Observation
+        The scans.
+    scales : sequence of (rows, columns) float
+        For each scan how far ranges may stray from an ideal surface, metres.
+    """
+    encloses = find_enclosing(surfaces, observations, _typical(scales))
+    meets = _meets(owners, surfaces, observations, scales)
+    return Surroundings(encloses, meets, _standing(surfaces, rims, encloses, meets))
+
+
+def _typical(scales: Sequence[FloatArray]) -> float:
+    known = [scale[np.isfinite(scale)] for scale in scales]
+    together = np.concatenate(known) if known else np.zeros(0)
+    return float(np.median(together)) if len(together) else 0.0
+
+
+def is_upright(surface: Surface, base: Plane) -> bool:
+    """Tell whether a surface stands at right angles to a plane, to within six degrees."""
+    if isinstance(surface, Plane):
+        return abs(float(surface.normal_direction @ base.normal_direction)) < _UPRIGHT
+    return (
+        isinstance(surface, Cylinder) and 1 - abs(float(surface.direction @ base.normal_direction)) < _UPRIGHT
+    )
+
+
+def _standing(
+    surfaces: Sequence[MergedSurface], rims: Sequence[RimPoints], encloses: BoolArray, meets: BoolArray
+) -> FloatArray:
+    """Of the n surfaces whose end on its side was seen k end on the plane: (k + a) / (n + a + b)."""
+    standing = np.zeros(len(surfaces))
+    for number, base in enumerate(surfaces):
+        plane = base.fit.surface
+        if not encloses[number] or not isinstance(plane, Plane):
+            continue
+        ending = [
+            meets[number, other]
+            for other in range(len(surfaces))
+            if not encloses[other]
+            and is_upright(surfaces[other].fit.surface, plane)
+            and (meets[number, other] or _ends_above(surfaces[other], rims[other], plane))
+        ]
+        standing[number] = (sum(ending) + _STANDING[0]) / (len(ending) + sum(_STANDING))
+    return standing
+
+
+def _ends_above(surface: MergedSurface, rim: RimPoints, base: Plane) -> bool:
+    """Tell whether the rim nearest to a plane is mostly the surface's own edge."""
+    height = base.distance(surface.fit.surface.from_uv(rim.uv))
+    if not len(height):
+        return False
+    lowest = rim.kind[height <= height.min() + 0.05 * np.ptp(height)]
+    return bool(np.mean(lowest == Rim.OWN_EDGE) > 0.5)
+
+
+def _meets(
+    owners: Sequence[NDArray[np.int32]],
+    surfaces: Sequence[MergedSurface],
+    observations: Sequence[Observation],
+    scales: Sequence[FloatArray],
+) -> BoolArray:
+    """Pairs of surfaces with neighbouring pixels that lie on both."""
+    n = len(surfaces)
+    meetings = np.zeros((n + 1, n + 1), np.int64)
+    for owner, observation, scale in zip(owners, observations, scales, strict=True):
+        for step in ((0, 2), (2, 0)):
+            a = owner[: owner.shape[0] - step[0], : owner.shape[1] - step[1]]
+            b = owner[step[0] :, step[1] :]
+            rows, columns = np.nonzero((a != b) & (a > 0) & (b > 0))
+            first, second = a[rows, columns], b[rows, columns]
+            p = observation.points[rows, columns]
+            q = observation.points[rows + step[0], columns + step[1]]
+            reach = 3 * scale[rows, columns] + 2 * np.linalg.norm(p - q, axis=1)
+            for i, j in {(int(i), int(j)) for i, j in zip(first, second, strict=True)}:
+                pair = (first == i) & (second == j)
+                near = np.abs(surfaces[j - 1].fit.surface.distance(p[pair])) <= reach[pair]
+                near &= np.abs(surfaces[i - 1].fit.surface.distance(q[pair])) <= reach[pair]
+                gap = np.linalg.norm(p[pair] - q[pair], axis=1)
+                near &= gap <= np.quantile(gap, 0.9)
+                meetings[i, j] += int(near.sum())
+    both = meetings + meetings.T
+    return np.asarray(both[1:, 1:] >= _MEETING_PAIRS, dtype=np.bool_)

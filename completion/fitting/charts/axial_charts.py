@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""Charts of surfaces with an axis: circular cylinder, cone, elliptic cylinder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from completion.fitting.charts.chart import axis_frame, moved_axis, radius_about, turned_frame
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder
+from scenes.surfaces.elliptic_cylinder import ellipse_feet, ellipse_normal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CylinderChart:
+    """Two shifts and two tilts of the axis, and the radius: f = sqrt(x^2 + y^2) - r."""
+
+    origin: FloatArray
+    frame: FloatArray
+    radius: float
+
+    n_parameters: ClassVar[int] = 5
+
+    def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals and gradient (-ux, -uy, -z ux, -z uy, -1)."""
+        x, y, z = local
+        distance = np.sqrt(x * x + y * y)
+        gradient = np.empty((5, local.shape[1]))
+        inverse = -1.0 / np.maximum(distance, 1e-300)
+        np.multiply(x, inverse, out=gradient[0])
+        np.multiply(y, inverse, out=gradient[1])
+        np.multiply(gradient[:2], z, out=gradient[2:4])
+        gradient[4] = -1.0
+        return distance - self.radius, gradient
+
+    def basis(self) -> FloatArray:
+        """The radius grows about where the points are."""
+        return radius_about(self.frame[:2] @ -self.origin / self.radius, 5)
+
+    def moved(self, change: FloatArray) -> CylinderChart | None:
+        """The chart on the moved axis."""
+        radius = self.radius + float(change[4])
+        origin, axis, _ = moved_axis(self.origin, self.frame, change)
+        return CylinderChart(origin, axis_frame(axis), radius) if radius > 0 else None
+
+    def lengths(self) -> FloatArray:
+        """Shifts and radius are lengths."""
+        return np.array([1.0, 1, 0, 0, 1])
+
+    def surface(self, centre: FloatArray, scale: float, concave: bool) -> Cylinder:
+        """The cylinder."""
+        return Cylinder(centre + scale * self.origin, self.frame[2], scale * self.radius, None, concave)
+
+    def size(self) -> float:
+        """The radius."""
+        return max(1.0, self.radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConeChart:
+    """Axis, radius s at the origin, half angle phi <= 0 where the cone grows along z.
+
+    f = cos(phi) (r - s) + sin(phi) z: regular at phi = 0, where the cone is a cylinder.
+    """
+
+    origin: FloatArray
+    frame: FloatArray
+    radius: float
+    phi: float
+
+    n_parameters: ClassVar[int] = 6
+
+    def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals and gradient in the order x, y, tilts, s, phi."""
+        x, y, z = local
+        cosine, sine = np.cos(self.phi), np.sin(self.phi)
+        distance = np.sqrt(x * x + y * y)
+        inverse = -cosine / np.maximum(distance, 1e-300)
+        gradient = np.empty((6, local.shape[1]))
+        np.multiply(x, inverse, out=gradient[0])
+        np.multiply(y, inverse, out=gradient[1])
+        gradient[2] = z * gradient[0] + sine * x
+        gradient[3] = z * gradient[1] + sine * y
+        gradient[4] = -cosine
+        beyond = distance - self.radius
+        gradient[5] = cosine * z - sine * beyond
+        return cosine * beyond + sine * z, gradient
+
+    def basis(self) -> FloatArray:
+        """The parameters themselves."""
+        return np.eye(self.n_parameters)
+
+    def moved(self, change: FloatArray) -> ConeChart | None:
+        """The chart on the moved axis, its radius taken where the new origin is."""
+        phi = self.phi + float(change[5])
+        if abs(phi) >= 0.4999 * np.pi:
+            return None
+        origin, axis, along = moved_axis(self.origin, self.frame, change)
+        return ConeChart(origin, axis_frame(axis), self.radius + float(change[4]) - along * np.tan(phi), phi)
+
+    def growing(self) -> ConeChart:
+        """The same cone with z towards the growing radius, where that is positive at the origin."""
+        if self.phi > 0:
+            return replace(self, frame=axis_frame(-self.frame[2]), phi=-self.phi)
+        return self
+
+    def lengths(self) -> FloatArray:
+        """Shifts and radius are lengths."""
+        return np.array([1.0, 1, 0, 0, 1, 0])
+
+    def surface(self, centre: FloatArray, scale: float, concave: bool) -> Cone:
+        """The cone; one that does not open has no apex and is refused by Cone."""
+        point = centre + scale * self.origin
+        return Cone(point, self.frame[2], scale * self.radius, max(-self.phi, 1e-300), None, concave)
+
+    def size(self) -> float:
+        """The radius at the origin."""
+        return max(1.0, self.radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EllipticChart:
+    """Axis (4), mean radius, and the ellipse's shape as two numbers that stay regular at a circle.
+
+    The section is the image of the unit circle under [[m + p, q], [q, m - p]] up to a turn: p = (a - b) / 2,
+    q = 0 in the chart of its own axes, where gradients by envelope are the foot's normal times its motion.
+    """
+
+    origin: FloatArray
+    frame: FloatArray
+    greater: float
+    smaller: float
+
+    n_parameters: ClassVar[int] = 7
+
+    def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals and gradient in the order x, y, tilts, m, p, q."""
+        x, y, z = local
+        cosine, sine = ellipse_feet(x, y, self.greater, self.smaller)
+        along, across = ellipse_normal(cosine, sine, self.greater, self.smaller)
+        gradient = np.empty((7, local.shape[1]))
+        gradient[0], gradient[1] = -along, -across
+        np.multiply(gradient[:2], z, out=gradient[2:4])
+        by_greater, by_smaller = -along * cosine, -across * sine
+        gradient[4] = by_greater + by_smaller
+        gradient[5] = by_greater - by_smaller
+        weight = np.hypot(self.smaller * cosine, self.greater * sine)
+        gradient[6] = -sine * cosine * (self.greater + self.smaller) / weight
+        residual = along * (x - self.greater * cosine) + across * (y - self.smaller * sine)
+        return residual, gradient
+
+    def basis(self) -> FloatArray:
+        """The parameters themselves."""
+        return np.eye(self.n_parameters)
+
+    def moved(self, change: FloatArray) -> EllipticChart | None:
+        """The chart on the moved axis, turned to the new ellipse's own axes."""
+        mean = (self.greater + self.smaller) / 2 + float(change[4])
+        p, q = (self.greater - self.smaller) / 2 + float(change[5]), float(change[6])
+        half = float(np.hypot(p, q))
+        if mean <= half or mean <= 0:
+            return None
+        turn = np.arctan2(q, p) / 2
+        ahead = self.frame.T @ np.array([np.cos(turn), np.sin(turn), 0.0])
+        origin, axis, _ = moved_axis(self.origin, self.frame, change)
+        return EllipticChart(origin, turned_frame(axis, ahead), mean + half, mean - half)
+
+    def lengths(self) -> FloatArray:
+        """All but the tilts are lengths."""
+        return np.array([1.0, 1, 0, 0, 1, 1, 1])
+
+    def surface(self, centre: FloatArray, scale: float, concave: bool) -> EllipticCylinder:
+        """The elliptic cylinder."""
+        radii = (scale * self.greater, scale * self.smaller)
+        return EllipticCylinder(centre + scale * self.origin, self.frame[2], radii, self.frame[0], concave)
+
+    def size(self) -> float:
+        """The greater radius."""
+        return max(1.0, self.greater)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""Chart: a minimal local parametrisation of a surface, regular at the fit itself, to linearise and step in.
+
+Every chart is turned so that the surface's axis is z and has its origin at the axis point nearest to the
+points' centroid (which is the origin of the coordinates here). After each step the chart is made anew: the
+formulation of NPL's least-squares geometric elements. No chart holds a redundant parameter or an apex.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Surface
+
+
+class Chart(Protocol):
+    """A surface near which to linearise; lengths in the unit of the points."""
+
+    n_parameters: ClassVar[int]
+
+    @property
+    def origin(self) -> FloatArray:
+        """The chart's origin (3,)."""
+        ...
+
+    @property
+    def frame(self) -> FloatArray:
+        """Rows x, y, z of the chart (3, 3)."""
+        ...
+
+    def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (n,) and gradient (k, n) at points given in the chart, shape (3, n)."""
+        ...
+
+    def basis(self) -> FloatArray:
+        """Parameter changes (k, k), one a column, in which the normal equations are well conditioned.
+
+        On a shallow arc a greater radius and an axis farther away look alike. A radius that grows about the
+        place where the points are does not look like any other change.
+        """
+        ...
+
+    def moved(self, change: FloatArray) -> Chart | None:
+        """The chart after a step (k,), None where no surface is left."""
+        ...
+
+    def lengths(self) -> FloatArray:
+        """1 for each parameter that is a length, 0 for each angle (k,)."""
+        ...
+
+    def surface(self, centre: FloatArray, scale: float, concave: bool) -> Surface:
+        """The surface, its lengths multiplied by `scale` and moved by `centre`."""
+        ...
+
+    def size(self) -> float:
+        """What lengths are compared with: the radius, at least 1."""
+        ...
+
+
+def axis_frame(axis: FloatArray) -> FloatArray:
+    """Rows x, y, z of a right-handed frame whose z is the axis (Duff et al. 2017: no cross product)."""
+    x, y, z = axis.tolist()
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([[1 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y], [x, y, z]])
+
+
+def turned_frame(axis: FloatArray, ahead: FloatArray) -> FloatArray:
+    """Rows x, y, z of a frame with z the axis and x as near to `ahead` as can be."""
+    x_axis = ahead - axis * (ahead @ axis)
+    x_axis = x_axis / np.linalg.norm(x_axis)
+    return np.stack([x_axis, np.cross(axis, x_axis), axis])
+
+
+def radius_about(touch: FloatArray, n_parameters: int) -> FloatArray:
+    """The basis in which the last parameter, the radius, draws the centre back along `touch` (2 or 3,)."""
+    basis = np.eye(n_parameters)
+    basis[: len(touch), -1] = -touch / max(1.0, float(np.linalg.norm(touch)))
+    return basis
+
+
+def moved_axis(
+    origin: FloatArray, frame: FloatArray, change: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """Axis point nearest to the centroid, axis, and how far that point moved along it."""
+    axis = frame.T @ np.array([change[2], change[3], 1.0])
+    axis = axis / np.linalg.norm(axis)
+    point = origin + frame.T @ np.array([change[0], change[1], 0.0])
+    along = -float(point @ axis)
+    return point + along * axis, axis, along

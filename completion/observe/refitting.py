@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""Refitting: surfaces from all their pixels at once, errors along the rays, each weighted by its variance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from completion.fitting.charts.chart import axis_frame
+from completion.fitting.result import FitError, SurfaceFit
+from completion.observe.correlation import residual_correlation
+from completion.observe.measured_rays import Beams
+from completion.observe.observation import Observation
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+
+_LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
+_MAX_CONDITION = 1e12
+_THINNING = 3  # of the pixels that covariances are read from
+_FEW = 2_000  # pixels of a surface that are not thinned
+_LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Normal equations of one surface: J'WJ, J'We, e'We, J'J, sum of squared distances, number of pixels."""
+
+    matrix: FloatArray
+    vector: FloatArray
+    cost: float
+    square: float
+    n: int
+
+    def step(self) -> FloatArray:
+        """The Gauss-Newton step; raises FitError where the pixels determine nothing."""
+        k = len(self.vector)
+        scale = np.sqrt(np.diag(self.matrix))
+        if self.n <= k or not (scale > 0).all():
+            raise FitError(f"{self.n} pixels determine no surface with {k} parameters")
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
+        if not values[-1] < _MAX_CONDITION * values[0]:
+            condition = values[-1] / max(values[0], 1e-300)
+            raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
+        step: FloatArray = vectors @ ((self.vector / scale) @ vectors / values) / scale
+        return step
+
+    def is_determined(self) -> bool:
+        """Whether the pixels determine the surface."""
+        try:
+            self.step()
+        except FitError:
+            return False
+        return True
+
+    def repeated(self, times: int) -> _Sums:
+        """The sums of so many times as many pixels like these."""
+        return _Sums(
+            self.matrix * times, self.vector * times, self.cost * times, self.square * times, self.n * times
+        )
+
+    def covariance(self) -> FloatArray:
+        """Of the parameters, by the weighted residuals themselves."""
+        k = len(self.vector)
+        return np.asarray(self.cost / (self.n - k) * np.linalg.inv(self.matrix), dtype=np.float64)
+
+
+def refit(
+    surfaces: Sequence[Surface],
+    observations: Sequence[Observation],
+    labels: Sequence[NDArray[np.int32]],
+    flatness_m: float,
+    n_rounds: int = 1,
+) -> list[SurfaceFit | None]:
+    """Fit planes and cylinders to their pixels by Gauss-Newton on the errors along the rays.
+
+    Orthogonal distances pull a cylinder's radius in, since the foot of a noisy point moves sideways; along
+    the known ray the place that was meant stays put. Pixels are weighted by the inverse variance of the
+    range and of the surface's own flatness, seen along the ray.
+
+    Parameters
+    ----------
+    surfaces : sequence of Plane or Cylinder
+        Where to begin, working frame.
+    observations, labels
+        The scans, and for each the surface of each pixel, from 1; 0 for none.
+    flatness_m : float
+        How far surfaces stray from their ideal form, metres.
+    n_rounds : int
+        Steps before the one whose covariance is returned.
+
+    Returns
+    -------
+    list of SurfaceFit or None
+        Covariances inflated by how much the residuals' means over blocks of pixels exceed independent ones;
+        None where the pixels determine no such surface.
+    """
+    beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
+    placed = improve(surfaces, beams, flatness_m, n_rounds)
+    sums = _thinned_sums(placed, beams, flatness_m)
+    excess = residual_correlation(placed, observations, labels, flatness_m)
+    return [
+        None if surface is None or not found.is_determined() else _fit(surface, found, growth)
+        for surface, found, growth in zip(placed, sums, excess, strict=True)
+    ]
+
+
+def improve(
+    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int = 1
+) -> list[Surface | None]:
+    """The surfaces after some Gauss-Newton steps, None where a step loses one."""
+    placed: list[Surface | None] = list(surfaces)
+    for _ in range(n_rounds):
+        sums = _accumulate(placed, beams, flatness_m)
+        placed = [_moved(surface, found) for surface, found in zip(placed, sums, strict=True)]
+    return placed
+
+
+def _thinned_sums(
+    surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float
+) -> list[_Sums]:
+    """Normal equations from a share of the pixels, from all of them for small surfaces.
+
+    Those that a grid's stride leaves of a narrow surface may stand in one line.
+    """
+    some = [beam.thinned(_THINNING) for beam in beams]
+    sums = [found.repeated(_THINNING) for found in _accumulate(surfaces, some, flatness_m)]
+    small = np.array([number for number, found in enumerate(sums) if found.n < _FEW], dtype=np.int64)
+    if len(small):
+        every = _accumulate(surfaces, [beam.of_surfaces(small + 1) for beam in beams], flatness_m)
+        sums = [every[k] if sums[k].n < _FEW else sums[k] for k in range(len(sums))]
+    return sums
+
+
+def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
+    rms = float(np.sqrt(sums.square / (sums.n - len(sums.vector))))
+    return SurfaceFit(surface, rms, sums.covariance() * inflation, sums.n, inflation=float(inflation))
+
+
+def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
+    """The surface after a step, None where it is lost."""
+    if surface is None:
+        return None
+    if not isinstance(surface, Plane | Cylinder):
+        raise TypeError(f"cannot refit a {type(surface).__name__}")
+    try:
+        step = sums.step()
+    except FitError:
+        return None
+    if isinstance(surface, Plane):
+        offset, by_u, by_v = step
+        normal = surface.normal_direction - by_u * surface.u_direction - by_v * _v_direction(surface)
+        return Plane(surface.point + offset * surface.normal_direction, normal, surface.u_direction)
+    radius = surface.radius + step[4]
+    if not 0 < radius < _LARGEST * surface.radius:
+        return None
+    x, y, z = axis_frame(surface.direction)
+    point = surface.point + step[0] * x + step[1] * y
+    return Cylinder(point, z + step[2] * x + step[3] * y, radius, None, surface.concave)
+
+
+def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float) -> list[_Sums]:
+    """Normal equations of every surface, in one pass over each set of beams."""
+    n = len(surfaces)
+    matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
+    for beam in beams:
+        charts = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
+        _add_rays(
+            beam.label,
+            charts,
+            beam.ranges,
+            beam.rays,
+            beam.sigma,
+            flatness_m,
+            _LEAST_SLOPE,
+            matrix,
+            vector,
+            sums,
+        )
+    matrix += np.tril(matrix, -1).transpose(0, 2, 1)
+    size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
+    return [
+        _Sums(matrix[i, :k, :k], vector[i, :k], float(sums[i, 0]), float(sums[i, 1]), int(sums[i, 2]))
+        for i, k in enumerate(size)
+    ]
+
+
+def _v_direction(plane: Plane) -> FloatArray:
+    """The plane's v direction; spelt out, since numpy's cross product takes ten times as long."""
+    (a, b, c), (x, y, z) = plane.normal_direction.tolist(), plane.u_direction.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
+def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
+    """Kind (0 plane, 1 cylinder, -1 none), sensor in the frame, frame by rows, radius with its sign."""
+    if isinstance(surface, Plane):
+        frame = np.stack([surface.u_direction, _v_direction(surface), surface.normal_direction])
+        return np.concatenate([[0.0], frame @ (origin - surface.point), frame.ravel(), [0.0]])
+    if isinstance(surface, Cylinder):
+        frame = axis_frame(surface.direction)
+        signed = -surface.radius if surface.concave else surface.radius
+        return np.concatenate([[1.0], frame @ (origin - surface.point), frame.ravel(), [signed]])
+    return np.full(14, -1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_rays(
+    labels: NDArray[np.int32],
+    charts: FloatArray,
+    ranges: FloatArray,
+    rays: FloatArray,
+    sigma: FloatArray,
+    flat: float,
+    least: float,
+    matrix: FloatArray,
+    vector: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many."""
+    row = np.zeros(5)
+    for i in range(labels.size):
+        label = labels[i] - 1
+        if label < 0:
+            continue
+        if charts[label, 0] < 0.0:
+            continue
+        ex, ey, ez = rays[i, 0], rays[i, 1], rays[i, 2]
+        dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez
+        dy = charts[label, 7] * ex + charts[label, 8] * ey + charts[label, 9] * ez
+        dz = charts[label, 10] * ex + charts[label, 11] * ey + charts[label, 12] * ez
+        ox, oy, oz = charts[label, 1], charts[label, 2], charts[label, 3]
+        if charts[label, 0] == 0.0:
+            if abs(dz) < 1e-6:
+                continue
+            reach = -oz / dz
+            slope = dz
+            u, v = ox + reach * dx, oy + reach * dy
+        else:
+            radius = abs(charts[label, 13])
+            across = dx * dx + dy * dy
+            middle = -(ox * dx + oy * dy) / max(across, 1e-18)
+            fx, fy = ox + middle * dx, oy + middle * dy
+            depth = radius * radius - fx * fx - fy * fy
+            if depth <= 0.0 or across < 1e-12:
+                continue
+            half = np.sqrt(depth / across)
+            reach = middle - half if charts[label, 13] > 0 else middle + half
+            u, v, z = (ox + reach * dx) / radius, (oy + reach * dy) / radius, oz + reach * dz
+            slope = u * dx + v * dy
+            if abs(slope) < least:
+                continue
+        error = ranges[i] - reach
+        weight = 1.0 / (sigma[i] * sigma[i] * slope * slope + flat * flat + 1e-30)
+        gap = error * slope
+        sums[label, 0] += weight * gap * gap
+        sums[label, 1] += gap * gap
+        sums[label, 2] += 1.0
+        if charts[label, 0] == 0.0:
+            wu, wv = weight * u, weight * v
+            vector[label, 0] += weight * gap
+            vector[label, 1] += wu * gap
+            vector[label, 2] += wv * gap
+            matrix[label, 0, 0] += weight
+            matrix[label, 1, 0] += wu
+            matrix[label, 1, 1] += wu * u
+            matrix[label, 2, 0] += wv
+            matrix[label, 2, 1] += wv * u
+            matrix[label, 2, 2] += wv * v
+            continue
+        row[0], row[1], row[2], row[3], row[4] = u, v, z * u, z * v, 1.0
+        for a in range(5):
+            weighted = weight * row[a]
+            vector[label, a] += weighted * gap
+            for b in range(a + 1):
+                matrix[label, a, b] += weighted * row[b]

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""Openings: holes that beams went through, closed behind what hides part of them; results, not leftovers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from completion.boundary.curves import Line
+from completion.boundary.edges import Edge
+from completion.edits.surface_edits import Verdict, outline_uv
+from completion.evidence.chart_grid import ChartGrid
+from completion.extension.patch import Patch
+from scenes.checks import BoolArray, FloatArray
+
+_MIN_CELLS = 25  # that beams went through
+_NEAR = 1.5  # cells between an outline and the edge that it follows
+_FOLLOWS = 0.6  # share of a side that must lie near one edge
+_PARALLEL = float(np.sin(np.radians(10.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opening:
+    """A hole in a surface.
+
+    Attributes
+    ----------
+    area_m2 : float
+        Its area in square metres.
+    seen_share : float
+        Share of it that beams went through; the rest is hidden and inferred to be open.
+    points : (n, 3) float
+        Its outline, metres, working frame.
+    declared : bool
+        Whether a person drew it.
+    """
+
+    area_m2: float
+    seen_share: float
+    points: FloatArray
+    declared: bool = False
+
+
+def find_openings(patch: Patch) -> list[Opening]:
+    """Find the holes of a surface that it encloses, together with where it ends at what encloses the room.
+
+    To what beams went through belongs the hidden area beside it that is inferred to be no surface. A hole
+    that leaves the field of view, or that borders on area of which nothing is known, is not closed and is no
+    opening. Sides follow the surface's own edges where they lie near one. Declared openings come first, and
+    holes that they reach into are none beside them.
+
+    Parameters
+    ----------
+    patch : Patch
+        A completed surface.
+    """
+    solid = patch.observed | patch.hypothesised
+    through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
+    unfilled = (patch.shadows.piece >= 0) & ~solid
+    within = patch.is_within | solid
+    openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
+    rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
+    part, n_parts = ndimage.label((through | unfilled) & rest)
+    for number in range(1, n_parts + 1):
+        hole = part == number
+        seen = int((hole & through).sum())
+        if seen < _MIN_CELLS or not _is_closed(hole, solid, within):
+            continue
+        outline = _outline(patch.grid, hole, patch.edges)
+        if outline is not None:
+            area = float(shapely.Polygon(outline).area)
+            share = min(seen / float(hole.sum()), 1.0)
+            openings.append(Opening(area, share, patch.grid.surface.from_uv(outline)))
+    return openings
+
+
+def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
+    """An opening that a person drew."""
+    corners = outline_uv(patch.grid.surface, outline)
+    area = float(shapely.Polygon(corners).area)
+    seen = float((through & Verdict(openings=(outline,)).open_cells(patch.grid)).sum()) * patch.grid.cell_area
+    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
+
+
+def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
+    """Tell whether all that borders on a hole is surface, or lies beyond where the surface ends."""
+    if hole[0].any() or hole[-1].any() or hole[:, 0].any() or hole[:, -1].any():
+        return False
+    rim = ndimage.binary_dilation(hole) & ~hole
+    near_solid = ndimage.binary_dilation(solid, np.ones((3, 3)))
+    return bool(np.mean(near_solid[rim] | ~within[rim]) > 0.98) and bool(solid[rim].any())
+
+
+def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatArray | None:
+    """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow."""
+    filled = ndimage.binary_fill_holes(hole)
+    scaled = np.kron(filled, np.ones((2, 2), np.uint8))  # so that contours run along the cells' sides
+    found, _ = cv2.findContours(scaled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    chain = max(found, key=len)[:, 0, ::-1].astype(np.int64)
+    if len(chain) < 8:
+        return None
+    corners = cv2.approxPolyDP(chain[:, ::-1].astype(np.int32).reshape(-1, 1, 2), 2.5, closed=True)
+    corners = corners.reshape(-1, 2)[:, ::-1]
+    if len(corners) < 3:
+        return None
+    cells = (chain + 0.5) / 2
+    uv = grid.uv_of(cells[:, 0], cells[:, 1])
+    start = [int(np.flatnonzero((chain == corner).all(axis=1))[0]) for corner in corners]
+    sides = [_side(uv, start[k], start[(k + 1) % len(start)], grid, edges) for k in range(len(start))]
+    merged = _without_repeats(sides)
+    if len(merged) < 3:
+        return uv[start]
+    return np.array([_meet(merged[k - 1], merged[k]) for k in range(len(merged))])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    line: Line
+    start: FloatArray
+
+
+def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _Side:
+    """The line of an edge that the stretch of outline follows, else the line through its points."""
+    stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
+    near = _NEAR * float(grid.cell.max())
+    share, line = 0.0, None
+    for edge in edges:
+        if isinstance(edge.curve, Line):
+            follows = float(np.mean(np.abs(edge.curve.across(stretch)) <= near))
+            if follows > max(share, _FOLLOWS):
+                share, line = follows, edge.curve
+    if line is None:
+        middle = stretch.mean(axis=0)
+        vectors = np.linalg.svd(stretch - middle)[2]
+        line = Line(middle, vectors[0])
+    return _Side(line, stretch[0])
+
+
+def _without_repeats(sides: Sequence[_Side]) -> list[_Side]:
+    """Sides in a row that lie on one line, as one."""
+    return [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
+
+
+def _meet(one: _Side, other: _Side) -> FloatArray:
+    """The corner between two sides: where their lines meet, or where the outline turns if they hardly do."""
+    across = float(other.line.normal @ one.line.direction)
+    if abs(across) < _PARALLEL:
+        return other.start
+    along = float(other.line.normal @ (other.line.point - one.line.point)) / across
+    return np.asarray(one.line.at(np.array(along)), dtype=np.float64)

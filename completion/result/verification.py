@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""Verification: what was inferred from some scans, confirmed or refuted by others that see it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.evidence.evidence import Label, weigh
+from completion.extension.patch import Patch
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import EvidenceOptions
+from completion.result.completed_model import CompletedModel
+from scenes.checks import FloatArray, InputError
+from scenes.scan.range_image import RangeImage
+
+
+class Finding(IntEnum):
+    """What the other scans say of an inferred place."""
+
+    NONE = -1  # nothing was inferred there
+    HIDDEN = 0  # they do not see it either
+    CONFIRMED = 1  # they measured surface there
+    REFUTED = 2  # their beams went through: nothing is there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceVerification:
+    """What the other scans say of one surface.
+
+    Attributes
+    ----------
+    patch : Patch
+        The surface as it was inferred.
+    anchor : (3,) float
+        A measured point on it, world coordinates.
+    finding : (rows, columns) int8
+        A `Finding` for each cell of its chart.
+    """
+
+    patch: Patch
+    anchor: FloatArray
+    finding: NDArray[np.int8]
+
+    def area_m2(self, finding: Finding) -> float:
+        """Inferred area of which the others say so, square metres, cells counted whole."""
+        return float((self.finding == finding).sum()) * self.patch.grid.cell_area
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verification:
+    """What other scans say of a completion.
+
+    Attributes
+    ----------
+    surfaces : tuple of SurfaceVerification
+        Surface by surface, in the completion's order.
+    """
+
+    surfaces: tuple[SurfaceVerification, ...]
+
+    def area_m2(self, finding: Finding) -> float:
+        """Inferred area of which the others say so, square metres."""
+        return float(sum(surface.area_m2(finding) for surface in self.surfaces))
+
+
+def verify(
+    completion: CompletedModel,
+    others: Sequence[RangeImage],
+    options: EvidenceOptions | None = None,
+    *,
+    registration_m: float = 0.005,
+    sigma_m: float | None = None,
+) -> Verification:
+    """Hold what was inferred against scans that it was not inferred from.
+
+    Places are confirmed where another scan measured the surface within the tolerance along the ray, and
+    refuted by the rule of the veto: one beam of a noise-free scan that went through, two neighbouring ones
+    of a noisy scan. A place with both is refuted, as in the completion of all scans together.
+
+    Parameters
+    ----------
+    completion : CompletedModel
+        Made without `others`.
+    others : sequence of RangeImage
+        Registered scans, world coordinates.
+    options : EvidenceOptions, optional
+        Tolerances, but for the error of the poses.
+    registration_m : float
+        Error of the poses, metres.
+    sigma_m : float, optional
+        Range noise of the others in metres; when None it is read off each.
+
+    Raises
+    ------
+    InputError
+        No other scan.
+    """
+    if not others:
+        raise InputError("nothing to verify with: give at least one other scan")
+    reference_from_world = completion.world_from_reference.inverse()
+    evidence = replace(options or EvidenceOptions(), registration_m=registration_m)
+    observations = [observe(scan, reference_from_world, sigma_m) for scan in others]
+    return Verification(
+        tuple(
+            SurfaceVerification(patch, completion.anchor(number), _findings(patch, observations, evidence))
+            for number, patch in enumerate(completion.patches, start=1)
+        )
+    )
+
+
+def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int:
+    """Number, from 1, of the surface of a completion of all scans that has most of its pixels; 0 for none.
+
+    Parameters
+    ----------
+    surface : SurfaceVerification
+        Of a completion of the first scan alone.
+    completion : CompletedModel
+        Of that scan and more.
+    """
+    own = completion.owners[0][surface.patch.source.masks[0]]
+    return int(np.argmax(np.bincount(own))) if len(own) else 0
+
+
+def _findings(
+    patch: Patch, observations: Sequence[Observation], options: EvidenceOptions
+) -> NDArray[np.int8]:
+    nobody = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
+    evidence = weigh(patch.grid, patch.spread.ravel(), observations, nobody, 1, options)
+    said = np.select(
+        [evidence.labels == Label.FREE, evidence.labels == Label.VISIBLE],
+        [Finding.REFUTED, Finding.CONFIRMED],
+        Finding.HIDDEN,
+    )
+    return np.where(patch.hypothesised, said, Finding.NONE).astype(np.int8)

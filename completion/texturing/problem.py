@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Task: what is handed to the synthesis for one surface, within a budget."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.texturing.measured import MeasuredColour
+from completion.texturing.raster import TexelRaster
+from completion.texturing.texture_samples import RIM, choose_samples, distance_to
+from scenes.checks import BoolArray, FloatArray, check_options
+
+_MOSTLY = 0.5  # share of a coarser texel that makes it one of the same
+_USUAL_WINDOW = 23  # that a budget counts with when the window is chosen later
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TexturingOptions:
+    """How hypothesised area gets its colour.
+
+    Attributes
+    ----------
+    max_texels : int
+        Texels of one surface; a larger one gets coarser ones than its pixels are.
+    max_samples : int
+        Measured texels that may be sampled, those near the hypothesised area.
+    min_samples : int
+        Fewest that a budget may leave.
+    max_comparisons : int
+        Hypothesised texels times samples times the window's texels, for one surface: where that is more,
+        there are fewer samples; where these would be too few, what is synthesised is coarser than what is
+        measured.
+    window : int, optional
+        Side of the Efros-Leung window in texels, odd; None chooses it for each surface.
+    """
+
+    max_texels: int = 4_000_000
+    max_samples: int = 30_000
+    min_samples: int = 6_000
+    max_comparisons: int = 200_000_000_000
+    window: int | None = None
+
+    def __post_init__(self) -> None:
+        counts = ("max_texels", "max_samples", "min_samples", "max_comparisons")
+        check_options(self, window=(3, 99), **dict.fromkeys(counts, (1, np.inf)))
+
+    def share_out(self, n_hidden: int) -> tuple[int, float]:
+        """Return how many texels are sampled, and how much coarser texels are, where so many are hidden."""
+        affordable = self.max_comparisons / (max(n_hidden, 1) * (self.window or _USUAL_WINDOW) ** 2)
+        n_samples = min(self.max_samples, max(self.min_samples, int(affordable)))
+        fewer = max(1.0, n_samples / affordable)  # texels, each of so many
+        return int(n_samples * fewer), float(np.sqrt(fewer))
+
+
+class Task(NamedTuple):
+    """What is filled: the raster without its shadows, or a coarser one where there is too much to fill."""
+
+    image: NDArray[np.uint8]
+    hole: BoolArray
+    known: BoolArray
+    samples: BoolArray
+    coarseness: float
+
+
+def set_task(
+    raster: TexelRaster,
+    measured: MeasuredColour,
+    wanted: BoolArray,
+    light: FloatArray,
+    options: TexturingOptions,
+) -> Task:
+    """Set the task of one surface.
+
+    Parameters
+    ----------
+    raster, measured : TexelRaster, MeasuredColour
+        What was measured; some of it.
+    wanted : (rows, columns) bool
+        Hidden texels.
+    light : (rows, columns, 3) float
+        Shadows (`cast_shadows`), which are taken out.
+    options : TexturingOptions
+        The budget.
+    """
+    wraps = raster.grid.wraps
+    lit = replace(measured, image=np.rint(np.clip(measured.image / light, 0, 255)).astype(np.uint8))
+    distance = distance_to(wanted, wraps)
+    n_samples, coarseness = options.share_out(int(np.count_nonzero(wanted)))
+    samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, n_samples)
+    hole = wanted | (measured.known & ~known & (distance <= RIM))  # these keep their colour all the same
+    if coarseness == 1.0:
+        return Task(lit.image, hole, known, samples, coarseness)
+    rows, columns = (max(1, round(size / coarseness)) for size in wanted.shape)
+    weight = resized(known.astype(np.float32), (rows, columns))
+    colour = resized(np.where(known[..., None], lit.image, 0).astype(np.float32), (rows, columns))
+    image = np.rint(colour / np.maximum(weight, 1e-6)[..., None]).clip(0, 255).astype(np.uint8)
+    known = weight >= min(_MOSTLY, float(weight.max()))
+    unknown = (resized(hole.astype(np.float32), (rows, columns)) > 0) & ~known
+    share = np.where(known, resized(samples.astype(np.float32), (rows, columns)), 0.0)
+    return Task(image, unknown, known, share >= min(_MOSTLY, float(share.max())), coarseness)
+
+
+def resized(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """The image with so many rows and columns: means of what a coarser texel covers, else interpolated."""
+    if image.shape[:2] == shape:
+        return image
+    way = cv2.INTER_AREA if shape[0] < image.shape[0] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=way))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Options of the command line: their names, their help, and how text becomes values."""

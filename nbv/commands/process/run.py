@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: MIT
+"""Run: what all commands share: output, progress, manifest, summary, and failure in one line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from shutil import rmtree
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from nbv.commands.process.headroom import reserve
+from nbv.commands.process.interruption import interruptible
+from nbv.commands.process.progress import Progress, progress_bars
+from nbv.commands.process.starvation import NOT_ENOUGH, is_starved
+
+if TYPE_CHECKING:
+    from nbv.run.manifest import Stopwatch
+    from scenes.run.journal import FileJournal
+    from scenes.run.staged_outputs import Stage
+
+_JOURNAL = ".journal"  # in the output folder, of a run that is not finished
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Shared:
+    """Options that every command has.
+
+    Attributes
+    ----------
+    out : Path, optional
+        Folder or file to write; the command's default when not given.
+    seed : int
+        Of everything random.
+    as_json : bool
+        Print one JSON object on stdout and nothing else there.
+    quiet : bool
+        Print nothing.
+    threads : int, optional
+        Threads; one for each core when not given. Results do not depend on it.
+    max_memory : int, optional
+        Bytes.
+    limits : mapping
+        Limits of what files may hold, by name, other than the defaults; see `scenes.run.file_limits`.
+    """
+
+    out: Path | None
+    seed: int
+    as_json: bool
+    quiet: bool
+    threads: int | None
+    max_memory: int | None
+    limits: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True, eq=False)
+class Run:
+    """One run of a command, whose outputs all appear at its end.
+
+    Attributes
+    ----------
+    command : str
+        Its name.
+    shared : Shared
+        Options that every command has.
+    out : Path
+        The folder or file to write.
+    is_folder : bool
+        Which of the two.
+    watch : Stopwatch
+        Times its stages.
+    progress : callable
+        Tells how far a stage is.
+    stage : Stage
+        Where outputs wait until all are written.
+    kept : dict of str to Path
+        Outputs that are in the folder already, by their names there.
+    costs : dict
+        Times and memory of parts, for the manifest.
+    """
+
+    command: str
+    shared: Shared
+    out: Path
+    is_folder: bool
+    watch: Stopwatch
+    progress: Progress
+    stage: Stage
+    kept: dict[str, Path] = field(default_factory=dict)
+    costs: dict[str, Any] = field(default_factory=dict)
+
+    def path(self, name: str = "") -> Path:
+        """Return where to write an output; a command with one output file need not name it."""
+        return self.stage.path(name or self.out.name)
+
+    def journal(self, inputs: Sequence[str], options: Mapping[str, Any]) -> FileJournal:
+        """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
+        from nbv.run.manifest import run_key
+        from scenes.run.journal import FileJournal
+
+        key = run_key(inputs, {"command": self.command, **options}, self.shared.seed)
+        return FileJournal(self.out / _JOURNAL, key)
+
+    def finish(
+        self,
+        inputs: Sequence[str],
+        options: Mapping[str, Any],
+        summary: Mapping[str, Any],
+        lines: Sequence[str],
+    ) -> None:
+        """Write the manifest; print `summary` as JSON, or `lines` for people."""
+        written = self.keep(inputs, options)
+        self.say({**summary, "files": [str(file) for file in written]}, [*lines, f"written to {self.out}"])
+
+    def keep(self, inputs: Sequence[str], options: Mapping[str, Any]) -> list[Path]:
+        """Write the manifest, put all outputs in place, and return their paths, the manifest's last."""
+        from nbv.run.manifest import manifest_path, write_manifest
+
+        manifest = manifest_path(self.out, is_folder=self.is_folder).name
+        staged = {file.as_posix(): self.stage.folder / file for file in self.stage.files()}
+        outputs = {**self.kept, **staged}
+        write_manifest(
+            self.stage.path(manifest),
+            command=self.command,
+            seed=self.shared.seed,
+            inputs=inputs,
+            options={**options, "max_memory": self.shared.max_memory, "limits": dict(self.shared.limits)},
+            threads=self.shared.threads,
+            outputs=outputs,
+            times={**self.watch.record(), **({"costs": self.costs} if self.costs else {})},
+        )
+        self.stage.commit(last=manifest)
+        if self.is_folder:
+            rmtree(self.out / _JOURNAL, ignore_errors=True)
+        return [self.stage.target / name for name in [*outputs, manifest]]
+
+    def warn(self, warnings: Iterable[str]) -> None:
+        """Print what is doubtful about the input, a line each on stderr; nothing when quiet."""
+        if not self.shared.quiet:
+            for text in warnings:
+                typer.echo(f"unseen {self.command}: warning: {' '.join(text.split())}", err=True)
+
+    def say(self, summary: Mapping[str, Any], lines: Sequence[str]) -> None:
+        """Print `summary` as one JSON object, or `lines` for people, or nothing when quiet."""
+        if self.shared.as_json:
+            from scenes.run.atomic import json_text
+
+            typer.echo(json_text({"command": self.command, **summary}).rstrip())
+        elif not self.shared.quiet:
+            for line in lines:
+                typer.echo(line)
+
+
+@contextmanager
+def running(
+    command: str, shared: Shared, *, default: str, is_folder: bool, writes: bool = True
+) -> Iterator[Run]:
+    """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1.
+
+    One that only prints says so by `writes`, and nothing is locked or staged.
+    """
+    from completion.fitting.result import FitError
+    from nbv.run.manifest import Stopwatch
+    from scenes.checks import InputError
+    from scenes.run.file_limits import limits
+    from scenes.run.lock import locked
+    from scenes.run.memory import memory_limit
+    from scenes.run.staged_outputs import Stage
+
+    watch = Stopwatch()
+    try:
+        out = _prepared(shared.out or Path(default), is_folder=is_folder)
+        folder, name = (out, "") if is_folder else (out.parent, out.name)
+        stage = Stage(folder, name)
+        with ExitStack() as held:
+            held.enter_context(limits(**shared.limits))
+            held.enter_context(interruptible(command))
+            if shared.max_memory is not None:
+                reserve(shared.threads or os.cpu_count() or 1)
+                held.enter_context(memory_limit(shared.max_memory, enforced=True))
+            if writes:
+                held.enter_context(locked(folder, name))
+                held.enter_context(stage)
+            progress = held.enter_context(progress_bars(watch, hidden=shared.quiet or shared.as_json))
+            yield Run(command, shared, out, is_folder, watch, progress, stage)
+    except (InputError, FitError, OSError) as error:
+        _fail(command, str(error))
+    except Exception as error:
+        if not is_starved(error):
+            raise
+        _fail(command, NOT_ENOUGH)
+
+
+def _fail(command: str, message: str) -> None:
+    """Print one line on stderr and exit with 1."""
+    typer.echo(f"unseen {command}: {' '.join(message.split())}", err=True)
+    raise typer.Exit(1)
+
+
+def _prepared(out: Path, *, is_folder: bool) -> Path:
+    """Return `out`, made where it is a folder that does not exist yet."""
+    from scenes.checks import InputError
+    from scenes.run.atomic import make_folder
+
+    if not is_folder:
+        if out.is_dir():
+            raise InputError(f"{out}: is a folder; name a file to write")
+        if not out.parent.is_dir():
+            raise InputError(f"{out}: there is no folder {out.parent}; make it first")
+        return out
+    make_folder(out)
+    if not os.access(out, os.W_OK):
+        raise InputError(f"{out}: cannot write to this folder")
+    return out

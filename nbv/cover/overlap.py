@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""Overlap: which views share enough surface, well enough conditioned, for their scans to be registered.
+
+Two views are linked when they share a fraction of what the smaller one measures, and when the normals of the
+shared surface hold all six degrees of freedom: the Hessian of point-to-plane registration (Chen and Medioni
+1992; Gelfand et al. 2003), turned about the centroid and with lengths in units of the shared surface's
+radius, must have no small eigenvalue. Parallel walls of a corridor fail: along them nothing holds. A view of
+one wall alone can be registered with nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from nbv.visibility.samples import SurfaceSamples
+from scenes.checks import BoolArray, FloatArray, check_options
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OverlapOptions:
+    """When two views are linked.
+
+    Parameters
+    ----------
+    min_overlap : float
+        Least share of the smaller view's surface that both measure, 0..1.
+    min_stiffness : float
+        Least eigenvalue of the normalised Hessian, 0..1/3; three orthogonal planes that meet have about 0.1.
+
+    Raises
+    ------
+    InputError
+        A number out of bounds.
+    """
+
+    min_overlap: float = 0.2
+    min_stiffness: float = 0.02
+
+    def __post_init__(self) -> None:
+        check_options(self, min_overlap=(0.0, 1.0), min_stiffness=(0.0, 1 / 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Links:
+    """How one view goes with each of m others, (m,): shared fractions, stiffness, whether they are linked."""
+
+    overlap: FloatArray
+    stiffness: FloatArray
+    linked: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OverlapGraph:
+    """What candidates share, prepared to be asked.
+
+    Attributes
+    ----------
+    seen : (m, n) csr
+        Which candidate measures which sample.
+    by_sample : (m, n) csc
+        The same.
+    terms : (n, 41) float
+        Of each sample, times its area: 1, its point, its point squared, and the Hessian's entries.
+    areas : (m,) float
+        Square metres that each candidate measures.
+    options : OverlapOptions
+        When two are linked.
+    """
+
+    seen: csr_array
+    by_sample: csc_array
+    terms: FloatArray
+    areas: FloatArray
+    options: OverlapOptions
+
+    @classmethod
+    def of(cls, matrix: csr_array, samples: SurfaceSamples, options: OverlapOptions) -> OverlapGraph:
+        """Return the graph of the candidates of `matrix` (m, n)."""
+        seen = csr_array((np.ones(len(matrix.indices)), matrix.indices, matrix.indptr), matrix.shape)
+        points, normals = samples.points, samples.normals
+        rows = np.concatenate([np.cross(points, normals), normals], axis=1)
+        hessian = np.einsum("ni,nj->nij", rows, rows).reshape(-1, 36)
+        square = np.square(points).sum(axis=1)
+        terms = np.column_stack([np.ones(len(points)), points, square, hessian]) * samples.areas[:, None]
+        return cls(seen, csc_array(seen), terms, seen @ samples.areas, options)
+
+    @property
+    def registrable(self) -> BoolArray:
+        """Whether what a candidate sees (m,) is stiff enough for its scan to be registered with any other."""
+        sums = self.seen @ self.terms
+        stiff = np.zeros(len(sums))
+        stiff[sums[:, 0] > 0] = stiffness(sums[sums[:, 0] > 0])
+        return np.asarray(stiff >= self.options.min_stiffness)
+
+    def links(self, candidate: int) -> Links:
+        """Return how a candidate goes with every candidate; with itself it is not linked."""
+        own = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
+        sums = self.by_sample[:, own] @ self.terms[own]
+        least = np.minimum(self.areas, self.areas[candidate])
+        overlap = np.divide(sums[:, 0], least, out=np.zeros_like(least), where=least > 0)
+        stiff = np.zeros_like(least)
+        enough = np.flatnonzero((overlap >= self.options.min_overlap - 1e-12) & (sums[:, 0] > 0))
+        stiff[enough] = stiffness(sums[enough])
+        linked = np.zeros(len(least), dtype=np.bool_)
+        linked[enough] = stiff[enough] >= self.options.min_stiffness
+        linked[candidate] = False
+        return Links(overlap, stiff, linked)
+
+    def linked_to_any(self, views: Sequence[int]) -> NDArray[np.bool_]:
+        """Tell for each of the `views` (v) which candidates are linked to it, (v, m)."""
+        return np.array([self.links(view).linked for view in views]).reshape(-1, len(self.areas))
+
+
+def stiffness(sums: FloatArray) -> FloatArray:
+    """Return the smallest eigenvalues of normalised point-to-plane Hessians.
+
+    Parameters
+    ----------
+    sums : (k, 41) float
+        Sums of `OverlapGraph.terms` over shared samples, of positive area.
+    """
+    weight = sums[:, 0]
+    centroid = sums[:, 1:4] / weight[:, None]
+    square = sums[:, 4] / weight - np.square(centroid).sum(axis=1)
+    radius = np.sqrt(np.maximum(square, 1e-12))
+    x, y, z = centroid.T
+    move = np.tile(np.eye(6), (len(sums), 1, 1))  # (p - c) x n = p x n - c x n
+    nought = np.zeros_like(x)
+    cross = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(-1, 3, 3)
+    move[:, :3, 3:] = -cross
+    move[:, :3] /= radius[:, None, None]
+    hessian = move @ (sums[:, 5:].reshape(-1, 6, 6) / weight[:, None, None]) @ move.transpose(0, 2, 1)
+    least: FloatArray = np.linalg.eigvalsh(np.asarray(hessian, dtype=np.float64))[:, 0]
+    return np.maximum(least, 0.0)
+
+
+def components(linked: NDArray[np.bool_], views: Sequence[int]) -> NDArray[np.int64]:
+    """Return the number of the connected group of each of the `views`; `linked` (v, m) as above."""
+    if not len(views):
+        return np.zeros(0, np.int64)
+    among = linked[:, np.asarray(views)]
+    group: NDArray[np.int64] = connected_components(csr_array(among | among.T), directed=False)[1]
+    return group

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: MIT
+"""Coverage: which share of a scene's area is measured as required, which could be, and what hinders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.coverage.surface_classes import INFERRED, MODELLED
+from nbv.visibility.reachability import REASONS
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.samples import SurfaceSamples
+from scenes.checks import BoolArray, FloatArray, frozen_copy
+
+if TYPE_CHECKING:
+    from nbv.scanning.view import View
+    from scenes.scan.range_image import RangeImage
+    from scenes.world.scene import Scene
+
+UNREACHABLE, REACHABLE, MET = 0, 1, 2
+STATES = ("unreachable", "reachable", "met")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceCoverage:
+    """Coverage of one surface.
+
+    Attributes
+    ----------
+    surface, name : int, str
+        Its id in the scene, and its name.
+    area_m2 : float
+        Square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met.
+    mean_cosine : float
+        Area-weighted mean of the best cosines of incidence.
+    """
+
+    surface: int
+    name: str
+    area_m2: float
+    met: float
+    reachable: float
+    unreachable: float
+    inferred: float
+    modelled: float
+    unknown: float
+    mean_cosine: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceCoverage:
+    """Coverage of every face (m,), as `coverage.ply` shows it.
+
+    Attributes
+    ----------
+    best_cosine : (m,) float
+        Area-weighted mean of the samples' best cosines; NaN for faces that hold no sample.
+    n_views : (m,) float
+        Mean number of views that see the face; NaN likewise.
+    state : (m,) int8
+        The state of most of the face's area (index into `STATES`); -1 for faces that hold no sample.
+    """
+
+    best_cosine: FloatArray
+    n_views: FloatArray
+    state: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageSummary:
+    """The `coverage` entry of `plan.json`.
+
+    Attributes
+    ----------
+    total_m2 : float
+        Area of the scene, square metres; the fractions are of it.
+    met, reachable, unreachable : float
+        Fractions measured as required, that some candidate could measure so, and that none can.
+    inferred, modelled, unknown : float
+        Where completion stands in for views: fractions that are inferred, seen but not as required on a
+        surface that is known exactly enough, and neither; without completion, unknown is what is not met;
+        None in files that do not tell it.
+    """
+
+    total_m2: float
+    met: float
+    reachable: float
+    unreachable: float
+    inferred: float
+    modelled: float = 0.0
+    unknown: float | None = None
+
+    def to_json(self) -> dict[str, float | None]:
+        """Return the entry."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """What views of a scene have measured.
+
+    Attributes
+    ----------
+    samples : SurfaceSamples
+        The points on which it was measured.
+    requirement : Requirement
+        What counts as met.
+    best_cosine : (n,) float
+        Largest cosine of incidence over the views that see the sample in range; 0 where none does.
+    n_views : (n,) int32
+        How many views see the sample in range, at any incidence.
+    state : (n,) int8
+        `UNREACHABLE`, `REACHABLE` (but not met) or `MET`.
+    reason : (n,) int8
+        Why unreachable, index into `nbv.visibility.reachability.REASONS`; -1 elsewhere.
+    surface_names : tuple of str
+        Names of the surfaces that the samples refer to.
+    n_faces : int
+        Faces of the mesh.
+    classes : (n,) int8, optional
+        Where completion stands in for views: index into `nbv.coverage.surface_classes.CLASSES`.
+    """
+
+    samples: SurfaceSamples
+    requirement: Requirement
+    best_cosine: FloatArray
+    n_views: NDArray[np.int32]
+    state: NDArray[np.int8]
+    reason: NDArray[np.int8]
+    surface_names: tuple[str, ...]
+    n_faces: int
+    classes: NDArray[np.int8] | None = None
+
+    def __post_init__(self) -> None:
+        for name, dtype in (
+            ("best_cosine", np.float64),
+            ("n_views", np.int32),
+            ("state", np.int8),
+            ("reason", np.int8),
+        ):
+            object.__setattr__(self, name, frozen_copy(getattr(self, name), dtype))
+        if self.classes is not None:
+            object.__setattr__(self, "classes", frozen_copy(self.classes, np.int8))
+
+    @property
+    def total_m2(self) -> float:
+        """Area of the scene, square metres."""
+        return self.samples.total_m2
+
+    @property
+    def met(self) -> float:
+        """Fraction of the area that meets the requirement."""
+        return self._fraction(self.state == MET)
+
+    @property
+    def reachable(self) -> float:
+        """Fraction of the area that some candidate, or one of the views, could measure as required."""
+        return self._fraction(self.state != UNREACHABLE)
+
+    @property
+    def unreachable(self) -> float:
+        """Fraction of the area that none can: 1 - reachable."""
+        return 1.0 - self.reachable
+
+    @property
+    def inferred(self) -> float:
+        """Fraction of the area, not measured, that completion infers; 0 for coverage by views alone."""
+        return self._fraction(self._is(INFERRED))
+
+    @property
+    def modelled(self) -> float:
+        """Fraction of the area, not measured as required, that completion models; 0 by views alone."""
+        return self._fraction(self._is(MODELLED))
+
+    @property
+    def unknown(self) -> float:
+        """Fraction of the area that is neither met nor modelled nor inferred."""
+        return max(1.0 - self.met - self.modelled - self.inferred, 0.0)
+
+    @property
+    def met_of_reachable(self) -> float:
+        """Fraction of the reachable area that is met; 1 where nothing is reachable."""
+        reachable = self.reachable
+        return self.met / reachable if reachable > 0 else 1.0
+
+    def reasons(self) -> dict[str, float]:
+        """Fractions of the area that are unreachable for each reason."""
+        unreachable = self.state == UNREACHABLE
+        return {name: self._fraction(unreachable & (self.reason == k)) for k, name in enumerate(REASONS)}
+
+    def by_surface(self) -> tuple[SurfaceCoverage, ...]:
+        """Coverage of each surface that has area, by surface id."""
+        ids, table = self.samples.surface, []
+        kinds = self.state == MET, self.state != UNREACHABLE, self._is(INFERRED), self._is(MODELLED)
+        for surface in np.unique(ids):
+            here = ids == surface
+            area = self.samples.areas[here]
+            total = float(area.sum())
+            met, reachable, inferred, modelled = (float(area[kind[here]].sum()) / total for kind in kinds)
+            table.append(
+                SurfaceCoverage(
+                    surface=int(surface),
+                    name=self.surface_names[surface],
+                    area_m2=total,
+                    met=met,
+                    reachable=reachable,
+                    unreachable=1 - reachable,
+                    inferred=inferred,
+                    modelled=modelled,
+                    unknown=max(1 - met - modelled - inferred, 0.0),
+                    mean_cosine=float(area @ self.best_cosine[here]) / total,
+                )
+            )
+        return tuple(table)
+
+    def by_face(self) -> FaceCoverage:
+        """Coverage of each face."""
+        face, area = self.samples.face, self.samples.areas
+        held = np.bincount(face, area, self.n_faces)
+        shares = np.stack(
+            [np.bincount(face, area * (self.state == k), self.n_faces) for k in range(len(STATES))]
+        )
+        with np.errstate(invalid="ignore"):
+            cosine = np.bincount(face, area * self.best_cosine, self.n_faces) / held
+            views = np.bincount(face, area * self.n_views, self.n_faces) / held
+        return FaceCoverage(cosine, views, np.where(held > 0, shares.argmax(axis=0), -1).astype(np.int8))
+
+    def summary(self) -> CoverageSummary:
+        """Return the `coverage` entry of `plan.json`."""
+        shares = (self.met, self.reachable, self.unreachable, self.inferred, self.modelled, self.unknown)
+        return CoverageSummary(self.total_m2, *shares)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of `coverage.json`: fractions are of area."""
+        surfaces = [
+            {
+                "id": row.surface,
+                "name": row.name,
+                "area_m2": row.area_m2,
+                "met": row.met,
+                "reachable": row.reachable,
+                "unreachable": row.unreachable,
+                "inferred": row.inferred,
+                "modelled": row.modelled,
+                "unknown": row.unknown,
+                "mean_best_cosine": row.mean_cosine,
+            }
+            for row in self.by_surface()
+        ]
+        return {
+            **self.summary().to_json(),
+            "requirement": self.requirement.to_json(),
+            "n_samples": len(self.samples),
+            "unreachable_because": self.reasons(),
+            "surfaces": surfaces,
+        }
+
+    def show(
+        self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None
+    ) -> Path:
+        """Show the full report of this coverage of `scene` by `stations`; see `nbv.show`."""
+        from nbv.report.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, stations, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: measured, missed and unreachable area."""
+        from nbv.plan.cards import card_of_coverage  # only notebooks need it
+
+        return card_of_coverage(self).to_html()
+
+    def _is(self, kind: int) -> BoolArray:
+        """Samples of a class; none where completion does not stand in for views."""
+        classes = np.full(len(self.samples), -1, np.int8) if self.classes is None else self.classes
+        return np.asarray(classes == kind, dtype=np.bool_)
+
+    def _fraction(self, where: BoolArray) -> float:
+        total = self.total_m2
+        return float(self.samples.areas[where].sum()) / total if total > 0 else 0.0

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: MIT
+"""Measurement of coverage: by views of a known scene, and by scans that were really taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.view import View
+from nbv.visibility.reachability import Reachability, find_reachable, scene_candidates
+from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.visibility import Progress, visible_from_view
+from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.rays.raycast import RayCaster
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Scene
+
+_ROUNDING_M = 1e-3  # a sample may lie this far from the measured surface, beside noise and slope
+_STEEPEST = 10.0  # tangent of incidence up to which the slope of a pixel is allowed for
+
+
+@dataclass(slots=True, eq=False)
+class CoverageTally:
+    """Running coverage while views are added one by one; every view only ever adds."""
+
+    caster: RayCaster
+    samples: SurfaceSamples
+    requirement: Requirement
+    best_cosine: FloatArray
+    n_views: NDArray[np.int32]
+    n_met: NDArray[np.int32]
+
+    @classmethod
+    def start(cls, caster: RayCaster, samples: SurfaceSamples, requirement: Requirement) -> CoverageTally:
+        """Return the tally before the first view."""
+        n = len(samples)
+        counts = np.zeros(n, np.int32), np.zeros(n, np.int32)
+        return cls(caster, samples, requirement, np.zeros(n), *counts)
+
+    def add(self, view: View) -> float:
+        """Add a view; return the area in square metres that is newly met."""
+        before = self.met
+        self.see(view)
+        return float(self.samples.areas[self.met & ~before].sum())
+
+    def see(self, view: View) -> tuple[NDArray[np.int64], FloatArray]:
+        """Add a view; return the samples that it sees, and their cosines of incidence."""
+        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
+        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
+        return seen
+
+    def add_scan(self, scan: RangeImage) -> int:
+        """Add what a scan has measured; return how many samples that is, at any incidence."""
+        return len(self.see_scan(scan)[0])
+
+    def see_scan(self, scan: RangeImage) -> tuple[NDArray[np.int64], FloatArray]:
+        """Add what a scan has measured; of the requirement's range limits only its own holds.
+
+        Returns
+        -------
+        index, cosine : (m,) int64, (m,) float
+            The samples that it has measured, at any incidence, and its cosine.
+        """
+        farthest = self.requirement.max_range_m or np.inf
+        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
+        gate = (0.0, farthest)
+        limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
+        index, cosine = measured_samples(scan, self.samples, farthest)
+        self._add_seen(index, cosine, scan.origin, limits)
+        return index, cosine
+
+    def _add_seen(
+        self, index: NDArray[np.int64], cosine: FloatArray, origin: FloatArray, limits: SightLimits
+    ) -> None:
+        """Add the samples that one more view has seen from `origin`, each once, with its cosines."""
+        self.best_cosine[index] = np.maximum(self.best_cosine[index], cosine)
+        self.n_views[index] += 1
+        distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
+        self.n_met[index[limits.hold(distance, cosine)]] += 1
+
+    @property
+    def met(self) -> BoolArray:
+        """Samples that meet the requirement, (n,)."""
+        return np.asarray(self.n_met >= self.requirement.k)
+
+    def met_m2(self) -> float:
+        """Area in square metres that meets the requirement."""
+        return float(self.samples.areas[self.met].sum())
+
+    def coverage(self, scene: Scene, reachability: Reachability) -> Coverage:
+        """Return the coverage so far."""
+        possible = reachability.including(self.met)
+        state = np.where(self.met, MET, np.where(possible.reachable, REACHABLE, UNREACHABLE)).astype(np.int8)
+        names, n_faces = scene.surface_names, len(scene.mesh.faces)
+        parts = (self.best_cosine, self.n_views, state, possible.reason)
+        return Coverage(self.samples, self.requirement, *parts, names, n_faces)
+
+
+def measure_coverage(
+    scene: Scene,
+    views: Sequence[View],
+    requirement: Requirement | None = None,
+    *,
+    max_incidence_deg: float | None = None,
+    samples: SurfaceSamples | None = None,
+    candidates: Candidates | None = None,
+    sensor: Sensor | None = None,
+    caster: RayCaster | None = None,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Coverage:
+    """Measure the coverage of a scene by views.
+
+    A sample is met when some view sees it, in its aperture and range, unobstructed and at no larger
+    incidence than required. Faces are two-sided (`nbv.visibility.visibility`).
+
+    Parameters
+    ----------
+    scene : Scene
+        The true scene.
+    views : sequence of View
+        Stations; none is allowed.
+    requirement : Requirement, optional
+        What counts; default 60 deg incidence, or `max_incidence_deg`.
+    max_incidence_deg : float, optional
+        Short for a requirement of this incidence in degrees.
+    samples : SurfaceSamples, optional
+        Where to measure; the scene's own default samples when not given.
+    candidates : Candidates, optional
+        What "reachable" refers to; the scene's own (`scene_candidates`) when not given.
+    sensor : Sensor, optional
+        The sensor that would stand at the candidates; the first view's when not given.
+    caster : RayCaster, optional
+        The scene prepared for ray casting.
+    n_threads : int, optional
+        Threads that cast; coverage does not depend on it.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    InputError
+        Both kinds of requirement, neither view nor sensor, a scene without surface.
+    """
+    requirement = _one_requirement(requirement, max_incidence_deg)
+    standing = sensor or (views[0].sensor if views else None)
+    if standing is None:
+        raise InputError("without views, coverage needs a sensor to say what is reachable")
+    caster = caster or scene.ray_caster(n_threads)
+    samples = samples or sample_surface(scene.mesh)
+    candidates = candidates or scene_candidates(scene, standing)
+    tally = CoverageTally.start(caster, samples, requirement)
+    for done, view in enumerate(views, start=1):
+        tally.add(view)
+        if progress is not None:
+            progress("coverage", done, len(views))
+    reachability = find_reachable(
+        caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
+    )
+    return tally.coverage(scene, reachability)
+
+
+def measure_scan_coverage(
+    scene: Scene,
+    scans: Sequence[RangeImage],
+    requirement: Requirement | None = None,
+    *,
+    max_incidence_deg: float | None = None,
+    samples: SurfaceSamples | None = None,
+    candidates: Candidates | None = None,
+    sensor: Sensor | None = None,
+    caster: RayCaster | None = None,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Coverage:
+    """Measure the coverage of a known scene by scans, real or simulated.
+
+    A sample is seen when the pixel that looks at it measured its range: within 1 mm, three standard
+    deviations of the scan's known noise, and what the surface's slope makes of three quarters of a pixel.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, in the world coordinates of the scans' poses.
+    scans : sequence of RangeImage
+        The scans; none is allowed.
+    sensor : Sensor, optional
+        What would stand at the candidates to say what is reachable; "generic60" when not given.
+    requirement, max_incidence_deg, samples, candidates, caster, n_threads, progress
+        As for `measure_coverage`; of the range limits only the requirement's own holds for scans.
+
+    Raises
+    ------
+    InputError
+        Both kinds of requirement, a scene without surface.
+    """
+    requirement = _one_requirement(requirement, max_incidence_deg)
+    standing = sensor or load_sensor("generic60")
+    caster = caster or scene.ray_caster(n_threads)
+    samples = samples or sample_surface(scene.mesh)
+    candidates = candidates or scene_candidates(scene, standing)
+    tally = CoverageTally.start(caster, samples, requirement)
+    for done, scan in enumerate(scans, start=1):
+        tally.add_scan(scan)
+        if progress is not None:
+            progress("coverage", done, len(scans))
+    reachability = find_reachable(
+        caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
+    )
+    return tally.coverage(scene, reachability)
+
+
+def measured_samples(
+    scan: RangeImage, samples: SurfaceSamples, max_range_m: float = np.inf
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the samples whose range one scan has measured, and their cosines of incidence."""
+    pixels = scan.pixels(samples.points)
+    index = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    limit = np.array(scan.shape) - 1
+    row, column = np.clip(np.rint(pixels[index]).astype(np.int64), 0, limit).T
+    towards = scan.origin - samples.points[index]
+    distance = np.linalg.norm(towards, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cosine = np.abs(np.einsum("ij,ij->i", towards, samples.normals[index])) / distance
+        tangent = np.minimum(np.sqrt(1 - np.minimum(cosine, 1) ** 2) / cosine, _STEEPEST)
+    slope = 0.75 * scan.projection.pixel_angle * distance * tangent
+    tolerance = _ROUNDING_M + 3 * (scan.sigma_m or 0.0) + slope
+    with np.errstate(invalid="ignore"):
+        agrees = np.abs(scan.ranges[row, column] - distance) <= tolerance
+    agrees &= (cosine >= GRAZING_COSINE) & (distance <= max_range_m)
+    return index[agrees], cosine[agrees]
+
+
+def _one_requirement(requirement: Requirement | None, max_incidence_deg: float | None) -> Requirement:
+    if requirement is not None and max_incidence_deg is not None:
+        raise InputError("give requirement or max_incidence_deg, not both")
+    if requirement is None:
+        return (
+            Requirement() if max_incidence_deg is None else Requirement(max_incidence_deg=max_incidence_deg)
+        )
+    return requirement

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: MIT
+"""Classes of surface when completion stands in for views: met, modelled, inferred, unknown."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.distances import CLOSE_M, distances
+from nbv.visibility.samples import SurfaceSamples
+from scenes.checks import BoolArray
+from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
+
+MET, MODELLED, INFERRED, UNKNOWN = range(4)
+CLASSES = ("met", "modelled", "inferred", "unknown")
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """How a scene's area parts into classes after some views, and how much of what was claimed is right.
+
+    Attributes
+    ----------
+    views : int
+        After how many views.
+    met : float
+        Share of the area measured as required.
+    modelled : float
+        Share seen, but not as required, within 2 cm of a fitted surface that is known exactly enough.
+    inferred : float
+        Share that is neither, within 2 cm of inferred surface.
+    unknown : float
+        The rest.
+    reached : float
+        Share of the reachable area that is not unknown; 1 where nothing is reachable.
+    inferred_m2 : float
+        Area of inferred surface in square metres, right or wrong.
+    right_m2 : float
+        Area of it that lies within 2 cm of the true surface.
+    """
+
+    views: int
+    met: float
+    modelled: float
+    inferred: float
+    unknown: float
+    reached: float
+    inferred_m2: float
+    right_m2: float
+
+    @property
+    def known(self) -> float:
+        """Share of the area that is met, modelled or inferred."""
+        return self.met + self.modelled + self.inferred
+
+    def to_json(self) -> dict[str, float]:
+        """Return the entry of `plan.json`."""
+        return asdict(self)
+
+
+def classify(
+    samples: SurfaceSamples, met: BoolArray, seen: BoolArray, knowledge: Knowledge
+) -> NDArray[np.int8]:
+    """Return the class (n,) of each sample of the true surface.
+
+    Parameters
+    ----------
+    samples : SurfaceSamples
+        Of the true surface.
+    met, seen : (n,) bool
+        Which of them views have measured as required, and seen at all.
+    knowledge : Knowledge
+        What completion makes of the views' scans.
+    """
+    classes = np.full(len(samples), UNKNOWN, np.int8)
+    classes[knowledge.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
+    classes[seen & knowledge.modelled(samples.points, samples.normals, CLOSE_M)] = MODELLED
+    classes[met] = MET
+    return classes
+
+
+def shares_of(
+    classes: NDArray[np.int8],
+    samples: SurfaceSamples,
+    reachable: BoolArray,
+    knowledge: Knowledge,
+    truth: LabelledMesh,
+    views: int,
+) -> Shares:
+    """Return the shares of `classes` (n,) of the samples, and how much inferred area is true.
+
+    Parameters
+    ----------
+    classes, reachable : (n,) int8, (n,) bool
+        Class of each sample, and whether some candidate could measure it as required.
+    samples : SurfaceSamples
+        Of the true surface.
+    knowledge : Knowledge
+        What completion makes of the scans.
+    truth : LabelledMesh
+        The true surface.
+    views : int
+        How many there are.
+    """
+    met, modelled, inferred, unknown = (
+        float(samples.areas[classes == kind].sum()) / samples.total_m2 for kind in range(len(CLASSES))
+    )
+    areas = samples.areas[reachable]
+    reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
+    vertices, faces, _ = knowledge.hypothesised()
+    corners = vertices[faces]
+    area = triangle_areas(corners)
+    right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
+    claimed, true = float(area.sum()), float(area[right].sum())
+    return Shares(views, met, modelled, inferred, unknown, reached, claimed, true)

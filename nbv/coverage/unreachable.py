@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Unreachable patches: connected parts of a surface that no candidate can measure, each with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from nbv.coverage.coverage import UNREACHABLE, Coverage
+from nbv.visibility.reachability import REASONS, Reason
+from scenes.checks import FloatArray
+
+_NEAR = 2.0  # samples this many spacings apart belong together
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnreachablePatch:
+    """A connected part of one surface that is out of reach for one reason.
+
+    Attributes
+    ----------
+    surface : int
+        The surface it lies on.
+    name : str
+        Its name.
+    reason : str
+        See `nbv.visibility.reachability.Reachability`.
+    area_m2 : float
+        Square metres.
+    centre : (3,) float
+        Mean of its samples, metres, world coordinates.
+    """
+
+    surface: int
+    name: str
+    reason: Reason
+    area_m2: float
+    centre: FloatArray
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `coverage.json`."""
+        return {
+            "surface": self.surface,
+            "name": self.name,
+            "reason": self.reason,
+            "area_m2": self.area_m2,
+            "centre": [float(c) for c in self.centre],
+        }
+
+
+def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
+    """Return the unreachable patches of a scene, the largest first.
+
+    Samples belong together that lie on one surface, out of reach for one reason, and within two spacings.
+    """
+    samples = coverage.samples
+    away = np.flatnonzero(coverage.state == UNREACHABLE)
+    patches = []
+    for surface, reason in sorted(set(zip(samples.surface[away], coverage.reason[away], strict=True))):
+        here = away[(samples.surface[away] == surface) & (coverage.reason[away] == reason)]
+        for part in _connected(samples.points[here], float(np.sqrt(samples.areas[here].max()))):
+            own = here[part]
+            area = float(samples.areas[own].sum())
+            centre = samples.points[own].mean(axis=0)
+            name = coverage.surface_names[surface]
+            patches.append(UnreachablePatch(int(surface), name, REASONS[reason], area, centre))
+    return tuple(sorted(patches, key=lambda patch: -patch.area_m2))
+
+
+def _connected(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
+    """Return the groups of points (n, 3) that hang together by steps of two spacings or less."""
+    pairs = cKDTree(points).query_pairs(_NEAR * spacing, output_type="ndarray")
+    linked = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    n_groups, group = connected_components(linked, directed=False)
+    return [np.flatnonzero(group == k) for k in range(n_groups)]

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""Prospect: what a view into unknown space is expected to meet there, and how much of it would be news.
+
+A shadow hides surface that completion infers, the rear of the body that casts it, and perhaps things that
+nothing tells of. A ray that enters unknown space is followed to what is known: where it meets inferred
+surface, that surface may yet be missing (an opening); where it meets measured surface from its front,
+nothing new is there; where it meets measured surface from the rear, or nothing, unknown surface lies before
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.online.accumulator import cell_directions
+from nbv.online.occupancy import EMPTY, SEEN, BoundaryFaces, VoxelMap
+from nbv.online.view_evaluation import Glimpse
+from nbv.visibility.voxel_grid import VoxelGrid
+from scenes.checks import BoolArray, FloatArray
+from scenes.rays.raycast import RayCaster
+from scenes.scan.range_image import RangeImage
+
+_AGAINST = 0.05  # cosine by which a ray must run against a measured normal to meet that surface's front
+_INTO_M = 1e-6  # rays that go on start this far behind the face that they entered by
+_CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
+_TRUSTED = 50.0  # rays, of some 400 a view, as which all that was known before a look counts
+_FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Experience:
+    """How often surface was found where nothing was known, by side of the volume, the latest look first.
+
+    Attributes
+    ----------
+    trust : (6,) float
+        For each side (+x, +y, +z, -x, -y, -z) the probability that a ray which would leave by it meets
+        surface before.
+    """
+
+    trust: FloatArray
+
+    @classmethod
+    def none(cls) -> Experience:
+        """Return that of somebody who trusts that the volume is closed on every side."""
+        return cls(np.ones(6))
+
+    def after(self, scan: RangeImage, hoped: Glimpse, grid: VoxelGrid) -> Experience:
+        """Return the experience after a scan of which so much was hoped."""
+        pixels = scan.pixels(scan.origin + hoped.offsets)
+        seen = np.flatnonzero((hoped.side >= 0) & np.isfinite(pixels).all(axis=1))
+        row, column = np.rint(pixels[seen]).astype(np.int64).T
+        met = grid.index_of(scan.points()[row, column]) >= 0
+        n_looked = np.bincount(hoped.side[seen], minlength=6)
+        n_met = np.bincount(hoped.side[seen], met, minlength=6)
+        return Experience((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prospect:
+    """What is known beyond the faces of unknown space.
+
+    Attributes
+    ----------
+    boundary : RayCaster
+        The faces between empty voxels and all others.
+    entered : (k,) int64
+        The voxel behind each triangle of the boundary.
+    worth_entering : (n_voxels,) bool
+        Voxels that are unknown, and have not been sought in vain too often.
+    caster : RayCaster or None
+        Seen voxels as they border on unknown ones, and completed surface; None where there is neither.
+    voxel : (m,) int64
+        The voxel of each triangle, -1 for completed surface.
+    normal : (m, 3) float
+        Normal of each triangle, of completed surface towards where it was seen from.
+    doubt : (m,) float
+        Probability that inferred surface is not there; 0 elsewhere.
+    voxels : VoxelMap
+        The map.
+    trust : (6,) float
+        For each side of the volume the probability that a ray which would leave by it, and meets nothing
+        known, meets some surface before.
+    """
+
+    boundary: RayCaster
+    entered: NDArray[np.int64]
+    worth_entering: BoolArray
+    caster: RayCaster | None
+    voxel: NDArray[np.int64]
+    normal: FloatArray
+    doubt: FloatArray
+    voxels: VoxelMap
+    trust: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        voxels: VoxelMap,
+        border: BoundaryFaces,
+        worth_entering: BoolArray,
+        knowledge: Knowledge,
+        trust: FloatArray | None = None,
+    ) -> Prospect:
+        """Return the prospect of a map, its boundary, and what completion makes of the same scans."""
+        trust = Experience.none().trust if trust is None else trust
+        faces = voxels.faces_between(_loose(voxels, knowledge), ~np.isin(voxels.labels, (SEEN, EMPTY)))
+        corners, squares = faces.triangles(voxels.grid.voxel_m)
+        measured, measured_faces = knowledge.measured()
+        inferred, inferred_faces, confidence = knowledge.hypothesised()
+        vertices = np.concatenate([corners, measured, inferred])
+        n_squares, n_measured = len(squares), len(measured_faces)
+        triangles = np.concatenate(
+            [squares, measured_faces + len(corners), inferred_faces + len(corners) + len(measured)]
+        )
+        voxel, doubt = np.full(len(triangles), -1, np.int64), np.zeros(len(triangles))
+        voxel[:n_squares] = np.repeat(faces.voxel, 2)
+        doubt[n_squares + n_measured :] = 1.0 - confidence
+        a, b, c = (vertices[triangles[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+        caster = RayCaster(vertices, triangles, n_threads=1) if len(triangles) else None
+        boundary = RayCaster(*border.triangles(voxels.grid.voxel_m), n_threads=1)
+        entered = np.repeat(border.voxel, 2)
+        return cls(boundary, entered, worth_entering, caster, voxel, normal, doubt, voxels, trust)
+
+    def look(self, position: FloatArray, max_range_m: float) -> Glimpse:
+        """Look from a position (3,) in all directions, as far as the sensor reaches.
+
+        Worth is the area that is likely to be news: that of the ray's cell of the cube map on the surface
+        which it meets, or else on the side of the volume by which it leaves.
+        """
+        rays, solid_angles = _directions()
+        hits = self.boundary.first_hit(position[None], rays)
+        enters = np.flatnonzero((hits.face >= 0) & (hits.ranges <= max_range_m))
+        enters = enters[self.worth_entering[self.entered[hits.face[enters]]]]
+        rays, near, voxel = rays[enters], hits.ranges[enters], self.entered[hits.face[enters]]
+        entry = position + near[:, None] * rays
+        reach, side = self.voxels.grid.way_out(entry, rays)
+        news, cosine = self.trust[side], np.abs(rays[np.arange(len(rays)), side % 3])
+        if self.caster is not None and len(rays):
+            beyond = self.caster.first_hit(entry + _INTO_M * rays, rays)
+            met = np.flatnonzero(beyond.face >= 0)
+            news[met] = self._news_at(beyond.face[met], rays[met])
+            reach[met], side[met] = beyond.ranges[met], -1
+            cosine[met] = np.where(self.voxel[beyond.face[met]] >= 0, 1.0, beyond.incidence_cosine[met])
+        area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m))
+        worth = np.where(cosine >= _FLATTEST, area * news / np.maximum(cosine, _FLATTEST), 0.0)
+        kept = np.flatnonzero(worth > 0)
+        is_unknown = np.ones(len(kept), dtype=np.bool_)
+        return Glimpse(near[kept, None] * rays[kept], worth[kept], voxel[kept], is_unknown, side[kept])
+
+    def _news_at(self, face: NDArray[np.int32], rays: FloatArray) -> FloatArray:
+        """Probability (n,) that there is unknown surface where rays meet triangles."""
+        voxel = self.voxel[face]
+        front = np.einsum("ij,ij->i", rays, self.normal[face]) < 0
+        front = np.where(voxel >= 0, self._shows_front(voxel, rays), front)
+        return np.where(front, self.doubt[face], 1.0)
+
+    def _shows_front(self, voxel: NDArray[np.int64], rays: FloatArray) -> BoolArray:
+        """Tell which rays (n, 3) run against a measured normal of the voxel they meet."""
+        surfels = self.voxels.surfels
+        front = np.zeros(len(voxel), dtype=np.bool_)
+        if not len(surfels.keys):
+            return front
+        for side in range(6):
+            at = np.searchsorted(surfels.keys, voxel * 6 + side)
+            at = np.minimum(at, len(surfels.keys) - 1)
+            has = surfels.keys[at] == voxel * 6 + side
+            front |= has & (np.einsum("ij,ij->i", rays, surfels.normals[at]) < -_AGAINST)
+        return front
+
+
+def _loose(voxels: VoxelMap, knowledge: Knowledge) -> BoolArray:
+    """Seen voxels (n_voxels,) whose surface is not all on completed surface, which tells its place better."""
+    surfels = voxels.surfels
+    known = knowledge.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
+    loose: BoolArray = np.asarray(voxels.labels == SEEN)
+    loose[surfels.voxels[known]] = False
+    loose[surfels.voxels[~known]] = True
+    return loose
+
+
+@cache
+def _directions() -> tuple[FloatArray, FloatArray]:
+    """Unit rays (n, 3) through the cells of a cube map, and the solid angle (n,) of each cell, sr."""
+    rays = cell_directions(_CELLS)
+    largest = np.abs(rays).max(axis=1)
+    return rays, (2 / _CELLS) ** 2 * largest**3

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+"""Baseline plans: views by planners too simple to rely on, planned as the others are, to compare with.
+
+"greedy" takes what meets the requirement on most new area, "visibility" what sees most new area at any
+angle; both know the scene. "farthest" goes where it is farthest from all views before, and "random"
+anywhere; they know nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from itertools import islice
+
+import numpy as np
+
+from nbv.cover.greedy import choose_greedily
+from nbv.cover.instance import CoverInstance
+from nbv.online.planner import PlannerOptions
+from nbv.plan.baselines import farthest_poses
+from nbv.plan.offline_plan import cover_instance, seen_by_candidates
+from nbv.plan.plan import Plan
+from nbv.plan.problem import Attempt, Task
+
+
+def plan_simply(task: Task, method: str, views: int | None, rng: np.random.Generator | int | None) -> Plan:
+    """Plan views until the task's target is met.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    method : str
+        One of `BASELINES`.
+    views : int, optional
+        Plan no more than so many; 200 when not given.
+    rng : Generator, int or None
+        Chooses the poses of "random", and where "farthest" starts.
+    """
+    seed = int(rng) if isinstance(rng, int | np.integer) else None
+    n_most = views or PlannerOptions().max_views
+    attempt = Attempt.begin(task)
+    numbers = BASELINES[method](task, attempt, n_most, np.random.default_rng(rng))
+    for number in islice(numbers, n_most):
+        if attempt.why_finished():
+            break
+        attempt.add(task.candidates.pose(number))
+    reason = attempt.why_finished()
+    if reason is None:
+        spent = len(attempt.views) == n_most
+        reason = f"the limit of {n_most} views is reached" if spent else "no candidate sees anything new"
+    return attempt.plan(method, seed, None, reason)
+
+
+def _greedy(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator) -> Iterable[int]:
+    return choose_greedily(cover_instance(task, attempt.tally.met), n_most=n_most)
+
+
+def _visibility(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator) -> Iterable[int]:
+    seen = seen_by_candidates(task, "at-all", task.requirement.visibility(task.sensor))
+    new = np.where(attempt.tally.n_views > 0, 0.0, task.samples.areas)
+    return choose_greedily(CoverInstance(seen, new, 1.0, task.requirement.k), n_most=n_most)
+
+
+def _farthest(task: Task, _attempt: Attempt, n_most: int, rng: np.random.Generator) -> Iterable[int]:
+    n_poses = task.candidates.n_poses
+    return farthest_poses(task.candidates, int(rng.integers(n_poses)), min(n_most, n_poses))
+
+
+def _random(task: Task, _attempt: Attempt, n_most: int, rng: np.random.Generator) -> Iterable[int]:
+    poses: list[int] = rng.integers(task.candidates.n_poses, size=n_most).tolist()
+    return poses
+
+
+BASELINES: Mapping[str, Callable[[Task, Attempt, int, np.random.Generator], Iterable[int]]] = {
+    "greedy": _greedy,
+    "visibility": _visibility,
+    "farthest": _farthest,
+    "random": _random,
+}

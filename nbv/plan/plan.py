@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: MIT
+"""Plan: views of a scene, how they were chosen and what they cover; read from and written to `plan.json`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nbv.cover.cover import LowerBound
+from nbv.coverage.coverage import Coverage, CoverageSummary
+from nbv.coverage.surface_classes import Shares
+from nbv.plan.stations import Stations
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensors.sensor_profile import sensor_from_profile
+from nbv.scanning.view import View
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
+from scenes.checks import InputError, check_number
+from scenes.formats.documents import read_json
+from scenes.formats.guard import one_line
+from scenes.pose import Pose
+
+if TYPE_CHECKING:
+    from scenes.world.scene import Scene
+
+
+_CURE = "give the plan.json that `unseen plan` wrote"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resumption:
+    """What a plan was resumed from.
+
+    Attributes
+    ----------
+    poses : tuple of Pose
+        Where the scans that were given have been taken.
+    met_fraction : float or None
+        Share of the scene's area that they meet the requirement on; None where the scene is not known.
+    """
+
+    poses: tuple[Pose, ...]
+    met_fraction: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        return {**self.summary(), "world_from_sensor": [pose.matrix.tolist() for pose in self.poses]}
+
+    def summary(self) -> dict[str, Any]:
+        """Return how many scans there were, and what they had met."""
+        return {"scans": len(self.poses), "met": self.met_fraction}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A plan.
+
+    Attributes
+    ----------
+    method : str
+        "nbv" (online, the planner did not know the scene) or "cover" (offline, it did).
+    sensor : Sensor
+        What scans.
+    requirement : Requirement
+        What counts as met.
+    target : float or None
+        Fraction of the reachable area that was to be met; None where the scene is not known.
+    seed : int or None
+        Seed of its randomness, None where it was not given as a number.
+    n_candidates : int
+        Poses that could be chosen.
+    views : tuple of View
+        The views in order, those not counted that the plan was resumed from.
+    coverage : Coverage, CoverageSummary or None
+        What they cover, with the scans that the plan was resumed from; a plan read from a file holds the
+        summary. None where the scene is not known.
+    lower_bound : LowerBound or None
+        How many views any plan with these candidates and samples needs, where known.
+    stopped_because : str
+        Why there are no more views.
+    stations : Stations or None
+        In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
+    candidates : Candidates or None
+        The poses that could be chosen; None for a plan read from a file.
+    shares : tuple of Shares
+        Of a plan in which completion stood in for views: how the area parts into met, modelled, inferred and
+        unknown whenever the scans were completed.
+    resumed_from : Resumption or None
+        The scans that had been taken before.
+    zones : Zones
+        Where surface counts, and where no station may be.
+    """
+
+    method: str
+    sensor: Sensor
+    requirement: Requirement
+    target: float | None
+    seed: int | None
+    n_candidates: int
+    views: tuple[View, ...]
+    coverage: Coverage | CoverageSummary | None
+    lower_bound: LowerBound | None
+    stopped_because: str
+    stations: Stations | None = None
+    candidates: Candidates | None = None
+    shares: tuple[Shares, ...] = ()
+    resumed_from: Resumption | None = None
+    zones: Zones = EVERYWHERE
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of `plan.json`."""
+        coverage = self.coverage.summary() if isinstance(self.coverage, Coverage) else self.coverage
+        return {
+            "method": self.method,
+            "sensor": self.sensor.to_json(),
+            "requirement": {**self.requirement.to_json(), "target": self.target},
+            "seed": self.seed,
+            "n_candidates": self.n_candidates,
+            "views": [view.to_json() for view in self.views],
+            "coverage": coverage.to_json() if coverage else None,
+            "lower_bound": self.lower_bound.to_json() if self.lower_bound else None,
+            "stopped_because": self.stopped_because,
+            "inference": [shares.to_json() for shares in self.shares],
+            "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
+            **self.zones.to_json(),
+        }
+
+    def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
+        """Show the full report of this plan of `scene`; see `nbv.show`."""
+        from nbv.report.display import show  # jinja2 and matplotlib: only where a report is asked for
+
+        return show(self, scene, n_threads=n_threads)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: views, coverage and its curve."""
+        from nbv.plan.cards import card_of_plan  # only notebooks need it
+
+        return card_of_plan(self).to_html()
+
+
+def read_plan(path: str | Path) -> Plan:
+    """Read a `plan.json`.
+
+    Parameters
+    ----------
+    path : str or path
+        As `unseen plan` writes it. Of the coverage it holds the summary alone.
+
+    Raises
+    ------
+    InputError
+        No such file, not JSON, or not a plan: the entry is named.
+    """
+    content = read_json(Path(path), dict)
+    try:
+        return _plan_of(content)
+    except KeyError as error:
+        raise InputError(f"{path} is not a plan: it has no {error}; {_CURE}") from error
+    except (InputError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise InputError(f"{path} is not a plan: {one_line(str(error))}; {_CURE}") from error
+
+
+def _plan_of(content: dict[str, Any]) -> Plan:
+    sensor = sensor_from_profile(content["sensor"])
+    required = dict(content["requirement"])
+    target, bound, coverage = required.pop("target"), content["lower_bound"], content["coverage"]
+    seed, resumed = content["seed"], content.get("resumed_from")
+    return Plan(
+        method=str(content["method"]),
+        sensor=sensor,
+        requirement=Requirement(**required),
+        target=None if target is None else float(target),
+        seed=None if seed is None else int(seed),
+        n_candidates=int(check_number("n_candidates", content["n_candidates"])),
+        views=tuple(
+            View(
+                Pose(view["world_from_sensor"]),
+                sensor,
+                _number(view["gain_m2"], "gain_m2"),
+                _number(view["met_fraction"], "met_fraction"),
+                _number(view.get("predicted_gain_m2"), "predicted_gain_m2"),
+            )
+            for view in content["views"]
+        ),
+        coverage=None if coverage is None else CoverageSummary(**_numbers(coverage)),
+        lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
+        stopped_because=str(content["stopped_because"]),
+        shares=tuple(Shares(**_numbers(shares)) for shares in content.get("inference", ())),
+        resumed_from=_resumption_of(resumed) if resumed else None,
+        zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
+    )
+
+
+def _number(value: Any, name: str) -> Any:
+    """Return a number, or None, as it is."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise InputError(f"{name} must be a number, got {value!r}")
+    return value
+
+
+def _numbers(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a table in which only "unknown" may be missing a number."""
+    if missing := [name for name, value in table.items() if value is None and name != "unknown"]:
+        raise InputError(f"{missing[0]} must be a number, got null")
+    return {name: _number(value, name) for name, value in table.items()}
+
+
+def _resumption_of(content: dict[str, Any]) -> Resumption:
+    met = content["met"]
+    poses = tuple(Pose(matrix) for matrix in content["world_from_sensor"])
+    return Resumption(poses, None if met is None else float(met))

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: MIT
+"""Planning: views of a known scene in simulation, by the online planner or by model-known cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+
+from nbv.cover.overlap import OverlapOptions
+from nbv.cover.pipeline import CoverOptions
+from nbv.online.planner import PlannerOptions
+from nbv.plan.baseline_plan import BASELINES, plan_simply
+from nbv.plan.offline_plan import plan_offline
+from nbv.plan.online_plan import plan_online
+from nbv.plan.plan import Plan
+from nbv.plan.problem import Task
+from nbv.plan.remote_visibility import RemoteVisibility
+from nbv.plan.stand_in import plan_with_completion
+from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.visibility.reachability import scene_candidates, scene_lattice
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.viewpoints import Candidates, allowed
+from nbv.visibility.visibility import Progress
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.checks import FloatArray, InputError
+from scenes.rays.raycast import RayCaster
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Scene
+
+Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
+_PATCH_TOLERANCE_M = 0.01
+_ROUNDING_M = 1e-6  # a surface may lie on the region's faces
+_MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
+
+
+def plan_views(
+    scene: Scene,
+    sensor: Sensor | None = None,
+    *,
+    method: Method = "nbv",
+    max_incidence_deg: float = 60.0,
+    max_range_m: float | None = None,
+    requirement: Requirement | None = None,
+    target: float = 0.99,
+    views: int | None = None,
+    mode: str | None = None,
+    candidates: Candidates | None = None,
+    samples: SurfaceSamples | None = None,
+    noise: str = "none",
+    options: PlannerOptions | None = None,
+    budgets: CoverOptions | None = None,
+    overlap: OverlapOptions | None = None,
+    infer: bool = False,
+    scans: Sequence[RangeImage] = (),
+    zones: Zones = EVERYWHERE,
+    remote: RemoteVisibility | None = None,
+    journal: Journal = NO_JOURNAL,
+    rng: np.random.Generator | int | None = None,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Plan views of a scene.
+
+    "nbv" explores: the planner sees simulated scans alone. Coverage is measured on the true scene after
+    every scan, and the plan ends when the target is met there, or when the planner itself finds that no
+    view pays. "cover" knows the scene and chooses from the candidates' visibility of the samples. Their
+    view counts answer different questions.
+
+    Parameters
+    ----------
+    scene : Scene
+        The true scene.
+    sensor : Sensor, optional
+        "generic60" when not given.
+    method : "nbv", "cover", "greedy", "visibility", "farthest" or "random"
+        Which planner; the last four are baselines (`nbv.plan.baseline_plan`).
+    max_incidence_deg, max_range_m : float
+        What counts as measured: incidence in degrees, range in metres.
+    requirement : Requirement, optional
+        What counts as measured, in full; it replaces these two. The explorer of "nbv" looks for its
+        incidence and range; coverage is measured by all of it.
+    target : float
+        Fraction of the reachable area to measure as required.
+    views : int, optional
+        Plan no more than so many.
+    mode : "room" or "object", optional
+        The scene's own when not given.
+    candidates : Candidates, optional
+        The scene's own when not given. A `half_angle_deg` in them replaces the sensor's aperture by a cone,
+        and patches replace the samples on which coverage is measured.
+    samples : SurfaceSamples, optional
+        Where coverage is measured; `nbv.visibility.samples.sample_surface` when not given.
+    noise : str
+        Noise model of the simulated scans, and what a largest standard deviation reckons with; of a sensor
+        with errors of its own "none" leaves the latter.
+    options : PlannerOptions, optional
+        For "nbv".
+    budgets : CoverOptions, optional
+        For "cover".
+    overlap : OverlapOptions, optional
+        For "cover": how scans must overlap so that all can be registered with one another.
+    infer : bool
+        Whether surface that completion models or infers from the scans so far counts towards the target
+        (`nbv.coverage.surface_classes`), outranked by unknown surface. Such a plan has no lower bound.
+    scans : sequence of RangeImage
+        Scans that were taken before, in the scene's coordinates: what they have measured as required counts,
+        and "nbv" knows what they saw. They are not views of the plan.
+    zones : Zones
+        Only surface in the region counts, and no station lies in, and no tour leads through, what is to be
+        kept out of.
+    remote : RemoteVisibility, optional
+        For planners that know the scene: workers that cast for them. The plan does not depend on them.
+    journal : Journal
+        Remembers what the steps of a run of the same came to that was killed.
+    rng : Generator, int or None
+        Chooses the start of "nbv" (any free candidate) and drives the noise; drives the search of "cover".
+    n_threads : int, optional
+        Threads; the plan does not depend on it.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    InputError
+        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene,
+        scans that measure nothing of it, a region without surface, no candidate that need not keep out.
+    """
+    if method not in get_args(Method):
+        raise InputError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
+    if not 0 < target <= 1:
+        cure = f"; write {target / 100:g} for {target:g} %" if 1 < target <= 100 else ""
+        raise InputError(
+            f"target must be a fraction of the reachable area, 0 < target <= 1, got {target:g}{cure}"
+        )
+    if views is not None and views < 1:
+        raise InputError(f"views must be at least 1, got {views}")
+    if infer and method in BASELINES:
+        raise InputError(f"completion can stand in for views of method nbv or cover, not of {method}")
+    if overlap is not None and method != "cover":
+        raise InputError(f"overlap is asked of plans of a known scene: method cover, not {method}")
+    if infer and overlap is not None:
+        raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
+    if mode not in (None, "room", "object"):
+        raise InputError(f"mode must be room or object, got {mode!r}")
+    sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
+    proposals = candidates
+    if candidates is None:
+        candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
+        if (mode or scene.mode) == "room":
+            proposals = Candidates(scene_lattice(scene), candidates.directions)
+    requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
+    if requirement.max_sd_m is not None and noise != "none":
+        sensor = with_effects(sensor, chosen_effects(sensor, noise))
+    requirement.limits(sensor)  # raises before anything is cast
+    caster = scene.ray_caster(n_threads)
+    samples = samples or patch_samples(scene, caster, candidates) or _samples(scene, method)
+    task = Task(
+        scene=scene,
+        sensor=sensor,
+        requirement=requirement,
+        target=target,
+        candidates=allowed(candidates, zones),
+        proposals=allowed(proposals or candidates, zones),
+        samples=_within(samples, zones, scene),
+        caster=caster,
+        from_outside=(mode or scene.mode) == "object",
+        overlap=overlap,
+        infer=infer,
+        n_threads=n_threads,
+        progress=progress,
+        scans=tuple(scans),
+        zones=zones,
+        remote=remote,
+        journal=journal,
+    )
+    if method == "cover" and infer:
+        return plan_with_completion(task, views, noise, rng)
+    if method == "cover":
+        return plan_offline(task, views, budgets or CoverOptions(), rng)
+    if method in BASELINES:
+        return plan_simply(task, method, views, rng)
+    return plan_online(task, views, noise, options or PlannerOptions(), rng)
+
+
+def _samples(scene: Scene, method: Method) -> SurfaceSamples:
+    """Return where coverage is measured; to plan offline no face needs a sample of its own."""
+    every_face = method == "nbv" or len(scene.mesh.faces) <= _MOST_FACES
+    return sample_surface(scene.mesh, every_face=every_face)
+
+
+def _within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSamples:
+    """Return the samples in the region."""
+    if zones.region is None:
+        return samples
+    inside = zones.concern(samples.points, _ROUNDING_M)
+    if not inside.any():
+        low, high = scene.mesh.bounds().round(2).tolist()
+        raise InputError(
+            f"no surface of {scene.name} lies in the region; the scene goes from {low} to {high}, metres"
+        )
+    return samples.some(inside)
+
+
+def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:
+    """Return the patches of a planning instance as samples of equal area, None when it has none.
+
+    A patch on the rim of a body counts as seen when the line of sight reaches within 1 cm of it.
+
+    Raises
+    ------
+    InputError
+        Patches that lie more than 1 cm from the scene's surface.
+    """
+    points, normals = candidates.patch_points, candidates.patch_normals
+    if points is None or normals is None:
+        return None
+    if points.shape != normals.shape or not len(points):
+        raise InputError(
+            f"{len(points)} patch_points with {len(normals)} patch_normals; give as many of both"
+        )
+    hits = caster.first_hit(points + normals * _PATCH_TOLERANCE_M, -normals)
+    off = ~(hits.ranges <= 2 * _PATCH_TOLERANCE_M)
+    if off.any():
+        first: FloatArray = points[int(np.argmax(off))]
+        raise InputError(
+            f"{int(off.sum())} of {len(points)} patches do not lie on {scene.name} within 1 cm "
+            f"(first at {first.round(3).tolist()}); are they of another scene?"
+        )
+    areas = np.full(len(points), float(scene.mesh.face_areas().sum()) / len(points))
+    surface = scene.mesh.face_surface[hits.face]
+    return SurfaceSamples(points, normals, areas, hits.face, surface, _PATCH_TOLERANCE_M)
+
+
+def with_aperture(sensor: Sensor, candidates: Candidates | None) -> Sensor:
+    """Return the sensor, with the conical aperture that the candidates ask for."""
+    if candidates is None or candidates.half_angle_deg is None:
+        return sensor
+    name = f"{sensor.name}, cone of half angle {candidates.half_angle_deg:g} deg"
+    pixels = 320
+    return PinholeSensor(
+        fov_deg=2 * candidates.half_angle_deg,
+        width=pixels,
+        height=pixels,
+        min_range_m=sensor.min_range_m,
+        max_range_m=sensor.max_range_m,
+        name=name,
+        aperture="circular",
+        effects=sensor.effects,
+    )

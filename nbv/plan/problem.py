@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""Planning task: what to see of a known scene, from where, when it is enough, and how far views have got."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.cover.cover import LowerBound
+from nbv.cover.overlap import OverlapOptions
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.measurement import CoverageTally
+from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
+from nbv.plan.plan import Plan, Resumption
+from nbv.plan.remote_visibility import RemoteVisibility
+from nbv.plan.stations import Stations
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.view import View
+from nbv.visibility.reachability import Reachability, find_reachable
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.visibility import Progress
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.checks import InputError
+from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.scan.range_image import RangeImage
+from scenes.world.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Task:
+    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
+
+    Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
+    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
+    were taken before: what they have measured is measured. `remote` workers cast for the offline planner.
+    The `journal` remembers what the steps of this very task came to.
+    """
+
+    scene: Scene
+    sensor: Sensor
+    requirement: Requirement
+    target: float
+    candidates: Candidates
+    proposals: Candidates
+    samples: SurfaceSamples
+    caster: RayCaster
+    from_outside: bool
+    overlap: OverlapOptions | None
+    infer: bool
+    n_threads: int | None
+    progress: Progress | None
+    scans: tuple[RangeImage, ...] = ()
+    zones: Zones = EVERYWHERE
+    remote: RemoteVisibility | None = None
+    journal: Journal = NO_JOURNAL
+
+
+@dataclass(slots=True, eq=False)
+class Attempt:
+    """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
+
+    task: Task
+    tally: CoverageTally
+    reachability: Reachability
+    views: list[View]
+    resumed_from: Resumption | None
+    classes: NDArray[np.int8] | None = None
+    shares: list[Shares] = field(default_factory=list)
+
+    @classmethod
+    def begin(cls, task: Task) -> Attempt:
+        """Return the attempt before the first view; scans that were taken before count already.
+
+        Raises
+        ------
+        InputError
+            A scan that measures nothing of the scene.
+        """
+        tally = CoverageTally.start(task.caster, task.samples, task.requirement)
+        for scan in task.scans:
+            if not tally.add_scan(scan):
+                n_returns = int(scan.valid.sum())
+                raise InputError(
+                    f"{scan.name} ({n_returns} returns) measures none of {len(task.samples)} places of "
+                    f"{task.scene.name}: its poses and ranges must be in the scene's coordinates, in metres"
+                )
+        resumed = None
+        if task.scans:
+            poses = tuple(scan.world_from_sensor for scan in task.scans)
+            resumed = Resumption(poses, tally.met_m2() / task.samples.total_m2)
+        find = partial(
+            find_reachable,
+            task.caster,
+            task.samples,
+            task.candidates,
+            task.sensor,
+            task.requirement,
+            n_threads=task.n_threads,
+            progress=task.progress,
+        )
+        reachability = task.journal.step("reachable", find)
+        return cls(task, tally, reachability, [], resumed)
+
+    def add(self, pose: Pose) -> None:
+        """Add the view from `pose`."""
+        gain = self.tally.add(View(pose, self.task.sensor))
+        met = self.tally.met_m2() / self.task.samples.total_m2
+        self.views.append(View(pose, self.task.sensor, gain, met))
+
+    def scan(self, pose: Pose, noise: str, rng: np.random.Generator) -> RangeImage:
+        """Add the view from `pose` and return its simulated scan."""
+        self.add(pose)
+        task, view, stream = self.task, self.views[-1], rng.spawn(1)[0]
+        name = f"view {len(self.views)}"
+        return scan_scene(task.scene, view, noise=noise, rng=stream, caster=task.caster, name=name)
+
+    def complete(self, scans: Sequence[RangeImage]) -> Knowledge:
+        """Let completion of `scans`, those of all views so far, stand in for further views."""
+        task, tally = self.task, self.tally
+        knowledge = Knowledge.of(scans, task.requirement.max_sd_m, n_threads=task.n_threads)
+        self.classes = classify(task.samples, tally.met, tally.n_views > 0, knowledge)
+        shares = shares_of(
+            self.classes,
+            task.samples,
+            self.reachability.including(tally.met).reachable,
+            knowledge,
+            task.scene.mesh,
+            len(self.views),
+        )
+        self.shares.append(shares)
+        return knowledge
+
+    def why_finished(self) -> str | None:
+        """Return why it is enough, or None."""
+        met = self.tally.met
+        areas = self.task.samples.areas
+        reachable = self.reachability.including(met).reachable
+        reachable_m2 = float(areas[reachable].sum())
+        if reachable_m2 == 0:
+            return "no candidate can measure anything as required"
+        done = met if self.classes is None else met | (reachable & (self.classes != UNKNOWN))
+        if float(areas[done].sum()) >= (self.task.target - 1e-9) * reachable_m2:
+            how = "met" if self.classes is None else "met, modelled or inferred"
+            return f"target {how} on the true scene: {self.task.target:g} of the reachable area"
+        return None
+
+    def plan(
+        self,
+        method: str,
+        seed: int | None,
+        bound: LowerBound | None,
+        reason: str,
+        stations: Stations | None = None,
+    ) -> Plan:
+        """Return the plan."""
+        task = self.task
+        return Plan(
+            method=method,
+            sensor=task.sensor,
+            requirement=task.requirement,
+            target=task.target,
+            seed=seed,
+            n_candidates=task.candidates.n_poses,
+            views=tuple(self.views),
+            coverage=replace(self.tally.coverage(task.scene, self.reachability), classes=self.classes),
+            lower_bound=bound,
+            stopped_because=reason,
+            stations=stations,
+            candidates=task.candidates,
+            shares=tuple(self.shares),
+            resumed_from=self.resumed_from,
+            zones=task.zones,
+        )

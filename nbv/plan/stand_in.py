@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Completion stands in for views of a known scene: each next view sees most of what is not known yet.
+
+The choice knows the scene, and so what each candidate would see; what completion makes of the scans so far
+it learns as the online planner does, by completing simulated scans. What completion will infer from further
+scans nobody can say beforehand: there is no bound on how few views could do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nbv.cover.overlap import OverlapOptions
+from nbv.coverage.surface_classes import UNKNOWN
+from nbv.online.planner import RENEWED, PlannerOptions
+from nbv.plan.offline_plan import overlap_graph, plan_stations, seen_by_candidates
+from nbv.plan.plan import Plan
+from nbv.plan.problem import Attempt, Task
+from scenes.checks import FloatArray
+
+_STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
+_KNOWN = 0.05  # worth of meeting the requirement on surface that is known, beside seeing the unknown
+
+
+def plan_with_completion(
+    task: Task, views: int | None, noise: str, rng: np.random.Generator | int | None
+) -> Plan:
+    """Plan views until what they meet, and completion models or infers from them, reaches the target.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    views : int, optional
+        Plan no more than so many; 200 when not given.
+    noise : str
+        Noise model of the simulated scans.
+    rng : Generator, int or None
+        Drives the noise.
+    """
+    seed = int(rng) if isinstance(rng, int | np.integer) else None
+    rng = np.random.default_rng(rng)
+    attempt, scans, chosen = Attempt.begin(task), list(task.scans), list[int]()
+    steeply = replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)
+    seen = seen_by_candidates(task, "steeply", steeply) > 0
+    met = seen_by_candidates(task, "as-required", task.requirement.limits(task.sensor)) > 0
+    n_most, n_known = views or PlannerOptions().max_views, len(scans)
+    if scans:
+        attempt.complete(scans)
+    while (reason := attempt.why_finished()) is None and len(chosen) < n_most:
+        if task.progress:
+            task.progress("views", len(chosen), n_most)
+        gain = seen @ _unknown_m2(attempt) + _KNOWN * (met @ _unmet_m2(attempt))
+        if not gain.max(initial=0.0) > 0:
+            reason = "no candidate sees what is left"
+            break
+        chosen.append(int(np.argmax(gain)))
+        scans.append(attempt.scan(task.candidates.pose(chosen[-1]), noise, rng))
+        if len(scans) >= RENEWED * n_known:
+            attempt.complete(scans)
+            n_known = len(scans)
+    if chosen and attempt.shares[-1].views < len(chosen):
+        attempt.complete(scans)
+    stations = plan_stations(task, overlap_graph(task, OverlapOptions()), chosen)
+    return attempt.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
+
+
+def _unknown_m2(attempt: Attempt) -> FloatArray:
+    """Area of each sample that is not known yet, 0 for others."""
+    unknown = ~attempt.tally.met if attempt.classes is None else attempt.classes == UNKNOWN
+    return np.asarray(attempt.task.samples.areas * unknown)
+
+
+def _unmet_m2(attempt: Attempt) -> FloatArray:
+    """Area of each sample that is not met yet, 0 for others."""
+    return np.asarray(attempt.task.samples.areas * ~attempt.tally.met)

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""Report of a plan in which completion stood in for views: surface measured, modelled, inferred, unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from completion.pipeline import CompletionOptions
+from nbv.coverage.coverage import Coverage
+from nbv.coverage.distances import CLOSE_M
+from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
+from nbv.plan.baselines import Baseline
+from nbv.plan.plan import Plan
+from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
+from nbv.report.blocks.state_pictures import state_pictures
+from nbv.report.figures.plots import class_curve
+from nbv.report.page.page import (
+    Bar,
+    Block,
+    Cell,
+    Headline,
+    Section,
+    Share,
+    State,
+    Table,
+    Text,
+    percent,
+    square_metres,
+)
+from nbv.report.pictures import picture
+from nbv.report.pictures.picture import Picture
+from nbv.visibility.zones import Zones
+from scenes.checks import FloatArray
+from scenes.world.scene import Scene
+
+_COLOURS = {
+    MET: picture.MEASURED,
+    MODELLED: picture.MODELLED,
+    INFERRED: picture.INFERRED,
+    UNKNOWN: picture.UNKNOWN,
+}
+_STATES: tuple[State, ...] = ("measured", "modelled", "inferred", "unknown")
+_KNOWS = {
+    "nbv": "knows neither the truth nor these figures",
+    "cover": "knows the scene, but not beforehand what completion makes of its scans",
+}
+_SWATCHES = {
+    "measured": "var(--measured)",
+    "modelled": "var(--dots)",
+    "inferred": "var(--inferred)",
+    "unknown": "var(--hatch)",
+}
+
+
+def with_inference(
+    scene: Scene,
+    plan: Plan,
+    coverage: Coverage,
+    n_threads: int | None,
+    _baselines: Sequence[Baseline] = (),
+) -> Findings:
+    """Return what views and the completion of their scans achieve together."""
+    shares = plan.shares[-1]
+    summary = (
+        f"{measured_sentence(plan, coverage)} Completion of the scans models {percent(shares.modelled)} % "
+        f"more, which they saw but not as required, and infers {percent(shares.inferred)} % more where they "
+        f"saw too little or nothing; {percent(shares.unknown)} % stays unknown. {_right(shares)}"
+    )
+    return Findings(
+        summary=summary,
+        headlines=class_headlines(shares),
+        bar=class_bar(shares, coverage.total_m2),
+        meanings=(Section("What counts as what", meanings(plan, coverage)),),
+        curve=curve_of_classes(plan, coverage),
+        overview="Where the surface is measured, and where inferred",
+        pictures=class_pictures(scene, coverage, n_threads, plan.zones),
+        note="The true scene from outside; surfaces that face away from the eye are left out. What is "
+        "modelled and inferred is known after the last view alone.",
+        surfaces=class_table(coverage),
+    )
+
+
+def class_headlines(shares: Shares) -> tuple[Headline, ...]:
+    """The share of each class, and how much of what was inferred is right."""
+    figures = (
+        Headline(percent(shares.met), "%", "measured as required", "measured"),
+        Headline(percent(shares.modelled), "%", "modelled: seen, but not as required", "modelled"),
+        Headline(percent(shares.inferred), "%", "inferred where too little was seen", "inferred"),
+        Headline(percent(shares.unknown), "%", "unknown", "unknown"),
+    )
+    if not shares.inferred_m2:
+        return figures
+    right = percent(shares.right_m2 / shares.inferred_m2)
+    return (*figures, Headline(right, "%", "of inferred area is right within 2 cm", "inferred"))
+
+
+def class_bar(shares: Shares, total_m2: float) -> Bar:
+    """The whole area by class."""
+    labels = ("measured as required", "modelled", "inferred", "unknown")
+    return Bar(
+        "",
+        tuple(
+            Share(label, state, amount, f"{square_metres(amount * total_m2)} m\u00b2")
+            for label, state, amount in zip(labels, _STATES, _amounts(shares), strict=True)
+        ),
+    )
+
+
+def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
+    """What each class means and how much there is of it; what the truth says of what was inferred."""
+    shares = plan.shares[-1]
+    rows = tuple(
+        (
+            Cell(name, swatch=_SWATCHES[state]),
+            Cell(text),
+            Cell(percent(amount), share=amount, state=state),
+            Cell(square_metres(amount * coverage.total_m2)),
+        )
+        for (name, text), state, amount in zip(_class_texts(plan), _STATES, _amounts(shares), strict=True)
+    )
+    note = (
+        f"Each place of the true surface has the first class that holds. The planner {_KNOWS[plan.method]}: "
+        "the study counts a place that some candidate could measure towards the target once it is measured, "
+        "modelled or inferred. "
+    )
+    note += _held_against_truth(shares, in_region=plan.zones.region is not None)
+    columns = ("Class", "What it means", "#% of the area", "#area, m\u00b2")
+    return Table(columns, rows), Text(note, is_note=True)
+
+
+def _class_texts(plan: Plan) -> tuple[tuple[str, str], ...]:
+    """Name and meaning of each class."""
+    close = f"within {100 * CLOSE_M:g} cm of"
+    sd = 1000 * (plan.requirement.max_sd_m or CompletionOptions().max_sd_m)
+    return (
+        ("measured as required", f"A view measured it at {plan.requirement.describe()}."),
+        (
+            "modelled",
+            f"Seen, but not as required; it lies {close} a surface fitted to all that was measured of it, "
+            f"whose standard deviation there is {sd:g} mm or less.",
+        ),
+        (
+            "inferred",
+            f"Seen too little or not at all; it lies {close} where completion continues a surface behind "
+            "what hides it.",
+        ),
+        ("unknown", "None of these."),
+    )
+
+
+def _right(shares: Shares) -> str:
+    """How much of what completion infers lies where the true surface is."""
+    if not shares.inferred_m2:
+        return "Nothing was inferred."
+    claimed, right = square_metres(shares.inferred_m2), percent(shares.right_m2 / shares.inferred_m2)
+    return f"Of {claimed} m\u00b2 that it infers in all, {right} % lies within 2 cm of the true surface."
+
+
+def _held_against_truth(shares: Shares, *, in_region: bool) -> str:
+    """How much of what was inferred is right and wrong, and why its area is not that of its class."""
+    if not shares.inferred_m2:
+        return _right(shares)
+    wrong = square_metres(shares.inferred_m2 - shares.right_m2)
+    right, claimed = percent(shares.right_m2 / shares.inferred_m2), square_metres(shares.inferred_m2)
+    where = ", in the region and beyond it," if in_region else ","
+    return (
+        f"Held against the truth: completion infers {claimed} m\u00b2 of surface{where} of which {right} % "
+        f"lies within 2 cm of the true surface and {wrong} m\u00b2 elsewhere. (It need not be as much as the "
+        "area of its class: one inferred surface stands for both where a box's bottom lies on the floor.)"
+    )
+
+
+def _amounts(shares: Shares) -> tuple[float, float, float, float]:
+    return shares.met, shares.modelled, shares.inferred, shares.unknown
+
+
+def layers(plan: Plan) -> FloatArray:
+    """Return the shares of the area, one on top of the other, before the first view and after each.
+
+    Returns
+    -------
+    tops : (3, n + 1) float
+        What is measured as required; that and what is modelled; these and what is inferred. Between
+        completions the two last are at least what they were at the one before.
+    """
+    tops = np.zeros((3, len(plan.views) + 1))
+    tops[:] = [met_before(plan), *(view.met_fraction or 0.0 for view in plan.views)]
+    for shares in plan.shares:
+        known = np.cumsum([shares.met, shares.modelled, shares.inferred])[1:, None]
+        tops[1:, shares.views :] = np.maximum(known, tops[0, shares.views :])
+    return tops
+
+
+def curve_of_classes(plan: Plan, coverage: Coverage) -> Picture:
+    """The classes by number of views."""
+    plot = class_curve(layers(plan), coverage.reachable, plan.target)
+    caption = (
+        "Share of all surface area. Grey: measured as required; dotted: modelled; blue: inferred. "
+        "The target asks for a share of what views can reach; some of what is inferred lies beyond that."
+    )
+    return Picture(
+        "What is known by number of views.", caption, plot.light, plot.width, plot.height, plot.dark
+    )
+
+
+def class_pictures(
+    scene: Scene, coverage: Coverage, n_threads: int | None, zones: Zones
+) -> tuple[Picture, ...]:
+    """The scene from two opposite sides, by class."""
+    if coverage.classes is None:
+        raise TypeError("coverage by views alone has no classes")
+    return state_pictures(
+        scene,
+        coverage.samples,
+        coverage.classes,
+        _COLOURS,
+        UNKNOWN,
+        "Measured, modelled, inferred, unknown",
+        n_threads,
+        zones,
+        dotted=MODELLED,
+    )
+
+
+def class_table(coverage: Coverage) -> Table:
+    """A row for each surface."""
+    rows = tuple(
+        (
+            Cell(row.name),
+            Cell(square_metres(row.area_m2)),
+            *(
+                Cell(percent(share), share=share, state=state)
+                for state, share in zip(
+                    _STATES, (row.met, row.modelled, row.inferred, row.unknown), strict=True
+                )
+            ),
+        )
+        for row in coverage.by_surface()
+    )
+    columns = ("Surface", "#area, m\u00b2", *(f"#{state}, %" for state in _STATES))
+    many = len(rows) > 40
+    return Table(columns, rows, f"{len(rows)} surfaces" if many else "", is_folded=many)

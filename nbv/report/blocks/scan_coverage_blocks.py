@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: MIT
+"""Report of scans without a model of the scene: its figures, pictures, floor plan and surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nbv.online.occupancy import SEEN
+from nbv.report.blocks.station_plots import field_length, fields_of, places_of, zones_caption
+from nbv.report.figures.floor_plan import FloorPlan
+from nbv.report.page.page import (
+    Bar,
+    Block,
+    Cell,
+    Headline,
+    Share,
+    State,
+    Table,
+    Text,
+    square_metres,
+)
+from nbv.report.pictures.camera import aside_cameras, overview_cameras
+from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
+from nbv.report.pictures.drawing import Canvas, blend, mark_unknown
+from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
+from nbv.report.viewer.scene_view import PALE
+from nbv.report.viewer.state_view import state_view
+from nbv.run.wording import count
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.scan_map import Survey
+from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.checks import FloatArray
+from scenes.pose import Pose
+
+_WIDTH = 760
+_CUT_M = 1.0  # above the floor
+_THICK_M = 0.15  # half the height over which seen voxels are drawn
+_COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
+
+
+def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
+    """Measured, inferred and unknown areas."""
+    area, shadow, model = coverage.measured, coverage.shadow, coverage.completion
+    inferred = () if model is None else (
+        Headline(square_metres(model.hypothesised_m2), "m\u00b2", "inferred surface", "inferred"),
+    )  # fmt: skip
+    states: tuple[State, ...] = ("measured", "unknown", "unreachable")
+    return (
+        Headline(square_metres(area.met_m2), "m\u00b2", "surface measured as required", states[0]),
+        Headline(square_metres(area.worse_m2), "m\u00b2", "surface measured worse", states[0]),
+        *inferred,
+        Headline(
+            square_metres(shadow.occluded_m2), "m\u00b2", "edge of shadows (boundary, not surface)", states[1]
+        ),
+        Headline(
+            square_metres(shadow.frontier_m2), "m\u00b2", "edge of all fields of view (boundary)", states[2]
+        ),
+    )
+
+
+def area_bar(coverage: ScanCoverage) -> Bar:
+    """Surface alone: measured as required, worse, inferred."""
+    model = coverage.completion
+    parts: list[tuple[str, State, float]] = [
+        ("measured as required", "measured", coverage.measured.met_m2),
+        ("measured worse", "unreachable", coverage.measured.worse_m2),
+        ("inferred", "inferred", 0.0 if model is None else model.hypothesised_m2),
+    ]
+    total = max(sum(area for _, _, area in parts), 1e-12)
+    shares = tuple(
+        Share(label, state, area / total, f"{square_metres(area)} m\u00b2")
+        for label, state, area in parts
+        if area > 0
+    )
+    return Bar("Areas of surface", shares)
+
+
+def state_blocks(
+    coverage: ScanCoverage,
+    state: StateMesh,
+    n_threads: int | None,
+    poses: Sequence[Pose] = (),
+    sensor: Sensor | None = None,
+    zones: Zones = EVERYWHERE,
+) -> tuple[Block, ...]:
+    """What was measured, inferred and hidden, in three dimensions, with the next stations of `sensor`."""
+    if not len(state.mesh.faces):
+        return (Text("There is no surface to show."),)
+    view = state_view(
+        coverage, state, state_pictures(coverage, state, n_threads), poses=poses, sensor=sensor, zones=zones
+    )
+    legend = (
+        f"Hatched: {STATES[SHADOW]}, behind which nobody knows: faces of voxels between known empty space "
+        f"and the unknown, not surface. The {STATES[FRONTIER]}, beyond which no scan has looked, is left "
+        "out at first, and so are faces that look away."
+    )
+    return view, Text(legend, is_note=True)
+
+
+def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | None) -> tuple[Picture, ...]:
+    """What was measured, inferred and hidden, from two sides."""
+    scans = list(coverage.survey.scans)
+    drawn = state.mesh.face_surface != FRONTIER  # it would hide what was measured
+    mesh = part_of(state.mesh, drawn)
+    canvas = Canvas(mesh, state.front[drawn], n_threads)
+    if is_single_camera(scans):
+        cameras = aside_cameras(scans[0])[:2]
+    else:
+        around = overview_cameras(solid_bounds(mesh))
+        cameras = [around[0], around[len(around) // 2]]
+    pictures = []
+    for side, camera in zip(("one side", "the other side"), cameras, strict=True):
+        layer = canvas.look(camera, camera.shape(_WIDTH))
+        hit, shade = layer.hit, canvas.shade(layer)
+        found = np.full(hit.shape, -1, np.int64)
+        found[hit] = mesh.face_surface[layer.face[hit]]
+        image = np.zeros((*hit.shape, 4))
+        for value, colour in enumerate(_COLOURS):
+            here = found == value
+            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
+            image[here, 3] = 1.0
+        image = blend(mark_unknown(image, found == SHADOW), found == SHADOW)
+        pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
+    return tuple(pictures)
+
+
+def stations_plan(
+    survey: Survey, sensor: Sensor, poses: Sequence[Pose] = (), zones: Zones = EVERYWHERE
+) -> Picture:
+    """The floor plan: where the scans were taken, and where the next ones are to be."""
+    outline, height = _outline(survey)
+    reach = field_length(survey.bounds)
+    projections = [scan.projection for scan in survey.scans]
+    plot = FloorPlan(
+        outline=outline,
+        bounds=survey.bounds,
+        positions=places_of(poses),
+        fields=fields_of(poses, [sensor.projection] * len(poses), reach),
+        given=places_of([scan.world_from_sensor for scan in survey.scans]),
+        given_fields=fields_of([scan.world_from_sensor for scan in survey.scans], projections, reach),
+        zones=zones,
+    ).plot()
+    caption = "Squares with letters: where the scans have been taken."
+    if poses:
+        caption += " Dots: the next stations, in order."
+    caption += f" Around each its field of view up to {reach:.2g} m."
+    caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
+    return Picture("Plan.", caption, plot.light, plot.width, plot.height, plot.dark)
+
+
+def _outline(survey: Survey) -> tuple[FloatArray, str]:
+    """Segments (k, 2, 2) around the seen voxels of a horizontal slice, and where it lies."""
+    grid = survey.voxels.grid
+    low, high = survey.bounds[:, 2]
+    level = (low + high) / 2 if survey.floor_m is None else min(survey.floor_m + _CUT_M, (low + high) / 2)
+    z = grid.origin[2] + (np.arange(grid.shape[2]) + 0.5) * grid.voxel_m
+    layers = np.abs(z - level) <= max(_THICK_M, grid.voxel_m / 2)
+    seen = (survey.voxels.labels == SEEN).reshape(grid.shape)[:, :, layers].any(axis=2)
+    return _edges(seen) * grid.voxel_m + grid.origin[:2], f"{level:.2f} \u00b1 {_THICK_M:.2f} m high"
+
+
+def _edges(filled: np.ndarray) -> FloatArray:
+    """Edges (k, 2, 2) between filled cells of a raster and others, in cells."""
+    padded = np.pad(filled, 1)
+    i, j = np.nonzero(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    across = np.stack([np.stack([i, j], -1), np.stack([i, j + 1], -1)], axis=1)
+    i, j = np.nonzero(padded[1:-1, 1:] != padded[1:-1, :-1])
+    along = np.stack([np.stack([i, j], -1), np.stack([i + 1, j], -1)], axis=1)
+    return np.concatenate([across, along]).astype(np.float64)
+
+
+def surfaces_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
+    """A row for each recognised surface."""
+    rows = tuple(
+        (
+            Cell(str(one.id), swatch=surface_colour(one.id)),
+            Cell(one.kind),
+            Cell(square_metres(one.observed_m2)),
+            Cell(f"{100 * one.met:.1f}", share=one.met, state="measured"),
+            Cell(square_metres(one.hypothesised_m2)),
+        )
+        for one in coverage.surfaces
+    )
+    if not rows:
+        return (Text("None was recognised."),)
+    columns = ("Surface", "Kind", "#measured, m\u00b2", "#of it as required, %", "#inferred, m\u00b2")
+    many = len(rows) > 40
+    return (Table(columns, rows, count(len(rows), "surface") if many else "", is_folded=many),)
+
+
+def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
+    """A row for each kind of boundary."""
+    shadow = coverage.shadow
+    kinds = (
+        ("edge of a shadow", "behind it something measured hides what there is", shadow.occluded_m2),
+        (
+            "of shadows, explained",
+            "a recognised surface passes there, measured or inferred",
+            shadow.explained_m2,
+        ),
+        ("frontier", "no scan has looked beyond", shadow.frontier_m2),
+    )
+    rows = tuple((Cell(name), Cell(meaning), Cell(square_metres(area))) for name, meaning, area in kinds)
+    note = (
+        "Areas of the boundary between space known to be empty and space of which nothing is known, within "
+        f"the volume that was measured, by voxels of {100 * coverage.survey.voxels.grid.voxel_m:.1f} cm. "
+        "They are not areas of surface, and cannot be added to those: behind a square metre of shadow's edge "
+        "there may be ten square metres of surface, or none."
+    )
+    return Table(("Boundary", "What it means", "#area, m\u00b2"), rows), Text(note, is_note=True)

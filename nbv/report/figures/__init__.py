@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Figures of reports: plots and floor plans."""

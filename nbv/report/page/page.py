@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: MIT
+"""Page: the parts that a report is made of, and their rendering as one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from nbv.report.page.page_scripts import policy, script_of, style_of
+from nbv.report.pictures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
+from nbv.report.viewer.block import Viewer
+from nbv.report.viewer.encoding import encoded
+from nbv.run.manifest import versions
+from scenes.run.atomic import write_text
+
+State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """One of the large figures at the top: its value as text, unit, what it is, and whose colour it takes."""
+
+    value: str
+    unit: str
+    label: str
+    state: State = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A part of a bar: `amount` in the bar's own unit, and as text."""
+
+    label: str
+    state: State
+    amount: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A whole cut into its shares."""
+
+    label: str
+    shares: tuple[Share, ...]
+    kind: ClassVar[str] = "bar"
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A paragraph; a note is set smaller."""
+
+    text: str
+    is_note: bool = False
+    kind: ClassVar[str] = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """Pictures side by side; the widest ones take a row of their own."""
+
+    pictures: tuple[Picture, ...]
+    columns: int = 3
+    kind: ClassVar[str] = "gallery"
+
+
+@dataclass(frozen=True, slots=True)
+class Legend:
+    """The colour code."""
+
+    states: tuple[State, ...] = ("measured", "inferred", "unknown")
+    kind: ClassVar[str] = "legend"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table: text, the colour of a swatch before it, a share 0..1 drawn as a small bar."""
+
+    text: str
+    swatch: str = ""
+    share: float | None = None
+    state: State = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; columns whose title begins with "#" are numbers, set to the right."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str = ""
+    is_folded: bool = False
+    kind: ClassVar[str] = "table"
+
+
+Block = Bar | Text | Gallery | Legend | Table | Viewer
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the page under its own heading."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A report.
+
+    Attributes
+    ----------
+    title, kicker : str
+        What it is about, and above it what kind of report it is.
+    summary : str
+        One or two plain sentences: the result.
+    headlines : tuple of Headline
+        At most six large figures.
+    bar : Bar or None
+        The whole at a glance.
+    sections : tuple of Section
+        The rest.
+    options : mapping
+        What was asked for; no times, no paths.
+    seed : int
+        Of everything random.
+    warnings : tuple of str
+        What the reader should know first.
+    inputs : tuple of (str, str)
+        Name of each input file, and its SHA-256.
+    """
+
+    title: str
+    kicker: str
+    summary: str
+    headlines: tuple[Headline, ...]
+    bar: Bar | None
+    sections: tuple[Section, ...]
+    options: Mapping[str, Any]
+    seed: int
+    warnings: tuple[str, ...] = field(default=())
+    inputs: tuple[tuple[str, str], ...] = field(default=())
+
+    def to_html(self) -> str:
+        """Return the page as one HTML text that needs nothing else."""
+        template = _environment().get_template("report.html.j2")
+        rows = [(key.replace("_", " "), plain_text(value)) for key, value in self.options.items()]
+        script = script_of(has_view=self.has_view)
+        return template.render(
+            page=self,
+            options=rows,
+            versions=versions(),
+            colours=_colours(),
+            script=Markup(script),
+            style=Markup(style_of(has_view=self.has_view)),
+            policy=policy(script),
+        )
+
+    @property
+    def has_view(self) -> bool:
+        """Whether there is a 3-D view on it."""
+        return any(isinstance(block, Viewer) for section in self.sections for block in section.blocks)
+
+    def write(self, path: Path) -> None:
+        """Write the page."""
+        write_text(path, self.to_html())
+
+
+def plain_text(value: Any) -> str:
+    """Return an option's value for people.
+
+    Examples
+    --------
+    >>> plain_text(None), plain_text(True), plain_text([1.0, 2.5]), plain_text({"fov_deg": 60.0})
+    ('default', 'yes', '1, 2.5', 'fov_deg 60')
+    """
+    if value is None:
+        return "default"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {plain_text(item)}" for key, item in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(plain_text(item) for item in value) or "none"
+    return str(value)
+
+
+def percent(fraction: float, digits: int = 1) -> str:
+    """Return a fraction as percent, without the sign: never rounded up to 100 or down to 0.
+
+    Examples
+    --------
+    >>> percent(0.99996), percent(1.0), percent(0.00001), percent(0.5)
+    ('>99.9', '100', '<0.1', '50.0')
+    """
+    if fraction >= 1 or fraction <= 0:
+        return f"{100 * min(max(fraction, 0), 1):.0f}"
+    text, step = f"{100 * fraction:.{digits}f}", 10**-digits
+    if float(text) >= 100:
+        return f">{100 - step:.{digits}f}"
+    return text if float(text) > 0 else f"<{step:.{digits}f}"
+
+
+def square_metres(area: float) -> str:
+    """Return an area in square metres with two to four digits.
+
+    Examples
+    --------
+    >>> square_metres(132.456), square_metres(5.6789), square_metres(0.01234), square_metres(0.0)
+    ('132.5', '5.68', '0.012', '0')
+    """
+    if area <= 0:
+        return "0"
+    small = f"{area:.3f}" if area >= 0.001 else "<0.001"
+    return f"{area:.1f}" if area >= 100 else f"{area:.2f}" if area >= 1 else small
+
+
+def _colours() -> dict[str, str]:
+    pairs = (
+        ("measured", MEASURED),
+        ("modelled", MODELLED),
+        ("inferred", INFERRED),
+        ("unknown", UNKNOWN),
+    )
+    return {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("nbv.report.page", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["encoded"] = encoded
+    return environment

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of reports: cameras, drawing, and the one colour code."""

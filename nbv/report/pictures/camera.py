@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""Cameras of the report: a step aside from the scanner, or from outside into a room."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.card.thumbnail import upright
+from scenes.checks import FloatArray
+from scenes.scan.range_image import RangeImage
+
+ASIDE_DEG = (
+    (-38.0, 8.0),
+    (38.0, 8.0),
+    (-24.0, 10.0),
+    (24.0, 10.0),
+    (-30.0, 22.0),
+    (30.0, 22.0),
+)  # in pairs: one side, the other side
+_OVERVIEW_FOV_DEG = 38.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pinhole camera for drawing; it may be left-handed, as scans with a mirrored image axis are.
+
+    Attributes
+    ----------
+    origin : (3,) float
+        Where it stands, world, metres.
+    axes : (3, 3) float
+        Rows: right, down, forward; unit vectors of the world.
+    slope : (2,) float
+        Tangents of half the field of view, across and down.
+    """
+
+    origin: FloatArray
+    axes: FloatArray
+    slope: FloatArray
+
+    def rays(self, shape: tuple[int, int]) -> FloatArray:
+        """Unit rays (rows, columns, 3) of an image of this shape."""
+        rows, columns = shape
+        y = ((np.arange(rows) + 0.5) / rows * 2 - 1) * self.slope[1]
+        x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * self.slope[0]
+        local = np.stack([*np.meshgrid(x, y), np.ones(shape)], axis=-1)
+        rays: FloatArray = (local / np.linalg.norm(local, axis=-1, keepdims=True)) @ self.axes
+        return rays
+
+    def shape(self, width: int) -> tuple[int, int]:
+        """Rows and columns of an image of this width with square pixels."""
+        return max(1, round(width * float(self.slope[1] / self.slope[0]))), width
+
+
+def aim(
+    origin: FloatArray, target: FloatArray, up: FloatArray, slope: FloatArray, *, mirrored: bool
+) -> Camera:
+    """Return the camera at `origin` that looks at `target` with `up` upwards."""
+    forward = (target - origin) / np.linalg.norm(target - origin)
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    return Camera(origin, np.stack([-right if mirrored else right, down, forward]), slope)
+
+
+def aside_cameras(scan: RangeImage) -> list[Camera]:
+    """Return cameras that see what the scan saw from a step aside, turned about the middle of it."""
+    rays = scan.world_from_sensor.rotate(upright(scan.projection.directions(), scan.projection))
+    rows, columns = rays.shape[:2]
+    forward, across, downward = _axes(rays)
+    up = np.array([0.0, 0.0, 1.0])
+    if -downward @ up < 0.5:  # a scan in its camera's own frame: its image says what is up
+        up = -downward
+    mirrored = bool(np.linalg.det(np.stack([across, downward, forward])) < 0)
+    points = scan.points()[scan.valid]
+    pivot = scan.origin + forward * float(np.quantile((points - scan.origin) @ forward, 0.6))
+    tangent = np.array([_tangent(rays[rows // 2, -1], forward), _tangent(rays[-1, columns // 2], forward)])
+    slope = np.minimum(tangent * 1.12, 1.0)
+    cameras = []
+    for yaw, pitch in np.radians(ASIDE_DEG):
+        arm = _turned(scan.origin - pivot, up, yaw)
+        arm = _turned(arm, np.cross(arm, up), pitch)
+        cameras.append(aim(pivot + 1.05 * arm, pivot, up, slope, mirrored=mirrored))
+    return cameras
+
+
+def overview_cameras(bounds: FloatArray, n: int = 8, height_deg: float = 38.0) -> list[Camera]:
+    """Return cameras all around that look down into the box `bounds` (2, 3) and hold all of it."""
+    low, high = bounds
+    centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    slope = np.tan(np.radians(_OVERVIEW_FOV_DEG) / 2) * np.array([1.0, 0.68])
+    up = np.array([0.0, 0.0, 1.0])
+    corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T
+    cameras = []
+    for turn in 2 * np.pi * (np.arange(n) + 0.37) / n:
+        level, steep = np.cos(np.radians(height_deg)), np.sin(np.radians(height_deg))
+        out = np.array([level * np.cos(turn), level * np.sin(turn), steep])
+        camera = aim(centre + 10 * radius * out, centre, up, slope, mirrored=False)
+        local = (corners - centre) @ camera.axes.T
+        distance = float((np.abs(local[:, :2]) / slope - local[:, 2:]).max())
+        cameras.append(aim(centre + 1.01 * distance * out, centre, up, slope, mirrored=False))
+    return cameras
+
+
+def _axes(rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Forward, right and down of an image's rays, from its middle and its edges."""
+    rows, columns = rays.shape[:2]
+    forward = rays[rows // 2, columns // 2]
+    third_r, third_c = max(rows // 3, 1), max(columns // 8, 1)
+    across = (
+        rays[rows // 2, min(columns // 2 + third_c, columns - 1)] - rays[rows // 2, columns // 2 - third_c]
+    )
+    down = rays[min(rows // 2 + third_r, rows - 1), columns // 2] - rays[rows // 2 - third_r, columns // 2]
+    return _unit(forward), _unit(across), _unit(down)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    unit: FloatArray = vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return unit
+
+
+def _tangent(ray: FloatArray, forward: FloatArray) -> float:
+    along = float(ray @ forward)
+    return float(np.linalg.norm(ray - along * forward)) / max(along, 1e-6)
+
+
+def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+    """Return `vector` turned about `axis` (Rodrigues)."""
+    unit = _unit(axis)
+    turned: FloatArray = (
+        vector * np.cos(angle)
+        + np.cross(unit, vector) * np.sin(angle)
+        + unit * (unit @ vector) * (1 - np.cos(angle))
+    )
+    return turned

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""Stage: a completed model before a camera, as measured, completed, and completed with marks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from completion.pipeline import Completion
+from completion.result.export import display_mesh
+from nbv.report.pictures.camera import Camera
+from nbv.report.pictures.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.pictures.picture import Picture, picture_of
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+from scenes.scan.projection import SphericalProjection
+from scenes.scan.range_image import RangeImage
+
+_WIDTH, _TRIAL_WIDTH = 760, 96
+_CAMERA_LIKE = np.radians(80.0)  # field of view up to which a step aside shows what a scan saw
+_INFERRED = 1  # surface of inferred faces in the mesh for display
+
+
+def is_single_camera(scans: list[RangeImage]) -> bool:
+    """Tell whether there is one scan, and that of no more than a camera would see."""
+    if len(scans) != 1:
+        return False
+    projection = scans[0].projection
+    if isinstance(projection, SphericalProjection):
+        spans = np.ptp(projection.azimuths), np.ptp(projection.elevations)
+        return bool(max(spans) <= _CAMERA_LIKE)
+    return True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """The model with and without inferred area, ready for drawing.
+
+    Attributes
+    ----------
+    before, after : Canvas
+        What was measured, and that with what was inferred.
+    scans : list of RangeImage
+        World coordinates.
+    """
+
+    before: Canvas
+    after: Canvas
+    scans: list[RangeImage]
+
+    @classmethod
+    def of(cls, completion: Completion, n_threads: int | None = None, *, in_colour: bool = True) -> Stage:
+        """Set up a completed model; without colour its shape alone is drawn, in grey."""
+        scans = [seen.scan.transformed(completion.world_from_reference) for seen in completion.observations]
+        mesh = display_mesh(completion)
+        mesh = mesh if in_colour else replace(mesh, appearance=None)
+        front = mesh.face_normals()
+        kept = np.flatnonzero(mesh.face_surface != _INFERRED)
+        before = Canvas(part_of(mesh, kept), front[kept], n_threads)
+        return cls(before, Canvas(mesh, front, n_threads), scans)
+
+    def is_inferred(self, layer: Layer) -> BoolArray:
+        """Pixels that show inferred area."""
+        labels = self.after.mesh.face_surface
+        return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
+
+    def shown(self, camera: Camera) -> tuple[int, int]:
+        """How much inferred area, and how much at all, a camera shows."""
+        layer = self.after.look(camera, camera.shape(_TRIAL_WIDTH))
+        return int(self.is_inferred(layer).sum()), int(layer.hit.sum())
+
+    def shoot(self, camera: Camera, where: str) -> tuple[Picture, Picture, Picture]:
+        """Return the pictures before, after, and after with inferred area marked."""
+        shape = camera.shape(_WIDTH)
+        beside = not is_single_camera(self.scans) and len(self.scans) > 1
+        bounds = _inner(solid_bounds(self.after.mesh))
+        first, last = self.before.look(camera, shape), self.after.look(camera, shape)
+        hidden = passes_hidden(camera, ~first.hit, self.scans, bounds, beside_counts=beside)
+        inferred, colour = self.is_inferred(last), self.after.colour(last)
+        unknown_before, unknown_after = (hidden | inferred) & ~first.hit, hidden & ~last.hit
+        marked = mark_inferred(colour, inferred, self.after.shade(last))
+        return (
+            picture_of(mark_unknown(self.before.colour(first), unknown_before), "Measured.", where),
+            picture_of(
+                mark_unknown(colour, unknown_after), "Completed.", "With what was inferred, texture and all."
+            ),
+            picture_of(
+                mark_unknown(marked, unknown_after),
+                "Completed, marked.",
+                "What was inferred is blue; nothing is known where it is hatched.",
+            ),
+        )
+
+
+def _inner(bounds: FloatArray) -> FloatArray:
+    """Return a box 1 % smaller, so that its own walls hide nothing in it."""
+    inner: FloatArray = bounds.mean(axis=0) + 0.99 * (bounds - bounds.mean(axis=0))
+    return inner
+
+
+def solid_bounds(mesh: LabelledMesh) -> FloatArray:
+    """Bounds (2, 3) of the mesh without its most remote half percents."""
+    return np.quantile(mesh.vertices, [0.005, 0.995], axis=0)
+
+
+def part_of(mesh: LabelledMesh, kept: Any) -> LabelledMesh:
+    """Return the mesh with some of its faces."""
+    look = mesh.appearance
+    part = None
+    if look is not None:
+        part = Appearance(
+            look.corner_colour[kept],
+            look.images,
+            None if look.face_image is None else look.face_image[kept],
+            None if look.corner_uv is None else look.corner_uv[kept],
+        )
+    return LabelledMesh(mesh.vertices, mesh.faces[kept], mesh.face_surface[kept], part)

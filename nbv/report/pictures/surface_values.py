@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""Values on a surface: what samples say of any point of their face, and of finely cut faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nbv.coverage.coverage import Coverage
+from nbv.visibility.samples import SurfaceSamples
+from scenes.checks import FloatArray
+from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
+
+_MOST_LEVELS = 10
+_SAMPLES_A_FACE = 6.0  # faces that stand for more samples are cut into four
+
+
+def nearest_samples(
+    samples: SurfaceSamples, points: FloatArray, face: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return for points (n, 3) on faces (n,) the nearest sample (n,), of the same face if it has any."""
+    if not len(points):
+        return np.zeros(0, np.int64)
+    apart = 4 * max(samples.extent_m, 1e-9)  # faces stand so far apart in the fourth dimension
+    tree = cKDTree(np.column_stack([samples.points, samples.face * apart]))
+    index: NDArray[np.int64] = tree.query(np.column_stack([points, face * apart]))[1]
+    return index
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FineCoverage:
+    """Coverage on faces that are small enough to show it; three vertices of its own for each face.
+
+    Attributes
+    ----------
+    corners : (m, 3, 3) float
+        Metres.
+    weights : (m, 3, 3) float
+        Weights of the scene's face's corners at each corner.
+    sample : (m,) int64
+        The sample whose values each piece has.
+    face, surface : (m,) int32
+        Face of the scene's mesh and surface that each lies on.
+    best_cosine : (m,) float
+        Largest cosine of incidence over the views that see it, 0 where none does.
+    n_views : (m,) int32
+        Views that see it.
+    state : (m,) int8
+        Index into `nbv.coverage.coverage.STATES`.
+    reason : (m,) int8
+        Why unreachable, index into `nbv.visibility.reachability.REASONS`; -1 elsewhere.
+    """
+
+    corners: FloatArray
+    weights: FloatArray
+    sample: NDArray[np.int64]
+    face: NDArray[np.int32]
+    surface: NDArray[np.int32]
+    best_cosine: FloatArray
+    n_views: NDArray[np.int32]
+    state: NDArray[np.int8]
+    reason: NDArray[np.int8]
+
+
+def fine_coverage(
+    mesh: LabelledMesh, coverage: Coverage, samples_a_face: float = _SAMPLES_A_FACE
+) -> FineCoverage:
+    """Cut a mesh's faces as finely as its samples lie, and give each piece its nearest sample's values.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        The scene's.
+    coverage : Coverage
+        Of its samples.
+    samples_a_face : float
+        Faces that stand for more samples are cut into four.
+    """
+    samples = coverage.samples
+    limit = samples_a_face * samples.total_m2 / max(len(samples), 1)
+    kept = np.flatnonzero(mesh.face_areas() > 0)
+    corners, weights = mesh.corners[kept], np.broadcast_to(np.eye(3), (len(kept), 3, 3))
+    pieces, part = cut_finely(np.concatenate([corners, weights], axis=2), limit)
+    corners, face = pieces[..., :3], kept[part]
+    nearest = nearest_samples(samples, corners.mean(axis=1), face)
+    return FineCoverage(
+        corners,
+        pieces[..., 3:],
+        nearest,
+        face.astype(np.int32),
+        mesh.face_surface[face],
+        coverage.best_cosine[nearest],
+        coverage.n_views[nearest],
+        coverage.state[nearest],
+        coverage.reason[nearest],
+    )
+
+
+def cut_finely(corners: FloatArray, limit_m2: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Cut triangles into four until none is larger than a limit, or often enough.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3 + k) float
+        Corners in metres, and what else varies linearly across each triangle.
+    limit_m2 : float
+        Square metres.
+
+    Returns
+    -------
+    pieces, part : (n, 3, 3 + k) float, (n,) int64
+        The same of the pieces, and the triangle that each is part of, ascending.
+    """
+    part = np.arange(len(corners))
+    for _ in range(_MOST_LEVELS):
+        large = triangle_areas(corners[..., :3]) > limit_m2
+        if not large.any():
+            break
+        corners = np.concatenate([corners[~large], _quartered(corners[large])])
+        part = np.concatenate([part[~large], np.repeat(part[large], 4)])
+    order = np.argsort(part, kind="stable")
+    return corners[order], part[order]
+
+
+def _quartered(corners: FloatArray) -> FloatArray:
+    """Each triangle as four, face by face: by the middles of its sides."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    parts = [np.stack(part, axis=1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    return np.stack(parts, axis=1).reshape(-1, *corners.shape[1:])

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What runs need: manifest, workers, tables, wording."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Effects: everything by which an instrument's scan differs from exact ranges."""

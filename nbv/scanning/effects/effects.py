@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""Effects: everything by which an instrument's scan differs from exact ranges; all off unless asked for.
+
+Each effect is one stage of `nbv.scanning.scanner`; each draws from a random stream of its own, so that
+switching one off leaves the others as they were, bit by bit.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from typing import Any
+
+from nbv.scanning.effects.dropout import Dropout
+from nbv.scanning.effects.footprint import Footprint
+from nbv.scanning.effects.intensity import Intensity
+from nbv.scanning.effects.noise_models import (
+    ConstantNoise,
+    KhoshelhamNoise,
+    NguyenNoise,
+    NoiseModel,
+    StereoNoise,
+    TerrestrialNoise,
+)
+from nbv.scanning.effects.pointing import PointingNoise
+from nbv.scanning.effects.quantisation import Quantisation
+from scenes.checks import InputError
+
+NOISE_MODELS: dict[str, type[Any]] = {
+    kind.model: kind for kind in (ConstantNoise, KhoshelhamNoise, NguyenNoise, StereoNoise, TerrestrialNoise)
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effects:
+    """The stages of a measurement after its geometry, in their order; None is off.
+
+    Attributes
+    ----------
+    footprint : Footprint, optional
+        Beam width and returns.
+    intensity : Intensity, optional
+        Stored as a channel of the scan.
+    dropout : Dropout, optional
+        Lost echoes.
+    noise : NoiseModel, optional
+        Of the range, or of the depth of a camera.
+    pointing : PointingNoise, optional
+        Sideways.
+    quantisation : Quantisation, optional
+        Steps.
+    """
+
+    footprint: Footprint | None = None
+    intensity: Intensity | None = None
+    dropout: Dropout | None = None
+    noise: NoiseModel | None = None
+    pointing: PointingNoise | None = None
+    quantisation: Quantisation | None = None
+
+    @property
+    def use_reflectivity(self) -> bool:
+        """Whether some stage asks how much light comes back."""
+        return (
+            self.intensity is not None or self.dropout is not None or isinstance(self.noise, TerrestrialNoise)
+        )
+
+    @property
+    def acts_on_depth(self) -> bool:
+        """Whether some stage speaks of the depth of a camera rather than of range."""
+        steps = self.quantisation is not None and self.quantisation.inverse_depth_step_per_m > 0
+        return steps or (self.noise is not None and self.noise.acts_on_depth)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the stages that are on as tables; `model` names the noise."""
+        tables = {}
+        for stage in fields(self):
+            option = getattr(self, stage.name)
+            if option is not None:
+                tables[stage.name] = _table(option)
+        return tables
+
+    def describe(self) -> str:
+        """Return the stages and their parameters other than 0 in one line, "none" when all are off."""
+        parts = []
+        for stage, table in self.to_json().items():
+            name = table.pop("model", None)
+            values = ", ".join(f"{key} {_short(value)}" for key, value in table.items() if value != 0)
+            parts.append(f"{stage}{f' {name}' if name else ''} ({values})")
+        return "; ".join(parts) or "none"
+
+
+def _table(option: Any) -> dict[str, Any]:
+    values = {field.name: getattr(option, field.name) for field in fields(option)}
+    known = {name: value for name, value in values.items() if value is not None}
+    return {"model": option.model, **known} if hasattr(option, "model") else known
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+NO_EFFECTS = Effects()
+PROFILE = "profile"  # the name that asks for a sensor's own effects
+_NUMBER = r"(\d+(?:\.\d+)?)"
+_NAMED = {
+    "none": NO_EFFECTS,
+    "khoshelham2012": Effects(
+        noise=KhoshelhamNoise(), quantisation=Quantisation(inverse_depth_step_per_m=2.85e-3)
+    ),
+    "nguyen2012": Effects(noise=NguyenNoise(), pointing=PointingNoise(sd_px=0.8, slope_px=0.035)),
+    "constant-ppm": Effects(noise=ConstantNoise(constant_m=1e-3, ppm=10.0)),
+}
+
+
+def named_effects(name: str) -> Effects:
+    """Return the effects that go by a name.
+
+    Parameters
+    ----------
+    name : str
+        "none"; "gaussian-2mm" (any number); "constant-2mm-10ppm" (any numbers); "constant-ppm" (1 mm +
+        10 ppm); "khoshelham2012" (noise and steps); "nguyen2012" (axial and lateral);
+        "stereo-0.08px-640px-50mm" (error of the disparity, focal length, baseline);
+        "terrestrial-1mm-0.002mm" (constant, and what a white surface adds at 1 m).
+
+    Raises
+    ------
+    InputError
+        No such name.
+
+    Examples
+    --------
+    >>> named_effects("gaussian-2mm").describe()
+    'noise constant (constant_m 0.002)'
+    """
+    if name in _NAMED:
+        return _NAMED[name]
+    if found := _numbers(r"gaussian-#mm", name):
+        return Effects(noise=ConstantNoise(constant_m=found[0] / 1e3))
+    if found := _numbers(r"constant-#mm-#ppm", name):
+        return Effects(noise=ConstantNoise(constant_m=found[0] / 1e3, ppm=found[1]))
+    if found := _numbers(r"stereo-#px-#px-#mm", name):
+        return Effects(noise=StereoNoise(subpixel_px=found[0], focal_px=found[1], baseline_m=found[2] / 1e3))
+    if found := _numbers(r"terrestrial-#mm-#mm", name):
+        return Effects(noise=TerrestrialNoise(constant_m=found[0] / 1e3, signal_per_m=found[1] / 1e3))
+    raise InputError(
+        f"no noise model named {name!r}; there are {', '.join(_NAMED)}, {PROFILE} (the sensor's own), "
+        "gaussian-<n>mm, constant-<n>mm-<n>ppm, stereo-<n>px-<focal>px-<baseline>mm, terrestrial-<n>mm-<n>mm"
+    )
+
+
+def _numbers(pattern: str, name: str) -> list[float]:
+    """Return the numbers where # stands in `pattern`, none when `name` is not of that form."""
+    match = re.fullmatch(pattern.replace("#", _NUMBER), name)
+    return [] if match is None else [float(text) for text in match.groups()]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Sensors: apertures and pixels, and instruments by name."""

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""Measured area: how much surface scans have measured, and how much of it as required, without a model.
+
+Every pixel stands for a patch of surface. Patches of one scan add up; what several scans have measured of one
+cell of space counts once, as much as the scan has that measured most of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.online.image_normals import image_normals
+from nbv.online.surfels import sides_of
+from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.visibility.requirement import GRAZING_COSINE, Requirement
+from nbv.visibility.voxel_grid import VoxelGrid
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.checks import BoolArray, FloatArray
+from scenes.scan.range_image import RangeImage
+
+_SIDES = 6
+_RIM_M = 0.01  # surface on a face of the region is in it, however noisy
+_MOST = 1.5  # cell faces that the surface in a cell may fill: a slanted one is larger than the face
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelQuality:
+    """Of each pixel with a normal (n,): its number, cosine, area in square metres, and whether it is good.
+
+    Attributes
+    ----------
+    pixel : (n,) int64
+        Row * columns + column.
+    points, normals : (n, 3) float
+        World coordinates in metres, and towards the sensor.
+    cosine, areas : (n,) float
+        Cosine of incidence, and square metres.
+    met : (n,) bool
+        Whether it is measured as required.
+    """
+
+    pixel: NDArray[np.int64]
+    points: FloatArray
+    normals: FloatArray
+    cosine: FloatArray
+    areas: FloatArray
+    met: BoolArray
+
+    @classmethod
+    def of(cls, scan: RangeImage, requirement: Requirement, baseline_m: float) -> PixelQuality:
+        """Return what the pixels of a scan are worth; normals reach over `baseline_m` metres."""
+        local = image_normals(scan, baseline_m)
+        with np.errstate(invalid="ignore"):
+            pixel = np.flatnonzero((local.cosine.ravel() >= GRAZING_COSINE) & scan.valid.ravel())
+        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
+        gate = (0.0, requirement.max_range_m or np.inf)
+        limits = requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
+        cosine = local.cosine.ravel()[pixel]
+        met = limits.hold(scan.ranges.ravel()[pixel], cosine)
+        points, normals = (array.reshape(-1, 3)[pixel] for array in (scan.points(), local.normals))
+        return cls(pixel, points, normals, cosine, local.areas.ravel()[pixel], met)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredArea:
+    """Area in square metres that scans have measured as required, and worse than required."""
+
+    met_m2: float
+    worse_m2: float
+
+    @property
+    def total_m2(self) -> float:
+        """All measured area."""
+        return self.met_m2 + self.worse_m2
+
+
+def measure_area(
+    scans: Sequence[RangeImage], requirement: Requirement, grid: VoxelGrid, zones: Zones = EVERYWHERE
+) -> MeasuredArea:
+    """Measure the surface that scans have measured.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        Registered; without a known `sigma_m` they count as exact.
+    requirement : Requirement
+        What counts as measured well enough. With k above 1 so many scans must have measured a cell so.
+    grid : VoxelGrid
+        Cells in which several scans measure the same surface; beyond it nothing counts.
+    zones : Zones
+        Only surface in their region counts, or within 1 cm of it.
+    """
+    found = [_by_cell(scan, requirement, grid, zones) for scan in scans]
+    keys, areas, good = (np.concatenate(part) for part in zip(*found, strict=True))
+    every, which = np.unique(keys, return_inverse=True)
+    most = _MOST * grid.voxel_m**2
+    whole = np.zeros(len(every))
+    np.maximum.at(whole, which, np.minimum(areas, most))
+    met = _kth_largest(which, np.minimum(good, most), len(every), requirement.k)
+    return MeasuredArea(float(met.sum()), float((whole - np.minimum(met, whole)).sum()))
+
+
+def _by_cell(
+    scan: RangeImage, requirement: Requirement, grid: VoxelGrid, zones: Zones
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Return what one scan measures: cells by the side that normals lean to, area there, good area there.
+
+    Returns whose neighbours give no normal (noise, drop-outs, the image's rim) count like the others of their
+    cell; where there are no others they are strays.
+    """
+    pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
+    cell = grid.index_of(pixels.points)
+    inside = (cell >= 0) & zones.concern(pixels.points, _RIM_M)
+    returns = grid.index_of(scan.points()[scan.valid])
+    n_returns = np.bincount(returns[returns >= 0], minlength=grid.n_voxels)
+    n_used = np.bincount(cell[cell >= 0], minlength=grid.n_voxels)
+    cell, area, met = cell[inside], pixels.areas[inside], pixels.met[inside]
+    area = area * (n_returns / np.maximum(n_used, 1))[cell]
+    keys, which = np.unique(cell * _SIDES + sides_of(pixels.normals[inside]), return_inverse=True)
+    whole, good = (np.bincount(which, part, len(keys)).astype(np.float64) for part in (area, area * met))
+    return keys, whole, good
+
+
+def _kth_largest(which: NDArray[np.int64], values: FloatArray, n: int, k: int) -> FloatArray:
+    """Return for each of n groups the k-th largest of its values, 0 for groups of fewer."""
+    order = np.lexsort((-values, which))
+    start = np.searchsorted(which[order], np.arange(n))
+    count = np.bincount(which, minlength=n)
+    kth: FloatArray = np.zeros(n)
+    enough = count >= k
+    kth[enough] = values[order][start[enough] + k - 1]
+    return kth

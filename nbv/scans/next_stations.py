@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""Next stations: where to put the scanner after scans that were really taken, in a place without a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nbv.coverage.completed_surfaces import Knowledge
+from nbv.online.planner import PlannerOptions, next_view
+from nbv.plan.plan import Plan, Resumption
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.view import View
+from nbv.scans.scan_map import Survey
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.viewpoints import Candidates
+from scenes.checks import InputError
+
+
+def plan_next_stations(
+    survey: Survey,
+    sensor: Sensor,
+    requirement: Requirement | None = None,
+    *,
+    views: int = 1,
+    candidates: Candidates | None = None,
+    options: PlannerOptions | None = None,
+    knowledge: Knowledge | None = None,
+    n_threads: int | None = None,
+) -> Plan:
+    """Plan where to scan next, by what the scans so far say of the place.
+
+    The first view is the online planner's next one. What it should see counts as settled, and the second is
+    the next one then, and so on: later views are predictions, for nobody can say what the first will find.
+    No view leaves space that is already known to be free.
+
+    Parameters
+    ----------
+    survey : Survey
+        What is known.
+    sensor : Sensor
+        What scans next.
+    requirement : Requirement, optional
+        What counts as seen well; of it the planner looks for incidence and range.
+    views : int
+        How many stations to propose at most.
+    candidates : Candidates, optional
+        Where the sensor may go; the survey's own when not given.
+    options : PlannerOptions, optional
+        Clearance, stopping, weights, zones.
+    knowledge : Knowledge, optional
+        What completion makes of the scans; it counts less than what is unknown
+        (`nbv.online.planner.explore`), also for the later views, whose scans nobody has to complete.
+    n_threads : int, optional
+        Threads; the plan does not depend on it.
+
+    Returns
+    -------
+    Plan
+        Without coverage, which nobody knows, and without target; its views say what gain is predicted.
+
+    Raises
+    ------
+    InputError
+        Fewer than one view, a sensor whose aperture is a plane.
+    """
+    if views < 1:
+        raise InputError(f"views must be at least 1, got {views}")
+    requirement = requirement or Requirement()
+    options = options or PlannerOptions()
+    options = replace(options, on_floor=options.on_floor and survey.floor_m is not None)
+    candidates = candidates or survey.candidates(sensor, options.clearance_m)
+    sensor, voxels = check_aperture(sensor), survey.voxels
+    attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
+    planned, reason = list[View](), f"the limit of {views} views is reached"
+    here = survey.scans[-1].world_from_sensor
+    while len(planned) < views:
+        best = next_view(
+            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
+        )
+        if isinstance(best, str):
+            reason = best
+            break
+        attempts[best.sees.is_unknown.astype(np.int64), best.sees.voxel] = options.gain.max_attempts
+        planned.append(View(best.pose, sensor, predicted_gain_m2=best.gain_m2))
+    return Plan(
+        method="nbv",
+        sensor=sensor,
+        requirement=requirement,
+        target=None,
+        seed=None,
+        n_candidates=candidates.n_poses,
+        views=tuple(planned),
+        coverage=None,
+        lower_bound=None,
+        stopped_because=reason,
+        candidates=candidates,
+        resumed_from=Resumption(tuple(scan.world_from_sensor for scan in survey.scans), None),
+        zones=options.zones,
+    )
+
+
+def check_aperture(sensor: Sensor) -> Sensor:
+    """Return the sensor.
+
+    Raises
+    ------
+    InputError
+        A profile scanner, which sees one plane at a time: no place lies in its aperture.
+    """
+    if sensor.kind == "line":
+        raise InputError(
+            f"{sensor.name} sees a line at a time, so that no single view of it is worth anything; "
+            "plan with a sensor that has an aperture, like generic60 or panorama"
+        )
+    return sensor

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Coverage of scans without a model of the scene: measured, seen worse, inferred, and occluded.
+
+Measured and inferred are areas of surface. Occluded is the area of the boundary behind which nobody knows:
+it cannot be added to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from completion.pipeline import Completion
+from completion.result.completed_model import CompletedModel
+from completion.result.export import display_mesh
+from nbv.scans.measured_area import MeasuredArea, PixelQuality, measure_area
+from nbv.scans.scan_map import Survey
+from nbv.scans.unseen_boundary import Shadow
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.scan.range_image import RangeImage
+
+
+@dataclass(frozen=True, slots=True)
+class RecognisedSurface:
+    """A surface that completion recognised.
+
+    Attributes
+    ----------
+    id : int
+        Number from 1, as in `completion.json` of the same scans.
+    kind : str
+        Plane, cylinder, ...
+    observed_m2 : float
+        Measured area, square metres.
+    met : float
+        Share of what the scans' pixels measured of it that meets the requirement.
+    hypothesised_m2 : float
+        Inferred area, square metres.
+    """
+
+    id: int
+    kind: str
+    observed_m2: float
+    met: float
+    hypothesised_m2: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanCoverage:
+    """What scans have measured of a place that nobody has a model of.
+
+    Attributes
+    ----------
+    survey : Survey
+        The scans and their voxels.
+    requirement : Requirement
+        What counts as measured well enough.
+    zones : Zones
+        Where surface counts.
+    measured : MeasuredArea
+        Measured surface, as required and worse.
+    shadow : Shadow
+        The boundary of what is not known.
+    completion : Completion or None
+        Surface that was recognised and continued; None where that was not asked for.
+    surfaces : tuple of RecognisedSurface
+        Its surfaces.
+    """
+
+    survey: Survey
+    requirement: Requirement
+    zones: Zones
+    measured: MeasuredArea
+    shadow: Shadow
+    completion: Completion | None
+    surfaces: tuple[RecognisedSurface, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of `coverage.json`: square metres, of surface and of boundary apart."""
+        model = self.completion
+        return {
+            "requirement": self.requirement.to_json(),
+            **self.zones.to_json(),
+            "scans": len(self.survey.scans),
+            "surface": {
+                "measured_m2": self.measured.total_m2,
+                "met_m2": self.measured.met_m2,
+                "seen_worse_m2": self.measured.worse_m2,
+                "recognised_m2": None if model is None else model.observed_m2,
+                "inferred_m2": None if model is None else model.hypothesised_m2,
+            },
+            "boundary": self.shadow.to_json(),
+            "voxel_m": self.survey.voxels.grid.voxel_m,
+            "mode": None if model is None else model.mode,
+            "surfaces": [asdict(surface) for surface in self.surfaces],
+        }
+
+
+def cover_by_scans(
+    survey: Survey,
+    requirement: Requirement | None = None,
+    *,
+    completion: Completion | None = None,
+    zones: Zones = EVERYWHERE,
+) -> ScanCoverage:
+    """Report what scans have measured, what completion infers, and where the unknown begins.
+
+    Parameters
+    ----------
+    survey : Survey
+        The scans and their voxels.
+    requirement : Requirement, optional
+        What counts as measured well enough.
+    completion : Completion, optional
+        What completion makes of the survey's scans; None leaves inferring out.
+    zones : Zones
+        Measured surface and boundary count within their region alone; what is inferred counts everywhere.
+    """
+    requirement, grid = requirement or Requirement(), survey.voxels.grid
+    measured = measure_area(survey.scans, requirement, grid, zones)
+    surface = None if completion is None else display_mesh(completion)
+    stood = np.array([scan.origin for scan in survey.scans])
+    shadow = Shadow.of(survey.voxels, surface, zones, stood, survey.clearance_m)
+    surfaces: tuple[RecognisedSurface, ...] = ()
+    if completion is not None:
+        surfaces = _recognised(completion, survey.scans, requirement, grid.voxel_m / 2)
+    return ScanCoverage(survey, requirement, zones, measured, shadow, completion, surfaces)
+
+
+def _recognised(
+    model: CompletedModel, scans: Sequence[RangeImage], requirement: Requirement, baseline_m: float
+) -> tuple[RecognisedSurface, ...]:
+    """Return the surfaces of a completed model, with the share of each that is measured as required."""
+    n = len(model.patches) + 1
+    whole, met = np.zeros(n), np.zeros(n)
+    for scan, owner in zip(scans, model.owners, strict=True):
+        pixels = PixelQuality.of(scan, requirement, baseline_m)
+        number = owner.ravel()[pixels.pixel]
+        whole += np.bincount(number, pixels.areas, n)
+        met += np.bincount(number, pixels.areas * pixels.met, n)
+    shares = np.divide(met, whole, out=np.zeros(n), where=whole > 0)
+    return tuple(
+        RecognisedSurface(
+            k, patch.source.fit.surface.kind, patch.observed_m2, float(shares[k]), patch.hypothesised_m2
+        )
+        for k, patch in enumerate(model.patches, start=1)
+    )

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""State mesh: what scans have measured, what was inferred, and where the unknown begins, as one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from completion.boundary.meshing import mesh_range_image
+from nbv.scans.measured_area import PixelQuality
+from nbv.scans.scan_coverage import ScanCoverage
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.scan.range_image import RangeImage
+
+MEASURED, SEEN_WORSE, INFERRED, SHADOW, FRONTIER = range(5)
+STATES = ("measured as required", "measured worse than required", "inferred", "edge of a shadow", "frontier")
+_MOST_PIXELS = 100_000  # of a scan; of larger ones every k-th row and column
+_REACH = 4.0  # pixels over which a pixel without a normal is as its neighbours are
+_GREY = 160
+_LONGEST = 6.0  # pixels, and standard deviations, that an edge between neighbouring pixels may span
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateMesh:
+    """Triangles of surface and of boundary in world coordinates.
+
+    Attributes
+    ----------
+    mesh : LabelledMesh
+        Vertices in metres; each face's `face_surface` is its state, an index into `STATES`.
+    state : (n,) uint8
+        State of each vertex.
+    cosine : (n,) float32
+        Cosine of incidence of measured vertices; 0 where it is not known, and of all others.
+    front : (m, 3) float
+        To which side each face looks.
+    colour : (n, 3) uint8
+        Natural colour of each vertex, sRGB; mid grey where none is known.
+    """
+
+    mesh: LabelledMesh
+    state: NDArray[np.uint8]
+    cosine: NDArray[np.float32]
+    front: FloatArray
+    colour: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, coverage: ScanCoverage) -> StateMesh:
+        """Return the mesh of a coverage."""
+        voxel_m = coverage.survey.voxels.grid.voxel_m
+        parts = [
+            _measured(scan, PixelQuality.of(scan, coverage.requirement, voxel_m / 2))
+            for scan in coverage.survey.scans
+        ]
+        if coverage.completion is not None:
+            inferred = coverage.completion.hypothesised
+            vertices = coverage.completion.world_from_reference.apply(inferred.vertices)
+            parts.append(_plain(vertices, inferred.faces, INFERRED, colour=inferred.colour))
+        shadow = coverage.shadow
+        for state, here in ((SHADOW, shadow.occluded), (FRONTIER, ~shadow.occluded)):
+            chosen = here & ~shadow.explained
+            front = np.repeat(shadow.faces.outward[chosen], 2, axis=0)
+            parts.append(_plain(*shadow.triangles(chosen, voxel_m), state, front))
+        return cls(
+            _joined_meshes([part.mesh for part in parts]),
+            np.concatenate([part.state for part in parts]),
+            np.concatenate([part.cosine for part in parts]),
+            np.concatenate([part.front for part in parts]),
+            np.concatenate([part.colour for part in parts]),
+        )
+
+
+def _measured(scan: RangeImage, pixels: PixelQuality) -> StateMesh:
+    """Return what a scan has measured, thinned where it is large."""
+    step = max(1, int(np.ceil(np.sqrt(scan.ranges.size / _MOST_PIXELS))))
+    state, cosine = np.full(scan.ranges.size, SEEN_WORSE, np.uint8), np.zeros(scan.ranges.size, np.float32)
+    state[pixels.pixel[pixels.met]] = MEASURED
+    cosine[pixels.pixel] = pixels.cosine
+    state = _filled(state.reshape(scan.shape), cosine.reshape(scan.shape) > 0)
+    few = (slice(None, None, step), slice(None, None, step))
+    points, valid = scan.points()[few], scan.valid[few]
+    footprint = np.where(valid, scan.ranges[few], 0.0) * scan.projection.pixel_angle * step
+    longest = _LONGEST * (footprint + (scan.sigma_m or 0.0))
+    faces = mesh_range_image(points, valid, longest, scan.origin)
+    state, cosine = state[few].ravel(), cosine.reshape(scan.shape)[few].ravel()
+    used, number = np.unique(faces, return_inverse=True)
+    faces = number.reshape(-1, 3).astype(np.int32)
+    worst = state[used][faces].max(axis=1, initial=MEASURED)
+    mesh = LabelledMesh(points.reshape(-1, 3)[used], faces, worst.astype(np.int32))
+    colour = np.full((len(used), 3), _GREY, np.uint8)
+    if scan.colour is not None:
+        colour = np.rint(255 * np.clip(scan.colour[few].reshape(-1, 3)[used], 0, 1)).astype(np.uint8)
+    return StateMesh(mesh, state[used], cosine[used], mesh.face_normals(), colour)
+
+
+def _filled(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:
+    """Return the states, in pixels without a normal those of the nearest pixel with one, if it is near."""
+    if not known.any():
+        return state
+    distance, (row, column) = distance_transform_edt(~known, return_indices=True)
+    return np.where(distance <= _REACH, state[row, column], state)
+
+
+def _plain(
+    vertices: FloatArray,
+    faces: NDArray[np.int32],
+    state: int,
+    front: FloatArray | None = None,
+    colour: NDArray[np.uint8] | None = None,
+) -> StateMesh:
+    """Return a mesh of one state."""
+    mesh = LabelledMesh(vertices, faces, np.full(len(faces), state, np.int32))
+    n = len(vertices)
+    front = mesh.face_normals() if front is None else front
+    colour = np.full((n, 3), _GREY, np.uint8) if colour is None else colour
+    return StateMesh(mesh, np.full(n, state, np.uint8), np.zeros(n, np.float32), front, colour)
+
+
+def _joined_meshes(meshes: list[LabelledMesh]) -> LabelledMesh:
+    start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, start, strict=False)]
+    return LabelledMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(faces).astype(np.int32),
+        np.concatenate([mesh.face_surface for mesh in meshes]),
+    )

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: MIT
+"""Visibility: which samples are seen from where, and at which cosine of incidence.
+
+Faces are two-sided: the cosine is |cos|, and the line of sight starts on the viewer's side of the face. For
+closed bodies and for rooms with viewpoints in free space this is the same as one-sided faces, because the
+back is hidden by the body itself; and many meshes in the wild are not consistently oriented. A surface
+modelled as a single sheet counts as one surface, whichever side is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensors.triangulation import both_see
+from nbv.scanning.view import View
+from nbv.visibility.requirement import ROUNDING, SightLimits
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.sight_kernels import facing, lifted
+from scenes.checks import FloatArray
+from scenes.rays.raycast import RayCaster
+from scenes.run.memory import threads
+
+Progress = Callable[[str, int, int], None]
+BYTES_A_SAMPLE = 120  # that a look from one position at all samples takes: indices, distances, cosines, ends
+
+_LIFT = 1e-6  # of the distance, or of the mesh's extent where that is larger: Embree works in float32
+_RAYS_A_FACE = (
+    0.25  # from here on neighbouring rays meet the same faces; where packets were seen to gain by it
+)
+
+
+def lines_of_sight(
+    caster: RayCaster,
+    position: FloatArray,
+    samples: SurfaceSamples,
+    limits: SightLimits,
+    among: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return which samples `among` are seen from `position` (3,) within `limits`, and their cosines."""
+    here = (np.ascontiguousarray(position), samples.points, samples.normals)
+    gate = (limits.min_range_m, limits.max_range_m)
+    among, distance, cosine = facing(*here, among, limits.min_cosine - ROUNDING, *gate)
+    if limits.precision is not None:
+        keep = limits.hold(distance, np.abs(cosine))
+        among, distance, cosine = among[keep], distance[keep], cosine[keep]
+    if not len(among):
+        return among, distance
+    ends = lifted(*here, among, distance, cosine, _LIFT, samples.extent_m, samples.tolerance_m)
+    coherent = samples.in_morton_order and len(ends) >= _RAYS_A_FACE * caster.n_faces
+    seen = ~caster.blocked(ends, position[None], coherent=coherent)
+    return among[seen], np.abs(cosine[seen])
+
+
+def visible_from_positions(
+    caster: RayCaster,
+    positions: FloatArray,
+    samples: SurfaceSamples,
+    limits: SightLimits,
+    *,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> csr_array:
+    """Cosines (n_positions, n_samples), sparse, of the samples seen from each position in any direction.
+
+    Parameters
+    ----------
+    caster : RayCaster
+        The mesh.
+    positions : (p, 3) float
+        World coordinates, metres.
+    samples : SurfaceSamples
+        What to see.
+    limits : SightLimits
+        Which lines of sight count.
+    n_threads : int, optional
+        Threads; all cores when not given. The result does not depend on it.
+    progress : callable, optional
+        Called with ("visibility", done, total).
+    """
+    everything = np.arange(len(samples))
+    rows = []
+    with threads(BYTES_A_SAMPLE * len(samples), n_threads) as pool:
+        seen = pool.map(lambda p: lines_of_sight(caster, p, samples, limits, everything), positions)
+        for done, row in enumerate(seen, start=1):
+            rows.append((row[0].astype(np.int32), row[1]))
+            if progress is not None:
+                progress("visibility", done, len(positions))
+    return stack_rows(rows, len(samples))
+
+
+def visible_from_view(
+    caster: RayCaster, view: View, samples: SurfaceSamples, limits: SightLimits
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the samples that a view sees inside its aperture and `limits`, and their cosines.
+
+    The second device of a triangulating sensor must see them too.
+    """
+    pose, sensor = view.world_from_sensor, view.sensor
+    local = (samples.points - pose.translation) @ pose.rotation
+    seen, cosine = lines_of_sight(
+        caster, pose.translation, samples, limits, np.flatnonzero(sensor.sees(local))
+    )
+    if sensor.partner is None:
+        return seen, cosine
+    way = samples.points[seen] - pose.translation
+    both = both_see(caster, samples.points[seen], way, samples.normals[seen], sensor.partner, pose)
+    return seen[both], cosine[both]
+
+
+def orient(
+    visible: csr_array, positions: FloatArray, rotations: FloatArray, points: FloatArray, sensor: Sensor
+) -> csr_array:
+    """Split each position's row into one row for each of its orientations: what is in the sensor's aperture.
+
+    Values are kept; whoever asks only which sample is seen saves memory with ones of 8 bits.
+
+    Parameters
+    ----------
+    visible : (p, n) csr
+        From `visible_from_positions`.
+    positions : (p, 3) float
+        Metres.
+    rotations : (d, 3, 3) or (p, d, 3, 3) float
+        World from sensor; the same for all positions, or each position's own.
+    points : (n, 3) float
+        The samples.
+    sensor : Sensor
+        Its aperture.
+
+    Returns
+    -------
+    (p * d, n) csr
+        Row i * d + j belongs to position i and orientation j.
+    """
+    rows = []
+    for i, position in enumerate(positions):
+        row = slice(visible.indptr[i], visible.indptr[i + 1])
+        index, values = visible.indices[row], visible.data[row]
+        offset = points[index] - position
+        for rotation in rotations if rotations.ndim == 3 else rotations[i]:
+            inside = sensor.sees(offset @ rotation)
+            rows.append((index[inside], values[inside]))
+    return stack_rows(rows, visible.shape[1])
+
+
+def orientations_that_see(
+    offsets: FloatArray, rotations: FloatArray, sensor: Sensor, enough: int = 1
+) -> NDArray[np.int64]:
+    """Count the orientations (d, 3, 3) in whose aperture world-frame `offsets` (n, 3) lie, up to `enough`."""
+    times = np.zeros(len(offsets), np.int64)
+    for rotation in rotations:
+        open_ones = np.flatnonzero(times < enough)
+        if not len(open_ones):
+            break
+        times[open_ones] += sensor.sees(offsets[open_ones] @ rotation)
+    return times
+
+
+def stack_rows(rows: Sequence[tuple[NDArray[np.integer[Any]], NDArray[Any]]], n_columns: int) -> csr_array:
+    """Return the sparse matrix whose rows are given as (sorted columns, values)."""
+    ends = np.cumsum([0] + [len(index) for index, _ in rows])
+    small = np.int32 if ends[-1] <= np.iinfo(np.int32).max else np.int64  # scipy keeps both in the larger
+    index = np.concatenate([np.zeros(0, small), *(index for index, _ in rows)], dtype=small)
+    data = np.concatenate([values for _, values in rows]) if rows else np.zeros(0)
+    return csr_array((data, index, ends.astype(small)), shape=(len(rows), n_columns))

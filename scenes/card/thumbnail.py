@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""Thumbnails: a scan's ranges and colours as small pictures, the way up that a person would see them."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.card.card import CardPicture
+from scenes.checks import FloatArray
+from scenes.scan.projection import Projection, SphericalProjection
+
+if TYPE_CHECKING:
+    from scenes.scan.range_image import RangeImage
+
+_MOST = 220  # pixels, the longer side
+
+
+def thumbnails(scan: RangeImage) -> tuple[CardPicture, ...]:
+    """Return pictures of the ranges, near yellow and far violet, and of the colours where there are any."""
+    ranges = upright(scan.ranges, scan.projection, _MOST)
+    known = np.isfinite(ranges)
+    low, high = np.quantile(ranges[known], [0.01, 0.99]) if known.any() else (0.0, 0.0)
+    pictures = [
+        _picture(_range_colours(ranges, float(low), float(high)), f"range, {low:.2f} to {high:.2f} m")
+    ]
+    if scan.colour is not None:
+        colour = np.rint(255 * upright(scan.colour, scan.projection, _MOST)).astype(np.uint8)
+        opacity = np.where(known, 255, 0).astype(np.uint8)
+        pictures.append(_picture(np.dstack([colour, opacity]), "colour"))
+    return tuple(pictures)
+
+
+def _range_colours(ranges: FloatArray, low: float, high: float) -> NDArray[np.uint8]:
+    """Ranges (rows, columns) as sRGB with opacity: see-through where nothing came back."""
+    import cv2  # slow to import: only where pictures are made
+
+    known = np.isfinite(ranges)
+    place = np.clip((np.where(known, ranges, low) - low) / max(high - low, 1e-9), 0, 1)
+    grey = np.rint(255 * (1 - place)).astype(np.uint8)
+    colours = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS))[..., ::-1]
+    return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])
+
+
+def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> NDArray[Any]:
+    """Return an image of a scan as a person would see it, neither side longer than `most` pixels.
+
+    Panoramas are drawn with equal angles along both sides, up upwards and right to the right, however their
+    rows and columns run; camera images keep their order and lose every k-th pixel.
+    """
+    if not isinstance(projection, SphericalProjection):
+        step = max(1, -(-max(pixels.shape[:2]) // most))
+        return pixels[::step, ::step]
+    spans = [abs(float(angles[-1] - angles[0])) for angles in (projection.elevations, projection.azimuths)]
+    scale = most / max(*spans, 1e-9)
+    rows, columns = (
+        np.rint(np.linspace(0, n - 1, int(np.clip(round(span * scale), 1, most)))).astype(np.int64)
+        for n, span in zip(projection.shape, spans, strict=True)
+    )
+    if projection.elevations[0] < projection.elevations[-1]:
+        rows = rows[::-1]
+    if projection.azimuths[0] > projection.azimuths[-1]:
+        columns = columns[::-1]
+    return pixels[np.ix_(rows, columns)]
+
+
+def _picture(pixels: NDArray[np.uint8], caption: str) -> CardPicture:
+    from PIL import Image  # slow to import: only where pictures are made
+
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "PNG", optimize=False, compress_level=9)
+    return CardPicture(data.getvalue(), caption, 150)

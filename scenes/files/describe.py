@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Description of a file for `unseen info`: what it holds, and what is suspicious about it."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.checks import InputError
+from scenes.files.describe_image import IMAGE_SUFFIXES, describe_image
+from scenes.files.describe_points import describe_points, describe_poses
+from scenes.files.describe_scans import describe_scans
+from scenes.files.point_files import POINT_SUFFIXES, TEXT_SUFFIXES
+from scenes.files.scan_files import (
+    MESH_SUFFIXES,
+    SCAN_SUFFIXES,
+    Intrinsics,
+    Units,
+    open_scans,
+    split_index,
+)
+from scenes.files.scene_loading import open_scene
+from scenes.formats.guard import check_file
+from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
+from scenes.run.atomic import to_plain
+from scenes.world.scene import Scene
+
+_POSES = (".txt", ".log", ".json", ".tum")
+_KNOWN = {*SCAN_SUFFIXES, *POINT_SUFFIXES, *IMAGE_SUFFIXES, *_POSES}
+_LOOKS = {b"PK": "is an archive; unpack it first", b"%P": "is a PDF", b"<?": "is XML", b"{": "is JSON"}
+
+
+def describe(
+    path: str | os.PathLike[str],
+    *,
+    up: Axis = "z",
+    units: Units = "m",
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+) -> dict[str, Any]:
+    """Return what a file holds, as plain values for JSON; lengths in metres, angles in degrees.
+
+    Parameters
+    ----------
+    path : str or path
+        A mesh file, `builtin:NAME`, a scan file, an RGB-D folder, `PATH#k`, points, poses, or an image.
+    up, units
+        As for `load_scene` and `read_scans`.
+    intrinsics, depth_scale
+        As for `read_scans`.
+
+    Returns
+    -------
+    dict
+        `kind` is "scene", "scan", "scans", "points", "poses", "image" or "depth image"; `warnings` is a list
+        of sentences, empty when all is well.
+
+    Raises
+    ------
+    InputError
+        Nothing there, damaged, or of no known kind.
+
+    Examples
+    --------
+    >>> describe("builtin:two_occluders")["mode"]
+    'room'
+    """
+    text = os.fspath(path)
+    base, number = split_index(text)
+    suffix = base.suffix.lower()
+    if text.startswith("builtin:") or suffix in MESH_SUFFIXES or _is_mesh_ply(base):
+        return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
+    if not base.is_dir() and check_file(base) and suffix not in _KNOWN:
+        raise InputError(f"{base}: {_stranger(base)}")
+    if suffix in IMAGE_SUFFIXES:
+        return _plain(describe_image(base))
+    if suffix in _POSES and (poses := describe_poses(base, units)):
+        return _plain(poses)
+    if suffix in _POSES and suffix not in POINT_SUFFIXES:
+        raise InputError(f"{base}: {_stranger(base)}")
+    try:
+        source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
+        if number is not None and not 1 <= number <= len(source.readers):
+            raise InputError(f"{text}: there are {len(source.readers)} scans, counted from 1")
+        return _plain(describe_scans(source, number, units))
+    except InputError as error:
+        if base.is_dir() or suffix not in POINT_SUFFIXES:
+            raise
+        return _plain(_described_points(text, units, error))
+
+
+def _described_points(text: str, units: Units, error: InputError) -> dict[str, Any]:
+    """What a file holds that is no scan: points, or what is wrong with it."""
+    base = split_index(text)[0]
+    try:
+        found = describe_points(text, units)
+    except InputError as trouble:
+        if base.suffix.lower() not in TEXT_SUFFIXES:
+            raise error from None
+        cause = str(trouble).removeprefix(f"{base}: ")
+        raise InputError(f"{base}: is text that holds neither poses nor points: {cause}") from trouble
+    cause = str(error).removeprefix(f"{base}: ")
+    if "no ray can be traced" not in cause:
+        found["warnings"] = [f"is no scan: {cause}", *found["warnings"]]
+    return found
+
+
+def _stranger(path: Path) -> str:
+    """Say what an unknown file looks like, and what is known."""
+    with path.open("rb") as file:
+        start = file.read(4096)
+    looks = "is binary" if b"\0" in start else "is text"
+    for mark, words in _LOOKS.items():
+        looks = words if start.lstrip().startswith(mark) else looks
+    return (
+        f"{looks}, of no kind that is known here; known: meshes (.glb .gltf .obj .ply .stl .off), scans and "
+        "points (.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv .pts), RGB-D folders, trajectories, images, "
+        "and what unseen writes"
+    )
+
+
+def _plain(value: dict[str, Any]) -> dict[str, Any]:
+    plain: dict[str, Any] = to_plain(value)
+    return plain
+
+
+def _is_mesh_ply(path: Path) -> bool:
+    """A PLY file with faces; organised scans and clouds have none."""
+    if path.suffix.lower() != ".ply" or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        head = file.read(1 << 22).partition(b"end_header")[0]
+    return re.search(rb"element\s+face\s+[1-9]", head) is not None
+
+
+def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
+    mesh = scene.mesh
+    bounds = mesh.bounds()
+    extent = bounds[1] - bounds[0]
+    appearance = mesh.appearance
+    suggested = "z" if path.startswith("builtin:") else suggest_up(mesh, scene.mode)  # there it is known
+    in_file = None if suggested is None else axis_in_file(suggested, up)
+    warnings = list(scene.warnings)
+    kinds = [surface.kind for surface in scene.surfaces if surface is not None]
+    return {
+        "kind": "scene",
+        "path": path,
+        "name": scene.name,
+        "mode": scene.mode,
+        "triangles": len(mesh.faces),
+        "vertices": len(mesh.vertices),
+        "area_m2": float(mesh.face_areas().sum()),
+        "bounds_m": bounds,
+        "extent_m": extent,
+        "diagonal_m": float(np.linalg.norm(extent)),
+        "surfaces": len(scene.surfaces),
+        "surface_names": scene.surface_names,
+        "known_surfaces": {kind: kinds.count(kind) for kind in sorted(set(kinds))},
+        "textures": [] if appearance is None else [list(image.shape[1::-1]) for image in appearance.images],
+        "has_colour": appearance is not None,
+        "up": up,
+        "suggested_up": in_file,
+        "warnings": warnings,
+    }

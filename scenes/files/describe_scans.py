@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: MIT
+"""Description of scans for `unseen info`: grid, ranges, projection, pose, and what is doubtful about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from scenes.files.scan_files import ScanSource, Units, in_metres
+from scenes.files.scene_loading import units_doubt
+from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
+from scenes.scan.convention import convention_doubt
+from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
+from scenes.scan.range_image import RangeImage
+
+_FAR_M, _NEAR_M = 200.0, 0.05  # median ranges beyond which unit or depth scale are doubted
+
+
+def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
+    """Return what the scans of a file or folder hold, or its scan `number` from 1."""
+    picked = range(len(source.readers)) if number is None else [number - 1]
+    scans = [in_metres(source.readers[k](), units) for k in picked]
+    warnings = [] if source.registered else ["frames have no poses; give --poses FILE or a pose.txt"]
+    if len(scans) > 1 and source.registered and _all_at_one_place(scans):
+        warnings.append("all scans have the same pose; if they were taken from several places, register them")
+    if source.registered and (doubt := convention_doubt(scans)):
+        warnings.append(doubt)
+    entries = [_describe_scan(scan, k + 1) for scan, k in zip(scans, picked, strict=True)]
+    for entry in entries:
+        warnings += [f"scan {entry['number']}: {text}" for text in entry.pop("warnings")]
+    points = np.vstack([np.reshape(_bounds(scan), (2, 3)) for scan in scans])
+    finite = points[np.isfinite(points).all(axis=1)]
+    return {
+        "kind": "scan" if len(scans) == 1 else "scans",
+        "path": str(source.path),
+        "format": source.kind,
+        "count": len(source.readers),
+        "registered": source.registered,
+        "bounds_m": [finite.min(axis=0), finite.max(axis=0)] if len(finite) else None,
+        "scans": entries,
+        "warnings": warnings,
+    }
+
+
+def _bounds(scan: RangeImage) -> Any:
+    points = scan.points()[scan.valid]
+    if not len(points):
+        return np.full((2, 3), np.nan)
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _all_at_one_place(scans: Sequence[RangeImage]) -> bool:
+    first = scans[0].world_from_sensor.matrix
+    return all(np.allclose(scan.world_from_sensor.matrix, first, atol=1e-9) for scan in scans[1:])
+
+
+def _describe_scan(scan: RangeImage, number: int) -> dict[str, Any]:
+    """One scan: size, share of valid pixels, ranges, projection, pose."""
+    ranges = scan.ranges[scan.valid]
+    statistics = [float(pick(ranges)) for pick in (np.min, np.median, np.max)] if len(ranges) else [None] * 3
+    return {
+        "number": number,
+        "name": scan.name,
+        "rows": scan.shape[0],
+        "columns": scan.shape[1],
+        "valid_share": float(scan.valid.mean()),
+        "range_m": dict(zip(("min", "median", "max"), statistics, strict=True)),
+        "bounds_m": None if not len(ranges) else _bounds(scan),
+        "projection": describe_projection(scan.projection),
+        "has_colour": scan.colour is not None,
+        "has_intensity": scan.intensity is not None,
+        "has_truth": scan.truth is not None,
+        "measured_points_off_rays": scan.sensor_points is not None,
+        "grid_residual_px": _grid_residual(scan),
+        "sigma_m": scan.sigma_m,
+        "sensor": scan.sensor,
+        "noise": scan.noise,
+        "world_from_sensor": scan.world_from_sensor.matrix,
+        "warnings": scan_warnings(scan),
+    }
+
+
+def _grid_residual(scan: RangeImage) -> float | None:
+    """Median distance in pixels of the measured points from their own pixels, None where they lie on them."""
+    if scan.sensor_points is None or not scan.valid.any():
+        return None
+    seen = scan.projection.pixels(scan.sensor_points[scan.valid])
+    off = np.hypot(*(seen - np.argwhere(scan.valid)).T)
+    return float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else None
+
+
+def scan_warnings(scan: RangeImage) -> list[str]:
+    """Say what is doubtful about a scan: what was left out, its unit or depth scale, its grid."""
+    found = list(scan.warnings)
+    if not scan.valid.any():
+        return [*found, "nothing came back in any pixel"]
+    median, n_before = float(np.median(scan.ranges[scan.valid])), len(found)
+    if median > _FAR_M or median < _NEAR_M:
+        found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
+    extent = np.diff(_bounds(scan), axis=0)
+    diagonal = float(np.linalg.norm(extent))
+    doubt = units_doubt(diagonal) if diagonal > 0 else ""
+    if doubt and len(found) == n_before:
+        found.append(doubt)
+    if scan.valid.mean() < 0.05:
+        found.append(f"only {scan.valid.mean():.1%} of the pixels came back")
+    return found + [text for text in (_grid_doubt(scan), _camera_doubt(scan)) if text]
+
+
+def _grid_doubt(scan: RangeImage) -> str:
+    """A warning where measured points lie off their own pixels, "" otherwise."""
+    residual = _grid_residual(scan)
+    if residual is None or residual <= SPHERICAL_LIMIT_PX:
+        return ""
+    return (
+        f"half of its points lie {residual:.3g} pixels or more from their own pixels; are rows and columns "
+        "swapped, or the intrinsics another camera's?"
+    )
+
+
+def _camera_doubt(scan: RangeImage) -> str:
+    """A warning where the principal point is that of an image on its side, "" otherwise."""
+    camera = scan.projection
+    if not isinstance(camera, PinholeProjection) or camera.width == camera.height:
+        return ""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2
+    off, turned = (np.abs([camera.cx, camera.cy] - one).sum() for one in (middle, middle[::-1]))
+    if not turned < off / 4:
+        return ""
+    return (
+        f"its principal point ({camera.cx:g}, {camera.cy:g}) is the middle of {camera.height} x "
+        f"{camera.width} pixels, not of {camera.width} x {camera.height}: are rows and columns swapped?"
+    )
+
+
+def describe_projection(projection: Projection) -> dict[str, Any]:
+    """Return kind, field of view (degrees) and parameters of a projection."""
+    rows, columns = projection.shape
+    if isinstance(projection, PinholeProjection):
+        across = _angle(projection.fx, -0.5 - projection.cx, columns - 0.5 - projection.cx)
+        down = _angle(projection.fy, -0.5 - projection.cy, rows - 0.5 - projection.cy)
+        names = ("fx", "fy", "cx", "cy")
+        details = {name: getattr(projection, name) for name in names}
+    elif isinstance(projection, SphericalProjection):
+        across = abs(float(np.degrees(projection.azimuths[-1] - projection.azimuths[0])))
+        down = abs(float(np.degrees(projection.elevations[-1] - projection.elevations[0])))
+        ends = projection.elevations[[0, -1]]
+        details = {"first_row_elevation_deg": float(np.degrees(ends[0]))}
+        details["last_row_elevation_deg"] = float(np.degrees(ends[1]))
+    else:
+        across, down, details = float("nan"), float("nan"), {}
+    step = float(np.degrees(projection.pixel_angle))
+    return {"kind": projection.kind, "fov_deg": [across, down], "pixel_deg": step, **details}
+
+
+def _angle(focal: float, low: float, high: float) -> float:
+    """Angle in degrees between the rays through two image coordinates."""
+    return float(np.degrees(np.arctan2(high, abs(focal)) - np.arctan2(low, abs(focal))))

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: MIT
+"""Scan files: reads and writes organised scans by suffix, one scan of several by PATH#k."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from scenes.checks import InputError
+from scenes.formats.e57.e57 import count_e57, read_e57
+from scenes.formats.e57.e57_writer import write_e57
+from scenes.formats.guard import check_file, reading
+from scenes.formats.las.las import read_las_scan, write_las
+from scenes.formats.rgbd.rgbd import read_frame
+from scenes.formats.rgbd.rgbd_layout import open_rgbd
+from scenes.formats.rgbd.rgbd_writer import Layout, write_rgbd
+from scenes.formats.scans.cloud import NO_RAYS
+from scenes.formats.scans.npz import read_npz, write_npz
+from scenes.formats.scans.pcd import read_pcd, write_pcd
+from scenes.formats.scans.ptx import count_ptx, read_ptx, write_ptx
+from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
+from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
+from scenes.formats.trajectory import poses_at, read_poses
+from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
+
+Units = Literal["mm", "cm", "m", "in"]
+Intrinsics = tuple[float, float, float, float]
+METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
+_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
+_LAS_SUFFIXES = (".las", ".laz")
+SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSource:
+    """A file or folder of scans, opened but not read.
+
+    Attributes
+    ----------
+    path : Path
+        Without `#k`.
+    kind : str
+        The suffix: "npz", "e57" and so on, or "rgbd (plain)" and the like.
+    readers : tuple of functions
+        One a scan, in natural order; each reads and returns its scan, or raises InputError.
+    registered : bool
+        False when frames of a folder have no poses.
+    times : tuple of float, optional
+        When each was taken, seconds, where a folder tells.
+    """
+
+    path: Path
+    kind: str
+    readers: tuple[Callable[[], RangeImage], ...]
+    registered: bool = True
+    times: tuple[float, ...] | None = None
+
+
+def open_scans(
+    path: str | os.PathLike[str],
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+) -> ScanSource:
+    """Open a file or folder of scans; the pixels are read when a reader is called.
+
+    Raises
+    ------
+    InputError
+        Nothing there, empty, damaged, or of no known kind.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    if source.is_dir():
+        folder = open_rgbd(source)
+        readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
+        times = tuple(frame.time for frame in folder.frames if frame.time is not None)
+        timed = times if len(times) == len(readers) else None
+        kind = f"rgbd ({folder.layout})"
+        return ScanSource(source, kind, _guarded(source, kind, readers), folder.registered, timed)
+    check_file(source)
+    suffix = source.suffix.lower()
+    if suffix not in SCAN_SUFFIXES:
+        raise InputError(f"{source}: {_refusal(suffix)}")
+    kind = suffix[1:]
+    with reading(source, f"{kind.upper()} scan"):
+        return ScanSource(source, kind, _guarded(source, kind, _readers(source, suffix, intrinsics)))
+
+
+def _guarded(
+    source: Path, kind: str, readers: Sequence[Callable[[], RangeImage]]
+) -> tuple[Callable[[], RangeImage], ...]:
+    """The readers, of which none raises anything but InputError."""
+
+    def guarded(reader: Callable[[], RangeImage]) -> RangeImage:
+        with reading(source, f"{kind} scan"):
+            return reader()
+
+    return tuple(partial(guarded, reader) for reader in readers)
+
+
+def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[Callable[[], RangeImage]]:
+    """One reader a scan of the file."""
+    if suffix == ".npz":
+        return [partial(_itself, scan) for scan in read_npz(source)]
+    if suffix == ".e57":
+        return [partial(read_e57, source, k) for k in range(count_e57(source))]
+    if suffix == ".ptx":
+        return [partial(read_ptx, source, k) for k in range(count_ptx(source))]
+    if suffix == ".pcd":
+        return [partial(read_pcd, source, intrinsics)]
+    if suffix in _LAS_SUFFIXES:
+        return [partial(read_las_scan, source)]
+    if suffix in _TEXT_SUFFIXES:
+        return [partial(read_scan_text, source)]
+    return [partial(read_scan_ply, source)]
+
+
+def _itself(scan: RangeImage) -> RangeImage:
+    return scan
+
+
+def _refusal(suffix: str) -> str:
+    """Why a suffix is no scan, and the cure."""
+    if suffix in MESH_SUFFIXES:
+        return f"{suffix} is a mesh, not a scan; simulate one with `unseen scan SCENE -o FILE.npz`"
+    if suffix == ".pts":
+        return NO_RAYS
+    known = ", ".join(SCAN_SUFFIXES)
+    return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
+
+
+def split_index(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+    """Split `PATH#k` into the path and k, None without; a file whose own name ends in #k is left whole.
+
+    Examples
+    --------
+    >>> split_index("house.e57#2")
+    (PosixPath('house.e57'), 2)
+    """
+    text = os.fspath(path)
+    before, mark, number = text.rpartition("#")
+    if not mark or Path(text).exists():
+        return Path(text), None
+    if not (number.isascii() and number.isdigit()):
+        raise InputError(f"{text}: after # comes the number of a scan, from 1; got {number!r}")
+    return Path(before), int(number)
+
+
+def read_scans(
+    path: str | os.PathLike[str],
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+    units: Units = "m",
+) -> list[RangeImage]:
+    """Return all scans of a file or folder, or the one that `PATH#k` names.
+
+    Parameters
+    ----------
+    path : str or path
+        `.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv` or an RGB-D folder; `#k` counts from 1 in natural
+        order. Files of mere points are scans where they tell the place of the scanner: those of ours do.
+    intrinsics : (fx, fy, cx, cy), optional
+        Pixels; goes before what a file or folder says. Used by folders and .pcd.
+    depth_scale : float, optional
+        Depth values a unit, for folders.
+    poses : file or sequence of Pose, optional
+        `world_from_sensor` of each scan of `path` (all of them, or as many as are picked).
+    units : "mm", "cm", "m" or "in"
+        Unit of the lengths in the file, poses included.
+
+    Raises
+    ------
+    InputError
+        Unusable input, several frames without poses, or poses of another number.
+    """
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    base, number = split_index(path)
+    source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
+    picked = _pick(source, number)
+    given = _given_poses(poses, source, picked)
+    if given is None and not source.registered and len(picked) > 1:
+        raise InputError(
+            f"{base}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
+            "or pick one frame with PATH#k"
+        )
+    scans = []
+    for index, k in enumerate(picked):
+        scan = source.readers[k]()
+        if given is not None:
+            scan = replace(scan, world_from_sensor=given[index])
+        scans.append(in_metres(scan, units))
+    return scans
+
+
+def _pick(source: ScanSource, number: int | None) -> list[int]:
+    n_scans = len(source.readers)
+    if n_scans == 0:
+        raise InputError(f"{source.path}: holds no scan")
+    if number is None:
+        return list(range(n_scans))
+    if not 1 <= number <= n_scans:
+        raise InputError(f"{source.path}#{number}: there are {n_scans} scans, counted from 1")
+    return [number - 1]
+
+
+def _given_poses(
+    poses: str | os.PathLike[str] | Sequence[Pose] | None, source: ScanSource, picked: list[int]
+) -> list[Pose] | None:
+    """The poses of the picked scans: one each, or for all of them; of a trajectory with times the nearest."""
+    if poses is None:
+        return None
+    n_scans = len(source.readers)
+    found = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
+    if isinstance(poses, str | os.PathLike) and source.times is not None and len(found) != n_scans:
+        return poses_at(Path(poses), [source.times[k] for k in picked])
+    if len(found) == n_scans:
+        return [found[k] for k in picked]
+    if len(found) == len(picked):
+        return found
+    raise InputError(f"{len(found)} poses for {n_scans} scans; give one pose a scan")
+
+
+def read_scan(
+    path: str | os.PathLike[str],
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+    units: Units = "m",
+) -> RangeImage:
+    """Return the one scan of a file, or the one that `PATH#k` names; parameters as for `read_scans`.
+
+    Raises
+    ------
+    InputError
+        As `read_scans`, and when there are several and none was picked.
+    """
+    base, number = split_index(path)
+    if number is None:
+        n_scans = len(open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).readers)
+        if n_scans > 1:
+            raise InputError(f"{base}: holds {n_scans} scans; pick one with {base}#1 to {base}#{n_scans}")
+    return read_scans(path, intrinsics=intrinsics, depth_scale=depth_scale, poses=poses, units=units)[0]
+
+
+def in_metres(scan: RangeImage, units: Units) -> RangeImage:
+    """Return `scan` with all its lengths, which are in `units`, in metres."""
+    factor = METRES_PER_UNIT[units]
+    if factor == 1.0:
+        return scan
+    pose = scan.world_from_sensor
+    truth = scan.truth
+    return replace(
+        scan,
+        ranges=scan.ranges * factor,
+        sensor_points=None if scan.sensor_points is None else scan.sensor_points * factor,
+        world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
+        sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
+        truth=None if truth is None else replace(truth, ranges=truth.ranges * factor),
+    )
+
+
+def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
+    """Write one scan by suffix, atomically.
+
+    `.npz` (lossless, with truth), `.ply .pcd .ptx .e57 .las .laz`, and `.xyz .txt .asc .csv` as text;
+    docs/formats.md says what each keeps and to which precision.
+
+    Raises
+    ------
+    InputError
+        Another suffix, a folder that does not exist, a missing extra, or what the format cannot hold.
+    """
+    target = Path(path)
+    writers: dict[str, Callable[[RangeImage, Path], None]] = {
+        ".npz": write_npz,
+        ".ply": write_scan_ply,
+        ".pcd": write_pcd,
+        ".ptx": write_ptx,
+        ".e57": lambda one, file: write_e57([one], file),
+        **dict.fromkeys(_LAS_SUFFIXES, write_las),
+        **dict.fromkeys(_TEXT_SUFFIXES, write_scan_text),
+    }
+    writer = writers.get(target.suffix.lower())
+    if writer is None:
+        suffix = target.suffix or "a name without suffix"
+        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(writers)}")
+    with np.errstate(invalid="ignore"):
+        writer(scan, target)
+
+
+def write_scans(
+    scans: Sequence[RangeImage], path: str | os.PathLike[str], *, layout: Layout = "plain"
+) -> None:
+    """Write several scans to one `.e57` file, or pinhole scans of one camera to an RGB-D folder.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        What to write.
+    path : str or path
+        A file by its suffix; a name without suffix is a folder.
+    layout : "plain", "tum" or "redwood"
+        Of a folder; see `scenes.formats.rgbd.rgbd_writer.write_rgbd`.
+
+    Raises
+    ------
+    InputError
+        Another suffix with more than one scan, or what the format cannot hold.
+    """
+    target = Path(path)
+    if target.suffix.lower() == ".e57":
+        write_e57(scans, target)
+    elif target.suffix == "":
+        write_rgbd(scans, target, layout)
+    elif len(scans) == 1:
+        write_scan(scans[0], target)
+    else:
+        raise InputError(f"{target}: holds one scan, not {len(scans)}; write an .e57 file or a folder")

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: MIT
+"""Scene files: a mesh becomes a Scene, with textures, names and warnings."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import trimesh
+
+from scenes.checks import FloatArray, InputError
+from scenes.files.scan_files import METRES_PER_UNIT, Units
+from scenes.formats.guard import reading
+from scenes.formats.meshes.mesh_file import check_mesh_suffix, read_mesh_file
+from scenes.mesh.appearance import GeometryLook, join_looks, look_of
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.mesh_doubts import mesh_doubts
+from scenes.mesh.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
+from scenes.world.scene import Mode, Scene
+
+_NAMELESS = re.compile(
+    r"^\d+$|_[0-9a-f]{6}$"
+)  # node numbers, and what trimesh draws at random for parts of one
+SMALL_M, LARGE_M = 0.05, 1e3  # diagonals beyond which the unit is doubted
+
+
+def open_scene(
+    spec: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+) -> Scene:
+    """Return `builtin:NAME`, or the scene of a mesh file.
+
+    Parameters
+    ----------
+    spec : str or path
+        What the command line takes as SCENE.
+    up, units, mode
+        Of mesh files, as for `load_scene`; built-in scenes know their own.
+
+    Raises
+    ------
+    InputError
+        As `builtin_scene` and `load_scene`.
+    """
+    text = os.fspath(spec)
+    if not text.startswith("builtin:"):
+        return load_scene(text, up=up, units=units, mode=mode)
+    from scenes.world.builtin import builtin_scene  # scikit-image is slow to import and not needed for files
+
+    return builtin_scene(text.removeprefix("builtin:"))
+
+
+def load_scene(
+    path: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+) -> Scene:
+    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF.
+
+    Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
+    its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
+    Which side of a face is outside is told by the order of its corners; normals in the file do not count.
+
+    Parameters
+    ----------
+    path : str or path
+        The file. Materials and textures beside it are only read from within its folder.
+    up : "x", "y" or "z"
+        Axis of the file that is up; it becomes the world's z.
+    units : "mm", "cm", "m" or "in"
+        Unit of the file's coordinates.
+    mode : "room" or "object", optional
+        How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
+
+    Raises
+    ------
+    InputError
+        Missing, empty, damaged, no faces, vertices that are not finite, or a material, texture or buffer that
+        is named outside the file's folder.
+    """
+    if up not in get_args(Axis):
+        raise InputError(f"unknown up axis {up!r}; known: x, y, z")
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    file = check_mesh_suffix(Path(path))
+    with reading(file, "a mesh"):
+        held = read_mesh_file(file)
+        placed = held.placed
+        parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
+        mesh, names = _join(file, parts)
+        if len(mesh.faces) != held.n_faces:
+            raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
+        doubts = mesh_doubts(mesh)
+        mesh = LabelledMesh(
+            world_from_file_up(up).apply(mesh.vertices * METRES_PER_UNIT[units]),
+            mesh.faces,
+            mesh.face_surface,
+            mesh.appearance,
+        )
+        kind = decide_mode(mesh) if mode is None else mode
+        warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
+        return Scene(mesh, (None,) * len(names), names, file.stem, kind, warnings)
+
+
+class _Part:
+    """One placed geometry: name, world vertices, faces and what it looks like."""
+
+    __slots__ = ("faces", "look", "name", "vertices")
+
+    def __init__(self, name: str, vertices: FloatArray, faces: Any, look: GeometryLook) -> None:
+        self.name, self.vertices, self.faces, self.look = name, vertices, faces, look
+
+
+def _part(placed: Any, node: str) -> _Part | None:
+    """Return a node's geometry in the file's world frame, None for points and lines."""
+    transform, key = placed.graph[node]
+    geometry = placed.geometry[key]
+    if not isinstance(geometry, trimesh.Trimesh) or np.shape(geometry.faces)[1:] != (3,):
+        return None
+    matrix = np.asarray(transform, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # what is not finite is counted later
+        vertices = np.asarray(geometry.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    faces, look = np.asarray(geometry.faces), look_of(geometry)
+    if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored by its transform: keep the outside outside
+        faces, look = faces[:, ::-1], look.reversed()
+    return _Part(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)
+
+
+def _join(file: Path, parts: list[_Part]) -> tuple[LabelledMesh, tuple[str, ...]]:
+    """Return all parts as one mesh, and the surfaces' names."""
+    if not any(len(part.faces) for part in parts):
+        raise InputError(
+            f"{file}: holds no faces; a scene needs triangles (a point cloud is a scan, not a scene)"
+        )
+    vertices = np.vstack([part.vertices for part in parts])
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{file}: {bad} of {len(vertices)} vertices are not finite; repair the file first")
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = np.vstack([part.faces + start for part, start in zip(parts, starts, strict=True)])
+    labels = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part.faces) for part in parts])
+    appearance = join_looks([part.look for part in parts])
+    return LabelledMesh(vertices, faces, labels, appearance), _unique_names([part.name for part in parts])
+
+
+def _unique_names(names: list[str]) -> tuple[str, ...]:
+    """Number repeated names from their second occurrence on."""
+    seen: dict[str, int] = {}
+    unique = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        unique.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return tuple(unique)
+
+
+def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
+    """What a user should know before scanning."""
+    found = []
+    diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
+    doubt = units_doubt(diagonal)
+    suggested = suggest_up(mesh, mode)
+    if suggested not in (None, "z"):
+        axis = axis_in_file(suggested, up)
+        found.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
+    return [*found, doubt] if doubt else found
+
+
+def units_doubt(diagonal_m: float) -> str:
+    """Return a warning when a diagonal looks like another unit, "" otherwise."""
+    if diagonal_m < SMALL_M:
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is not in metres give --units"
+    if diagonal_m > LARGE_M:
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm or in give --units"
+    return ""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""E57: structured laser scans, read, checked and written."""

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: MIT
+"""Mesh files: each checked before trimesh reads it, which then opens nothing outside its folder."""
+
+from __future__ import annotations
+
+import io
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from scenes.checks import InputError
+from scenes.formats.guard import check_file
+from scenes.formats.meshes.gltf import read_gltf
+from scenes.formats.meshes.gltf_structure import Contents, check_gltf
+from scenes.formats.meshes.obj_structure import check_obj, plain_obj
+from scenes.formats.meshes.off import read_off
+from scenes.formats.meshes.ply_structure import check_ply
+from scenes.formats.meshes.stl import check_stl, stl_origin
+from scenes.formats.references import Beside, check_references
+from scenes.run.file_limits import check_limit
+
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+# What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+_SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFile:
+    """A mesh file.
+
+    Attributes
+    ----------
+    placed : trimesh.Scene
+        Its geometries and where they are placed, in the file's frame and unit.
+    n_faces : int
+        Triangles that it holds by its own structure, as placed.
+    warnings : tuple of str
+        What it names and is not there.
+    """
+
+    placed: Any
+    n_faces: int
+    warnings: tuple[str, ...]
+
+
+def check_mesh_suffix(path: Path) -> Path:
+    """Return `path` when it is a file that ends like a mesh.
+
+    Raises
+    ------
+    InputError
+        Otherwise; for files of scans with the cure.
+    """
+    file = check_file(path)
+    suffix = file.suffix.lower()
+    if suffix in MESH_SUFFIXES:
+        return file
+    if suffix in _SCAN_SUFFIXES:
+        raise InputError(
+            f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
+            "or complete them (unseen complete)"
+        )
+    known = ", ".join(one[1:] for one in MESH_SUFFIXES)
+    raise InputError(f"{file}: cannot read meshes from {suffix or 'a file without suffix'}; known: {known}")
+
+
+def read_mesh_file(file: Path) -> MeshFile:
+    """Check and read a mesh file.
+
+    Parameters
+    ----------
+    file : Path
+        Of one of `MESH_SUFFIXES`.
+
+    Raises
+    ------
+    InputError
+        Whatever its structure gets wrong, a file that it names outside its folder, or more than the limits
+        allow.
+    """
+    suffix = file.suffix.lower()
+    data, held = b"", Contents(0)
+    if suffix in (".glb", ".gltf"):
+        gltf = read_gltf(file)
+        beside = check_references(file, gltf.content)
+        held = check_gltf(gltf.content, gltf.buffers)
+    else:
+        beside = check_references(file)
+    if suffix == ".obj":
+        data = plain_obj(file.read_bytes())
+        held = Contents(check_obj(data))
+    elif suffix == ".ply":
+        data = file.read_bytes()
+        held = Contents(check_ply(data))
+    elif suffix == ".stl":
+        held = Contents(check_stl(file))
+    check_limit("texels", beside.texels + held.texels, "texels of its textures")
+    if suffix == ".off":
+        placed = _read_off(file)
+        return MeshFile(placed, sum(len(one.faces) for one in placed.geometry.values()), beside.warnings)
+    stream = io.BytesIO(data or file.read_bytes())
+    placed = trimesh.load_scene(
+        stream, file_type=suffix[1:], resolver=Beside(file), process=False, split_objects=True
+    )
+    if suffix == ".stl":
+        placed.apply_translation(stl_origin(file))
+    return MeshFile(placed, held.faces, beside.warnings)
+
+
+def _read_off(file: Path) -> Any:
+    """An OFF file, which is read here since trimesh leaves its colours out."""
+    off = read_off(file)
+    colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
+    return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})

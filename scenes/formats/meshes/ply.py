@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: MIT
+"""PLY: binary little-endian point clouds and triangle meshes with any vertex properties."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray, InputError, check_faces, check_vectors
+from scenes.formats.guard import check_file, reading
+from scenes.run.atomic import write_bytes
+
+_TYPE_OF_NAME = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "<i2"),
+    **dict.fromkeys(("ushort", "uint16"), "<u2"),
+    **dict.fromkeys(("int", "int32"), "<i4"),
+    **dict.fromkeys(("uint", "uint32"), "<u4"),
+    **dict.fromkeys(("float", "float32"), "<f4"),
+    **dict.fromkeys(("double", "float64"), "<f8"),
+}
+_NAME_OF_TYPE = {
+    "i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort",
+    "i4": "int", "u4": "uint", "f4": "float", "f8": "double",
+}  # fmt: skip
+_MAX_HEADER = 1 << 22  # bytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlyMesh:
+    """A PLY file's vertices, triangles and the rest.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        As in the file; for files of ours world coordinates in metres.
+    faces : (m, 3) int32
+        Empty for a point cloud.
+    vertex_properties : dict of (n,) arrays
+        Everything but x, y, z, by name, in the file's order.
+    comments : tuple of str
+        Texts of the `comment` and `obj_info` lines.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    vertex_properties: dict[str, NDArray[Any]] = field(default_factory=dict)
+    comments: tuple[str, ...] = ()
+
+
+def write_mesh_ply(
+    path: str | PathLike[str],
+    vertices: FloatArray,
+    faces: NDArray[Any] | None = None,
+    vertex_properties: Mapping[str, NDArray[Any]] | None = None,
+    comments: Sequence[str] = (),
+) -> None:
+    """Write a triangle mesh, or a point cloud, as binary little-endian PLY, atomically.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    vertices : (n, 3) float
+        Written as double, NaN allowed.
+    faces : (m, 3) int, optional
+        Without it, or with none, the file is a point cloud.
+    vertex_properties : dict of (n,) arrays, optional
+        Written after x, y, z in their order; the type follows the array: uint8 is uchar, int32 and int64
+        int, float32 float, float64 double. Colours are `red`, `green`, `blue` as uint8.
+    comments : sequence of str
+        One `comment` line each.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes or types, faces out of range, a comment with a line end.
+    """
+    points = check_vectors("vertices", vertices)
+    columns: dict[str, NDArray[Any]] = {axis: points[:, i] for i, axis in enumerate("xyz")}
+    for name, values in (vertex_properties or {}).items():
+        columns[name] = _as_column(name, values, len(points))
+    triangles = check_faces(np.zeros((0, 3), np.int32) if faces is None else faces, len(points))
+    dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
+    table = np.empty(len(points), dtype)
+    for name, column in columns.items():
+        table[name] = column
+    data = io.BytesIO()
+    data.write(_header_text(dtype, len(points), len(triangles), comments).encode("utf-8"))
+    data.write(table.tobytes())
+    data.write(_face_table(triangles).tobytes())
+    write_bytes(path, data.getvalue())
+
+
+def _as_column(name: str, values: NDArray[Any], n: int) -> NDArray[Any]:
+    column = np.asarray(values)
+    if column.shape != (n,):
+        raise InputError(f"expected vertex property {name} with shape ({n},), got {column.shape}")
+    if not name.isidentifier():
+        raise InputError(f"vertex property name {name!r} has characters that PLY does not allow")
+    if column.dtype == np.bool_:
+        return column.astype(np.uint8)
+    if column.dtype.kind in "iu" and column.dtype.itemsize == 8:
+        if len(column) and not -(2**31) <= int(column.min()) <= int(column.max()) < 2**31:
+            raise InputError(f"vertex property {name} exceeds 32 bits, the largest integer of PLY")
+        return column.astype(np.int32)
+    if column.dtype.str[1:] not in _NAME_OF_TYPE:
+        raise InputError(f"vertex property {name} has type {column.dtype}, which PLY does not know")
+    return column
+
+
+def _header_text(dtype: np.dtype[Any], n_points: int, n_faces: int, comments: Sequence[str]) -> str:
+    lines = ["ply", "format binary_little_endian 1.0"]
+    for comment in comments:
+        if "\n" in comment or "\r" in comment:
+            raise InputError(f"a PLY comment is one line, got {comment!r}")
+        lines.append(f"comment {comment}")
+    lines.append(f"element vertex {n_points}")
+    lines += [f"property {_NAME_OF_TYPE[dtype[name].str[1:]]} {name}" for name in dtype.names or ()]
+    if n_faces:
+        lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
+    return "\n".join([*lines, "end_header\n"])
+
+
+def _face_table(faces: NDArray[np.int32]) -> NDArray[Any]:
+    table = np.empty(len(faces), dtype=[("n", "u1"), ("corners", "<i4", (3,))])
+    table["n"], table["corners"] = 3, faces
+    return table
+
+
+def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
+    """Read a binary little-endian PLY of points or triangles with any scalar vertex properties.
+
+    This reads what `write_mesh_ply` writes, all properties included; foreign meshes, ASCII and big-endian
+    files are opened with `scenes.files.scene_loading.load_scene`.
+
+    Raises
+    ------
+    InputError
+        Not such a file, truncated, or faces that are no triangles.
+    """
+    file = check_file(Path(path))
+    with reading(file, "a binary PLY file"):
+        return _read(file)
+
+
+@dataclass(slots=True)
+class _Element:
+    name: str
+    count: int
+    properties: list[tuple[str, str]] = field(default_factory=list)
+    list_types: tuple[str, str] | None = None
+
+
+def _read(path: Path) -> PlyMesh:
+    data = path.read_bytes()
+    elements, comments, offset = _parse_header(data)
+    vertices, properties = np.zeros((0, 3)), {}
+    faces = np.zeros((0, 3), np.int32)
+    for element in elements:
+        dtype = _element_dtype(element)
+        needed = element.count * dtype.itemsize
+        if offset + needed > len(data):
+            raise InputError(
+                f"truncated: {element.count} of {element.name} take {needed} bytes, {len(data) - offset} left"
+            )
+        table = np.frombuffer(data, dtype, element.count, offset)
+        offset += needed
+        if element.name == "vertex":
+            vertices = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+            properties = {name: table[name].copy() for name, _ in element.properties if name not in "xyz"}
+        elif element.name == "face":
+            if (table["n"] != 3).any():
+                raise InputError("has faces that are no triangles")
+            faces = table["corners"].astype(np.int32)
+    return PlyMesh(vertices, check_faces(faces, len(vertices)), properties, comments)
+
+
+def _element_dtype(element: _Element) -> np.dtype[Any]:
+    fields: list[Any] = [(name, _TYPE_OF_NAME[kind]) for name, kind in element.properties]
+    if element.list_types is not None:
+        count, index = element.list_types
+        fields += [("n", _TYPE_OF_NAME[count]), ("corners", _TYPE_OF_NAME[index], (3,))]
+    return np.dtype(fields)
+
+
+def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
+    """Elements, comments and where the data begin."""
+    end = data.find(b"end_header", 0, _MAX_HEADER)
+    if not data.startswith(b"ply") or end < 0:
+        raise InputError("not a PLY file: no header from 'ply' to 'end_header'")
+    elements: list[_Element] = []
+    comments: list[str] = []
+    for line in data[:end].decode("utf-8", errors="replace").splitlines()[1:]:
+        words = line.split()
+        if line.startswith(("comment ", "obj_info ")):
+            comments.append(line.split(" ", 1)[1])
+        elif words[:1] == ["format"] and words[1] != "binary_little_endian":
+            raise InputError(f"is in {words[1]} format; binary_little_endian was expected")
+        elif words[:1] == ["element"]:
+            elements.append(_Element(words[1], int(words[2])))
+        elif words[:2] == ["property", "list"]:
+            elements[-1].list_types = (words[2], words[3])
+        elif words[:1] == ["property"]:
+            if elements[-1].list_types is not None:
+                raise InputError(f"element {elements[-1].name} has properties after its list")
+            elements[-1].properties.append((words[2], words[1]))
+    return elements, tuple(comments), data.find(b"\n", end) + 1

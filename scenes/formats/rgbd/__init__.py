@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""RGB-D folders: colour and depth images with a trajectory."""

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Clouds: a scan's returns as mere points in the world, each with its pixel, and the scan they came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.formats.header import (
+    colour_bytes,
+    colour_from_bytes,
+    described,
+    pose_from_header,
+    projection_from_dict,
+    scan_header,
+)
+from scenes.formats.scans.grid_fit import GridFit, organised_scan
+from scenes.scan.range_image import RangeImage
+
+NO_RAYS = (
+    "holds points without a pixel grid or sensor position, so no ray can be traced; say where the scanner "
+    "stood (--origin X,Y,Z), or export the scan as structured .e57, .ptx, or organised .pcd"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """The returns of a scan, row by row.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        World coordinates, metres.
+    row, column : (n,) int64
+        The pixel of each.
+    header : mapping
+        What else is known of the scan; see `scenes.formats.header`.
+    colour : (n, 3) uint8, optional
+        sRGB.
+    intensity : (n,) float32, optional
+        On the instrument's scale.
+    """
+
+    points: FloatArray
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    header: Mapping[str, Any]
+    colour: ColourArray | None = None
+    intensity: NDArray[np.float32] | None = None
+
+
+def cloud_of(scan: RangeImage) -> Cloud:
+    """Return the returns of a scan.
+
+    Raises
+    ------
+    InputError
+        There is none: a file of points cannot hold an empty grid.
+    """
+    if not scan.valid.any():
+        raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
+    row, column = np.nonzero(scan.valid)
+    colour = colour_bytes(scan)
+    return Cloud(
+        scan.points()[scan.valid],
+        row,
+        column,
+        scan_header(scan),
+        None if colour is None else colour[scan.valid],
+        None if scan.intensity is None else scan.intensity[scan.valid],
+    )
+
+
+def scan_of(cloud: Cloud) -> RangeImage:
+    """Return the scan that a cloud was made of.
+
+    Raises
+    ------
+    InputError
+        Pixels outside the image that the header describes, or two points in one.
+    """
+    header = dict(cloud.header)
+    projection, pose = projection_from_dict(header["projection"]), pose_from_header(header)
+    rows, columns = projection.shape
+    if rows * columns > 1000 * len(cloud.points) + 1_000_000:
+        raise InputError(
+            f"{len(cloud.points)} points in a grid of {rows} x {columns}: is its header damaged?"
+        )
+    pixel = cloud.row * columns + cloud.column
+    inside = (cloud.row >= 0) & (cloud.row < rows) & (cloud.column >= 0) & (cloud.column < columns)
+    if not inside.all() or len(np.unique(pixel)) < len(pixel):
+        raise InputError(
+            f"its points do not each have a pixel of their own in {rows} x {columns}: was the file edited? "
+            "say where the scanner stood (--origin X,Y,Z)"
+        )
+    n_bad = int((~np.isfinite(cloud.points).all(axis=1)).sum())
+    left_out = (f"{n_bad} of {len(cloud.points)} points are not finite and were left out",) if n_bad else ()
+    points = np.full((rows, columns, 3), np.nan)
+    points[cloud.row, cloud.column] = pose.inverse().apply(cloud.points)
+    colour = light = None
+    if cloud.colour is not None:
+        colour = np.zeros((rows, columns, 3), np.float32)
+        colour[cloud.row, cloud.column] = colour_from_bytes(cloud.colour)
+    if cloud.intensity is not None:
+        light = np.zeros((rows, columns), np.float32)
+        light[cloud.row, cloud.column] = cloud.intensity
+    scan = organised_scan(points, GridFit(projection, 0.0), pose, colour, "scan", light)
+    return replace(described(scan, header), warnings=left_out)

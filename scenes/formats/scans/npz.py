@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""NPZ scans: everything a range image holds, without loss; never a pickle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.checks import InputError
+from scenes.formats.arrays import ArrayFile, open_arrays
+from scenes.formats.documents import parse_json
+from scenes.formats.header import scan_from_header, scan_header
+from scenes.formats.trajectory import rounded_pose
+from scenes.run.atomic import atomic_path, json_text
+from scenes.scan.projection import PinholeProjection
+from scenes.scan.range_image import TRUTH_CHANNELS, RangeImage, ScanTruth
+
+_OPTIONAL = ("colour", "sensor_points", "intensity")
+
+
+def write_npz(scan: RangeImage, path: Path) -> None:
+    """Write `scan` losslessly.
+
+    Keys: `header` (JSON: format, projection, pose, sigma, noise, name), `ranges` along the ray in metres,
+    and where known `colour`, `sensor_points`, `intensity` and the truth of a simulated scan: `truth_face`,
+    `truth_surface`, `truth_ranges`, `truth_incidence` (radians), `truth_n_rays`, and for other readers, since
+    they follow from the rest, `truth_points` (world coordinates) and `truth_range_error` (metres).
+    """
+    arrays: dict[str, Any] = {"header": np.array(json_text(scan_header(scan), indent=None))}
+    arrays["ranges"] = scan.ranges
+    arrays |= {name: getattr(scan, name) for name in _OPTIONAL if getattr(scan, name) is not None}
+    if scan.truth is not None:
+        known = [name for name in TRUTH_CHANNELS if getattr(scan.truth, name) is not None]
+        arrays |= {f"truth_{name}": getattr(scan.truth, name) for name in known}
+        arrays |= {"truth_points": scan.true_points(), "truth_range_error": scan.range_error()}
+    with atomic_path(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def read_npz(path: Path) -> list[RangeImage]:
+    """Return the scans of a file of ours (one), or of a benchmark file with `range_tenth_mm` (several)."""
+    with open_arrays(path) as arrays:
+        if "header" in arrays.files and "ranges" in arrays.files:
+            return [_read_ours(arrays)]
+        if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
+            return _read_tenth_mm(arrays, path.stem)
+        keys = ", ".join(sorted(arrays.files)) or "nothing"
+    raise InputError(
+        f"holds {keys}, which is no scan; expected header and ranges, or range_tenth_mm, "
+        "world_from_sensor and intrinsics"
+    )
+
+
+def _read_ours(arrays: ArrayFile) -> RangeImage:
+    """One scan written by `write_npz`."""
+    truth = None
+    if "truth_face" in arrays.files:
+        known = [name for name in TRUTH_CHANNELS if f"truth_{name}" in arrays.files]
+        truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in known})
+    optional: dict[str, Any] = {name: arrays[name] for name in _OPTIONAL if name in arrays.files}
+    return scan_from_header(
+        parse_json(str(arrays["header"]), dict), arrays["ranges"], truth=truth, **optional
+    )
+
+
+def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
+    """Several pinhole scans: ranges along the ray in 0.1 mm, 0 = none; poses; shared intrinsics."""
+    ranges, poses = arrays["range_tenth_mm"], arrays["world_from_sensor"]
+    fx, fy, cx, cy = (float(value) for value in arrays["intrinsics"])
+    if ranges.ndim != 3 or poses.shape != (len(ranges), 4, 4):
+        raise InputError(f"range_tenth_mm has shape {ranges.shape}, world_from_sensor {poses.shape}")
+    camera = PinholeProjection(ranges.shape[2], ranges.shape[1], fx, fy, cx, cy)
+    return [
+        RangeImage(image / 1e4, camera, rounded_pose(pose), name=f"{stem}#{k}")
+        for k, (image, pose) in enumerate(zip(ranges, poses, strict=True), start=1)
+    ]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Meshes: labelled triangles, their appearance, and what is doubtful about them."""

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Mesh parts: a labelled mesh by surface and texture image, with colour at its vertices, for files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshPart:
+    """Faces of one surface that look alike: with one image, or with colours.
+
+    Attributes
+    ----------
+    name : str
+        The surface's name, numbered where it has several parts.
+    vertices : (n, 3) float
+        World coordinates, metres.
+    faces : (m, 3) int64
+        Corners.
+    surface : int
+        Id of the surface.
+    colour : (n, 3) uint8, optional
+        sRGB; where there is an image it multiplies it. None for a mesh without appearance.
+    image : (h, w, 3) uint8, optional
+        Texture.
+    uv : (n, 2) float32, optional
+        Texture coordinates, (0, 0) the lower left corner.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    surface: int
+    colour: ColourArray | None = None
+    image: ColourArray | None = None
+    uv: NDArray[np.float32] | None = None
+
+
+def parts_of(mesh: LabelledMesh, names: Sequence[str]) -> list[MeshPart]:
+    """Return the parts of a mesh, in the order of its surfaces and images.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        What is to be written.
+    names : sequence of str
+        A name for each surface id.
+
+    Raises
+    ------
+    InputError
+        A face names a surface without name.
+    """
+    if len(mesh.faces) and not 0 <= int(mesh.face_surface.min()) <= int(mesh.face_surface.max()) < len(names):
+        raise InputError(f"faces name surface {int(mesh.face_surface.max())}, there are {len(names)} names")
+    look = mesh.appearance
+    image = np.full(len(mesh.faces), -1, np.int32)
+    if look is not None and look.face_image is not None and look.corner_uv is not None:
+        image = look.face_image
+    found: list[MeshPart] = []
+    for surface, number in sorted(set(zip(mesh.face_surface.tolist(), image.tolist(), strict=True))):
+        chosen = np.flatnonzero((mesh.face_surface == surface) & (image == number))
+        earlier = sum(part.surface == surface for part in found)
+        name = names[surface] if not earlier else f"{names[surface]} {earlier + 1}"
+        found.append(_part(mesh, look, chosen, int(surface), int(number), name))
+    return found
+
+
+def _part(
+    mesh: LabelledMesh,
+    look: Appearance | None,
+    chosen: NDArray[np.int64],
+    surface: int,
+    number: int,
+    name: str,
+) -> MeshPart:
+    """The chosen faces; a vertex for each place, colour and texture coordinate."""
+    corner = mesh.faces[chosen].ravel().astype(np.int64)
+    if look is None:
+        used, faces = np.unique(corner, return_inverse=True)
+        return MeshPart(name, mesh.vertices[used], faces.reshape(-1, 3), surface)
+    colour = np.rint(look.corner_colour[chosen].reshape(-1, 3) * 255).clip(0, 255).astype(np.uint8)
+    key = [corner[:, None], colour.astype(np.int64)]
+    uv = None
+    if number >= 0 and look.corner_uv is not None:
+        uv = look.corner_uv[chosen].reshape(-1, 2)
+        key.append(uv.view(np.int32).astype(np.int64))
+    _, first, faces = np.unique(np.hstack(key), axis=0, return_index=True, return_inverse=True)
+    return MeshPart(
+        name,
+        mesh.vertices[corner[first]],
+        faces.reshape(-1, 3),
+        surface,
+        colour[first],
+        look.images[number] if number >= 0 else None,
+        None if uv is None else uv[first],
+    )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Runs: whole outputs, locks, journals, memory and limits."""

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: MIT
+"""Stage: where a run's outputs wait until all are written; then they appear together, or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from scenes.checks import InputError
+from scenes.run.atomic import flush_to_disk, writing
+
+
+class Stage:
+    """A folder inside another one, whose files `commit` puts into it in one go.
+
+    The staged folder is renamed first, which is what decides: before that a run that ends, however it ends,
+    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files are to be; it must exist.
+    name : str
+        Tells stages in one folder apart: that of an output file, "" for a whole folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder, Stage(Path(folder)) as stage:
+    ...     _ = stage.path("a.txt").write_text("whole")
+    ...     before = Path(folder, "a.txt").exists()
+    ...     stage.commit()
+    ...     before, Path(folder, "a.txt").read_text()
+    (False, 'whole')
+    """
+
+    def __init__(self, folder: Path, name: str = "") -> None:
+        self.target, self._name = folder, name
+        self.folder, self._decided = _places(folder, name)
+
+    def __enter__(self) -> Self:
+        """Settle what an earlier run left, and make the stage.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written.
+        """
+        settle(self.target, self._name)
+        with writing(self.target):
+            self.folder.mkdir()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Forget what was not committed."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def path(self, name: str) -> Path:
+        """Return where to write the file `name`, which may have folders in it; they are made."""
+        file = self.folder / name
+        with writing(self.target / name):
+            file.parent.mkdir(parents=True, exist_ok=True)
+        return file
+
+    def files(self) -> list[Path]:
+        """Return what is staged, relative to the folder, in order."""
+        return sorted(_files(self.folder))
+
+    def commit(self, last: str = "") -> None:
+        """Put all files into the folder, over what was there; `last` is the one that seals them.
+
+        Raises
+        ------
+        InputError
+            A folder stands where a file is to be, or the other way round; nothing has changed then. Or a file
+            there cannot be replaced: the next run will.
+        """
+        for file in self.files():
+            _check_free(self.target, file)
+        with writing(self.target):
+            self.folder.rename(self._decided)
+            flush_to_disk(self.target)
+        _put(self._decided, self.target, last)
+
+
+def settle(folder: Path, name: str = "") -> None:
+    """Finish the commit of a run that was killed in the middle of it, and clear what one left uncommitted.
+
+    Only who holds the folder's lock may.
+
+    Raises
+    ------
+    InputError
+        A file cannot be replaced.
+    """
+    staged, decided = _places(folder, name)
+    if decided.is_dir() and not decided.is_symlink():
+        _put(decided, folder, "")
+    if staged.is_dir() and not staged.is_symlink():
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def _places(folder: Path, name: str) -> tuple[Path, Path]:
+    """Where files wait, and what that folder is called once they are to be put in place."""
+    middle = f"-{name}" if name else ""
+    return folder / f".unseen{middle}-staged", folder / f".unseen{middle}-decided"
+
+
+def _check_free(folder: Path, file: Path) -> None:
+    """Raise InputError where a folder stands in the place of a file, or a file in that of a folder."""
+    if (folder / file).is_dir():
+        raise InputError(f"{folder / file}: is a folder, where a file is to be written")
+    for place in file.parents:
+        if (folder / place).exists() and not (folder / place).is_dir():
+            raise InputError(f"{folder / place}: is a file, where a folder is to be made")
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for place, _, names in os.walk(folder):
+        yield from (Path(place, name).relative_to(folder) for name in names)
+
+
+def _put(decided: Path, folder: Path, last: str) -> None:
+    """Move files that are whole into the folder; the manifest, or what is called `last`, seals them."""
+    files = sorted(_files(decided), key=lambda file: (file.name == "manifest.json", str(file) == last, file))
+    with writing(folder):
+        for file in files:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (decided / file).replace(folder / file)
+        for place in sorted({(folder / file).parent for file in files}):
+            flush_to_disk(place)
+    shutil.rmtree(decided, ignore_errors=True)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Scans: range images, their projections and rays."""

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: MIT
+"""Range image: an organised scan, with the geometry of its pixels and the pose it was taken from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import BoolArray, FloatArray, InputError, check_options, frozen_copy
+from scenes.pose import Pose
+from scenes.scan.projection import Projection
+
+TRUTH_CHANNELS = {
+    "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
+}  # fmt: skip
+_ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
+_OFF_RANGE = 1e-6  # relative: how far a range may be from its measured point's distance; files round both
+_MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanTruth:
+    """What a simulated scan really met, pixel by pixel.
+
+    Attributes
+    ----------
+    face, surface : (rows, columns) int32
+        Face index and surface id in the scene, -1 where the ray met nothing.
+    ranges : (rows, columns) float
+        Distance without noise, metres, inf where the ray met nothing.
+    incidence : (rows, columns) float
+        Angle between ray and surface normal, radians; NaN where the ray met nothing.
+    n_rays : (rows, columns) uint8, optional
+        How many rays of the beam make the echo that was reported: 1 for a beam without width, 0 where there
+        is none; not known for scans of older files.
+
+    All but `n_rays` belong to the ray in the middle of the pixel.
+    """
+
+    face: NDArray[np.int32]
+    surface: NDArray[np.int32]
+    ranges: FloatArray
+    incidence: FloatArray
+    n_rays: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        for name, dtype in TRUTH_CHANNELS.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if np.shape(array) != np.shape(self.ranges):
+                raise InputError(
+                    f"truth of {name} has shape {np.shape(array)}, of ranges {np.shape(self.ranges)}"
+                )
+            object.__setattr__(self, name, frozen_copy(array, dtype))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeImage:
+    """One organised scan.
+
+    Parameters
+    ----------
+    ranges : (rows, columns) float
+        Distance along each pixel's ray, metres; inf where nothing came back. So do NaN, 0 and less,
+        and what lies beyond 1e9 m: numbers that files write for no return.
+    projection : Projection
+        Pinhole or spherical geometry of the pixels.
+    world_from_sensor : Pose
+        Where the sensor stood.
+    colour : (rows, columns, 3), optional
+        sRGB in 0..1. Where nothing came back it may be anything, and becomes black where it is not finite.
+    sensor_points : (rows, columns, 3) float, optional
+        Measured points in the sensor frame where they do not lie exactly on the projection's rays (real
+        terrestrial scans); NaN where nothing came back. A pixel without both has no return.
+    sigma_m : float, optional
+        Known standard deviation of the range noise in metres; None when unknown, 0 when noise-free.
+    sensor : str
+        Name of the instrument, "" when not known.
+    noise : str
+        The effects that were active in a simulated scan, with their parameters; "" when not known.
+    intensity : (rows, columns) float32, optional
+        Light that came back, on the instrument's scale; 0 where nothing did.
+    truth : ScanTruth, optional
+        What a simulated scan really met.
+    name : str
+        What to call the scan in reports.
+    warnings : tuple of str
+        What was left out or assumed while it was read.
+
+    Raises
+    ------
+    InputError
+        Arrays that do not have the projection's shape, a sigma that is negative or not finite, colours of
+        returns that are not finite or beyond 0..1, intensities that are not finite, measured points that are
+        not as far away as the ranges say.
+    """
+
+    ranges: FloatArray
+    projection: Projection
+    world_from_sensor: Pose
+    colour: NDArray[np.float32] | None = None
+    sensor_points: FloatArray | None = None
+    sigma_m: float | None = None
+    sensor: str = ""
+    noise: str = ""
+    intensity: NDArray[np.float32] | None = None
+    truth: ScanTruth | None = None
+    name: str = "scan"
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        ranges = np.asarray(self.ranges, dtype=np.float64)
+        check_options(self, sigma_m=(0.0, np.inf))
+        if ranges.shape != self.projection.shape:
+            raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
+        with np.errstate(invalid="ignore"):
+            ranges = np.where((ranges > 0) & (ranges <= _MOST_M), ranges, np.inf)
+        if self.truth is not None and self.truth.ranges.shape != ranges.shape:
+            raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
+        threefold, single = (*ranges.shape, 3), ranges.shape
+        for name, dtype, shape in (
+            ("colour", np.float32, threefold),
+            ("sensor_points", np.float64, threefold),
+            ("intensity", np.float32, single),
+        ):
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if np.shape(array) != shape:
+                raise InputError(f"{name} has shape {np.shape(array)}, expected {shape}")
+            with np.errstate(over="ignore"):
+                object.__setattr__(self, name, frozen_copy(array, dtype))
+        if self.intensity is not None and not np.isfinite(self.intensity[np.isfinite(ranges)]).all():
+            raise InputError("intensities of returns are not finite; leave them out")
+        if self.sensor_points is not None:
+            ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
+            _check_same(ranges, self.sensor_points)
+            points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
+            object.__setattr__(self, "sensor_points", frozen_copy(points))
+        if self.colour is not None:
+            object.__setattr__(self, "colour", _checked_colour(self.colour, np.isfinite(ranges)))
+        ranges.setflags(write=False)
+        object.__setattr__(self, "ranges", ranges)
+
+    @classmethod
+    def from_points(
+        cls,
+        points: FloatArray,
+        projection: Projection,
+        world_from_sensor: Pose,
+        colour: NDArray[np.float32] | None = None,
+        name: str = "scan",
+    ) -> RangeImage:
+        """Return the scan of sensor-frame points (rows, columns, 3); not finite = nothing came back."""
+        points = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
+        ranges = np.linalg.norm(points, axis=-1)
+        return cls(ranges, projection, world_from_sensor, colour=colour, sensor_points=points, name=name)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.projection.shape
+
+    @property
+    def valid(self) -> BoolArray:
+        """Where something came back, shape (rows, columns)."""
+        return np.isfinite(self.ranges)
+
+    @property
+    def origin(self) -> FloatArray:
+        """Where the sensor stood, world coordinates, shape (3,)."""
+        return self.world_from_sensor.translation
+
+    def points_in_sensor(self) -> FloatArray:
+        """Measured points (rows, columns, 3) in the sensor frame, NaN where nothing came back."""
+        if self.sensor_points is not None:
+            return self.sensor_points
+        return self.projection.ray_grid().points(np.eye(3), np.zeros(3), self.ranges)
+
+    def points(self) -> FloatArray:
+        """Measured points (rows, columns, 3) in world coordinates, NaN where nothing came back."""
+        pose = self.world_from_sensor
+        if self.sensor_points is not None:
+            return pose.apply(self.sensor_points)
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self.ranges)
+
+    def true_points(self) -> FloatArray:
+        """What the pixels' middle rays really met (rows, columns, 3), world coordinates, NaN for nothing.
+
+        Raises
+        ------
+        InputError
+            A scan without truth.
+        """
+        pose = self.world_from_sensor
+        return self.projection.ray_grid().points(pose.rotation, pose.translation, self._truth().ranges)
+
+    def range_error(self) -> FloatArray:
+        """Measured minus true range (rows, columns), metres, NaN where either is missing.
+
+        Raises
+        ------
+        InputError
+            A scan without truth.
+        """
+        known = self.valid & np.isfinite(self._truth().ranges)
+        error = np.full(self.shape, np.nan)
+        error[known] = self.ranges[known] - self._truth().ranges[known]
+        return error
+
+    def _truth(self) -> ScanTruth:
+        if self.truth is None:
+            raise InputError(f"{self.name}: has no truth; only simulated scans have")
+        return self.truth
+
+    def rays(self) -> FloatArray:
+        """Unit viewing rays (rows, columns, 3), world frame, through the measured points where known."""
+        rays = self.projection.directions()
+        if self.sensor_points is not None:
+            measured = self.sensor_points / np.where(self.valid, self.ranges, 1.0)[..., None]
+            rays = np.where(self.valid[..., None], measured, rays)
+        return self.world_from_sensor.rotate(rays)
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Row and column (n, 2) that see world `points` (n, 3); NaN outside the field of view."""
+        return self.projection.pixels(self.world_from_sensor.inverse().apply(points))
+
+    def transformed(self, pose: Pose) -> RangeImage:
+        """Return the same scan in a world moved by `pose`."""
+        return replace(self, world_from_sensor=pose @ self.world_from_sensor)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: figures and a small picture."""
+        from scenes.card.scan_card import card_of_scan  # only notebooks need it
+
+        return card_of_scan(self).to_html()
+
+
+def _check_same(ranges: FloatArray, points: FloatArray) -> None:
+    """Raise InputError where measured points (rows, columns, 3) are not as far away as their ranges say."""
+    valid = np.isfinite(ranges)
+    with np.errstate(over="ignore"):
+        away = np.linalg.norm(points[valid], axis=-1)
+    wrong = ~(np.abs(away - ranges[valid]) <= _OFF_RANGE * ranges[valid])
+    if wrong.any():
+        raise InputError(
+            f"{np.count_nonzero(wrong)} of {len(away)} measured points are not as far away as their ranges "
+            f"say (first {away[wrong][0]:.6g} m, its range {ranges[valid][wrong][0]:.6g} m); give both alike"
+        )
+
+
+def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:
+    """Return colours that are finite and, where something came back, in 0..1."""
+    finite = np.asarray(np.isfinite(colour).all(axis=-1), dtype=np.bool_)
+    n_bad = np.count_nonzero(valid & ~finite)
+    if n_bad:
+        raise InputError(
+            f"colour of {n_bad} of {np.count_nonzero(valid)} returns is not finite; leave it out"
+        )
+    known = colour[valid]
+    if known.size and (known.min() < -_ROUNDING or known.max() > 1 + _ROUNDING):
+        found = f"{known.min():.4g}..{known.max():.4g}"
+        raise InputError(f"colour is to be in 0..1, got {found}; divide it by its largest value")
+    limited = np.clip(np.where(finite[..., None], colour, 0), 0, 1)
+    return np.asarray(frozen_copy(limited, np.float32), dtype=np.float32)

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""Scene: a labelled mesh with its true surfaces, the world that the simulated scanner looks at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from scenes.checks import InputError
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
+from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.opening import Opening
+
+Mode = Literal["room", "object"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What there is to scan.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        Geometry in world coordinates, metres, z up; `face_surface` indexes `surfaces`.
+    surfaces : tuple of Surface or None
+        The true surface of each id, None where it is only known as a mesh.
+    surface_names : tuple of str
+        A name for each surface id.
+    name : str
+        What to call the scene in reports.
+    mode : "room" or "object"
+        Whether it is scanned from within or from around.
+    warnings : tuple of str
+        What a reader noticed and mended.
+    openings : tuple of Opening
+        Windows and door openings, where they are known.
+
+    Raises
+    ------
+    InputError
+        As many names as surfaces are needed, and no face and no opening may name another surface.
+    """
+
+    mesh: LabelledMesh
+    surfaces: tuple[Surface | None, ...]
+    surface_names: tuple[str, ...]
+    name: str
+    mode: Mode = "room"
+    warnings: tuple[str, ...] = ()
+    openings: tuple[Opening, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.surfaces) != len(self.surface_names):
+            raise InputError(f"{len(self.surfaces)} surfaces but {len(self.surface_names)} names")
+        labels = self.mesh.face_surface
+        unknown = labels[(labels < 0) | (labels >= len(self.surfaces))]
+        if len(unknown):
+            raise InputError(
+                f"faces name surface {int(unknown[0])}, but there are {len(self.surfaces)} surfaces"
+            )
+        for opening in self.openings:
+            if not 0 <= opening.surface < len(self.surfaces):
+                raise InputError(
+                    f"an opening names surface {opening.surface}, but there are {len(self.surfaces)} surfaces"
+                )
+
+    def ray_caster(self, n_threads: int | None = None) -> RayCaster:
+        """Return the mesh prepared for ray casting."""
+        return RayCaster(self.mesh.vertices, self.mesh.faces, n_threads)
+
+    def transformed(self, pose: Pose) -> Scene:
+        """Return the scene moved by `pose`."""
+        surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
+        openings = tuple(opening.transformed(pose) for opening in self.openings)
+        return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces, openings=openings)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: size, surfaces and warnings."""
+        from scenes.card.scene_card import card_of_scene  # only notebooks need it
+
+        return card_of_scene(self).to_html()

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: MIT
+"""Sides at which a surface was seen to end: most of a straight side, beside open space or no echo."""
+
+import numpy as np
+import pytest
+
+from completion.boundary.boundary_pixels import Rim, RimPoints
+from completion.boundary.sides import ended_sides
+from scenes.surfaces.catalogue import Plane
+from tests.completion.extension.test_enclosure import WALL, completed, patch_on, scan_of, within
+
+STEP = 0.01
+LOW, HIGH = np.array([0.0, 0.0]), np.array([2.0, 1.0])
+
+
+def left_side(kinds) -> RimPoints:
+    """Rim points at u = 0 of the rectangle, evenly along v."""
+    v = (np.arange(len(kinds)) + 0.5) / len(kinds)
+    uv = np.column_stack([np.full(len(v), -STEP / 2), v])
+    return RimPoints(uv, np.tile([-STEP, 0.0], (len(v), 1)), np.array(kinds, np.int8))
+
+
+@pytest.mark.parametrize("kind", [Rim.OWN_EDGE, Rim.NO_RETURN])
+def test_a_side_beside_open_space_or_no_echo_ends_half_a_pixel_on(kind):
+    sides = ended_sides(left_side([kind] * 100), LOW, HIGH)
+    assert sides[0, 0] == pytest.approx(-STEP / 2)
+    assert np.isnan(sides).sum() == 3
+
+
+@pytest.mark.parametrize("kind", [Rim.OCCLUDED, Rim.FRAME, Rim.CONTIGUOUS, Rim.LIMB])
+def test_a_side_that_is_hidden_or_cut_by_the_frame_or_another_surface_does_not(kind):
+    assert np.isnan(ended_sides(left_side([kind] * 100), LOW, HIGH)).all()
+
+
+@pytest.mark.parametrize(("n_seen", "is_end"), [(40, False), (60, True)])
+def test_most_of_the_side_must_be_seen_to_end(n_seen, is_end):
+    kinds = [Rim.OWN_EDGE] * n_seen + [Rim.OCCLUDED] * (100 - n_seen)
+    assert np.isfinite(ended_sides(left_side(kinds), LOW, HIGH)[0, 0]) == is_end
+
+
+def test_an_edge_inside_the_rectangle_ends_no_side():
+    rim = left_side([Rim.OWN_EDGE] * 100)
+    inner = RimPoints(rim.uv + [0.5, 0.0], rim.step, rim.kind)
+    assert np.isnan(ended_sides(inner, LOW, HIGH)).all()
+
+
+def test_a_wall_before_nothing_ends_behind_a_pipe_where_it_ends_beside_it():
+    """A wall from x = -0.7 to 3, nothing beside it, and a beam before it that reaches past its edge."""
+    wall = within(WALL, np.array([-0.7, -1.0]), np.array([3.0, 2.6]))
+    board = Plane((0, 2.6, 0), (0, -1, 0))
+    before = within(board, np.array([-2.0, 1.2]), np.array([0.6, 1.5]))
+    found = completed(scan_of(wall, before))
+    patch = patch_on(found, WALL)
+    at = found.world_from_reference.apply(patch.grid.centres()[patch.hypothesised.ravel()])
+    pixel = 3.0 / 110.0
+    assert patch.hypothesised_m2 > 0.2
+    assert at[:, 0].min() == pytest.approx(-0.7, abs=1.5 * pixel)

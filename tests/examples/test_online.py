@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+"""The scripts behind docs/online-planning.md, made small: their tables are whole, and order the planners."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from nbv.scanning.sensors.sensor import PinholeSensor
+from tests.helpers.data_paths import ROOT, requires_data
+
+
+def load(name: str):
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"examples/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells of each row of the tables, by the first."""
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    return {
+        cells[0]: cells[1:] for line in lines if (cells := [c.strip() for c in line.strip("|").split("|")])
+    }
+
+
+@requires_data
+def test_the_bunny_is_seen_better_by_who_knows_more(monkeypatch, capsys):
+    script = load("score_bunny")
+    small = {
+        "N_VIEWS": 4,
+        "N_STARTS": 2,
+        "N_BLIND": 5,
+        "SENSOR": PinholeSensor(fov_deg=70, width=640, height=360),
+    }
+    for name, value in small.items():
+        monkeypatch.setattr(script, name, value)
+    script.main(30, 3000)
+    table = rows(capsys.readouterr().out)
+    last = {name: float(cells[-1]) for name, cells in table.items() if name != "planner"}
+    assert list(last)[:3] == ["online", "online, w_q = 0", "farthest-point"]
+    assert last["greedy for 60 deg"] >= last["online"] > 60
+    assert last["online"] > last["random"]
+
+
+def test_the_ablation_shows_every_weight(monkeypatch, capsys):
+    script = load("score_online")
+    monkeypatch.setattr(script, "WEIGHTS", {"w_v = 0": (0.0, 1.0)})
+    script.show_ablation(1, 3)
+    table = rows(capsys.readouterr().out)
+    assert list(table) == ["weights", "both 1", "w_v = 0"]
+    assert all(len(cells) == 6 for cells in table.values())
+
+
+def test_the_whole_script_runs_to_its_end(monkeypatch, capsys):
+    script = load("score_online")
+    small = {"VOXELS_M": (0.2,), "NOISES": ("none",), "MOST_VIEWS": 2, "WEIGHTS": {"w_q = 0": (1.0, 0.0)}}
+    for name, value in small.items():
+        monkeypatch.setattr(script, name, value)
+    script.main(1, 1)
+    table = rows(capsys.readouterr().out)
+    names = ["room", "room mode, 0.1 m, noise none", "weights", "both 1", "w_q = 0"]
+    assert [name for name in table if not name.startswith("bench")] == names
+    assert table["weights"][0] == "within 60 deg, 1 view"
+
+
+def test_the_interval_of_differences_holds_their_mean():
+    script = load("score_online")
+    text = script.interval(np.array([0.01, 0.03]), np.random.default_rng(0))
+    assert text == "+2.0 (+1.0 to +3.0)"
+
+
+def test_views_to_a_share_are_counted(capsys):
+    script = load("score_online")
+    found = script.plan(0, max_views=4, voxel_m=0.2)
+    assert script.views_to(found) == pytest.approx([np.inf] * 4)
+    script.show_views("short", 1, max_views=3, voxel_m=0.2)
+    assert "inf (inf)" in capsys.readouterr().out

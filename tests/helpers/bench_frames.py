@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""Benchmark frames as range images with their truth, and how a segmentation of them is judged."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.completion.scores.hoover import HooverScore, score_regions
+from completion.merging.pipeline import MergedSurface, merge
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import EvidenceOptions
+from completion.segmentation.pipeline import segment
+from completion.segmentation.regions import SegmentationOptions
+from scenes.pose import Pose
+from scenes.scan.projection import PinholeProjection
+from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Cylinder, Plane
+from tests.helpers.data_paths import bench_path
+
+LEAST_PIXELS = 800  # of a true face that is scored
+NOISE_M = 0.002
+_NOT_SCORED = ("outside",)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A noisy scan and the true face of each pixel, -1 for none or not scored."""
+
+    scan: RangeImage
+    faces: NDArray[np.int64]
+
+    @property
+    def n_faces(self) -> int:
+        faces, count = np.unique(self.faces, return_counts=True)
+        return int((count[faces >= 0] >= LEAST_PIXELS).sum())
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Hoover's classes, and errors of the correct faces' surfaces."""
+
+    score: HooverScore
+    angle_deg: list[float]
+    radius_error_m: list[float]
+    n_wrong_kind: int
+    n_huge: int
+
+
+@cache
+def frames(name: str) -> list[Frame]:
+    """The frames of a benchmark instance."""
+    held = np.load(bench_path(f"{name}.npz"))
+    fx, fy, cx, cy = held["intrinsics"]
+    n, height, width = held["surface"].shape
+    camera = PinholeProjection(width, height, float(fx), float(fy), float(cx), float(cy))
+    hidden = [i for i, surface in enumerate(surfaces(name)) if surface["name"] in _NOT_SCORED]
+    result = []
+    for k in range(n):
+        ranges = held["range_tenth_mm"][k] * 1e-4  # 0 is no return
+        pose = Pose(held["world_from_sensor"][k])
+        faces = held["surface"][k].astype(np.int64)
+        faces[np.isin(faces, hidden)] = -1
+        result.append(Frame(RangeImage(ranges, camera, pose, sigma_m=NOISE_M), faces))
+    return result
+
+
+@cache
+def surfaces(name: str) -> list[dict]:
+    """The true surfaces by id."""
+    return json.loads(str(np.load(bench_path(f"{name}.npz"))["surfaces"]))
+
+
+def prepared(frame: Frame) -> Observation:
+    return observe(frame.scan, frame.scan.world_from_sensor.inverse())
+
+
+def segmented(observation: Observation) -> list[MergedSurface]:
+    """Segmentation, fits and merging as `complete` does them."""
+    return merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions())
+
+
+def labels_of(masks: list[NDArray[np.bool_]], shape: tuple[int, int]) -> NDArray[np.int64]:
+    found = np.full(shape, -1)
+    for number, mask in enumerate(masks):
+        found[mask] = number
+    return found
+
+
+def judged(name: str, frame: Frame, found: list[MergedSurface]) -> Judgement:
+    """Score the surfaces found in a frame, at 80 % overlap."""
+    labels = labels_of([surface.masks[0] for surface in found], frame.faces.shape)
+    score = score_regions(frame.faces, labels, min_pixels=LEAST_PIXELS)
+    angles, radii, wrong = [], [], 0
+    for face, region in score.correct:
+        true = surfaces(name)[face]
+        fitted = found[region].fit.surface.transformed(frame.scan.world_from_sensor)
+        if fitted.kind != true["kind"]:
+            wrong += 1
+        elif isinstance(fitted, Plane):
+            across = np.cross(fitted.normal_direction, true["normal"]) / np.linalg.norm(true["normal"])
+            angles.append(float(np.degrees(np.arcsin(min(np.linalg.norm(across), 1.0)))))
+        elif isinstance(fitted, Cylinder):
+            radii.append(abs(fitted.radius - true["radius"]))
+    huge = [s for s in found if isinstance(s.fit.surface, Cylinder) and s.fit.surface.radius > 1]
+    return Judgement(score, angles, radii, wrong, len(huge))

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""Baselines: order of strength, laws of their curves, and farthest points by brute force."""
+
+import numpy as np
+import pytest
+
+from nbv.plan.baselines import PLAN, Baseline, compare_with_baselines, farthest_poses, thinned
+from nbv.plan.planning import plan_views
+from nbv.report.coverage_report import plan_page
+from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.visibility.samples import sample_surface
+from nbv.visibility.viewpoints import Candidates, sphere_directions
+from scenes.checks import InputError
+from scenes.world.builtin import builtin_scene
+
+ROOM = builtin_scene("two_occluders")
+SAMPLES = sample_surface(ROOM.mesh, 0.2)
+SENSOR = PinholeSensor(fov_deg=60, width=80, height=80)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_views(ROOM, SENSOR, method="cover", views=10, target=1.0, samples=SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def baselines(plan):
+    return compare(plan, n_threads=1)
+
+
+def compare(plan, **options):
+    parts = plan.candidates, plan.sensor, plan.requirement, plan.views
+    return compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, rng=0, **options)
+
+
+def test_they_are_all_there_and_their_coverage_only_grows(plan, baselines):
+    names = [baseline.name for baseline in baselines]
+    assert names == [PLAN, "random", "farthest-point", "visibility-only greedy", "greedy"]
+    assert [len(baseline.met) for baseline in baselines] == [1, 30, 30, 1, 1]
+    for baseline in baselines:
+        assert baseline.met.shape[1] == len(plan.views)
+        assert (np.diff(baseline.met, axis=1) >= 0).all()
+    assert baselines[0].met[0, -1] == pytest.approx(plan.coverage.met, abs=0.01)
+
+
+def test_knowing_more_reaches_more(baselines):
+    _, random, _, visibility, greedy = (np.median(baseline.met[:, -1]) for baseline in baselines)
+    assert greedy > visibility
+    assert greedy > random + 0.2
+
+
+def test_the_greedy_one_is_as_good_as_the_cover_planner(plan, baselines):
+    assert baselines[-1].met[0, -1] == pytest.approx(plan.coverage.met, abs=0.02)
+
+
+def test_results_depend_on_the_seed_alone(plan, baselines):
+    again = compare(plan, n_threads=2)
+    for one, other in zip(baselines, again, strict=True):
+        assert one.met.tobytes() == other.met.tobytes()
+
+
+def test_views_to_a_share_are_counted_from_one():
+    curve = Baseline("x", False, np.array([[0.2, 0.5, 0.9], [0.1, 0.2, 0.3]]))
+    assert curve.views_to(0.5).tolist() == [2.0, np.inf]
+    assert curve.views_to(0.1).tolist() == [1.0, 1.0]
+
+
+def test_farthest_poses_are_farthest_by_brute_force():
+    candidates = Candidates(np.random.default_rng(0).normal(size=(7, 3)), sphere_directions(0))
+    extent = np.linalg.norm(np.ptp(candidates.positions, axis=0))
+    poses = np.array([[*(p / extent), *(d / 2)] for p in candidates.positions for d in candidates.directions])
+    chosen = farthest_poses(candidates, 5, 6)
+    assert chosen[0] == 5
+    for k in range(1, 6):
+        nearest = np.linalg.norm(poses[:, None] - poses[chosen[:k]], axis=2).min(axis=1)
+        assert nearest[chosen[k]] == pytest.approx(nearest.max())
+
+
+def test_thinned_samples_keep_the_area():
+    few = thinned(SAMPLES, 500)
+    assert 250 < len(few) <= 500
+    assert few.total_m2 == pytest.approx(SAMPLES.total_m2)
+    assert thinned(SAMPLES, 10**6).points.tobytes() == SAMPLES.points.tobytes()
+
+
+def test_a_blind_sensor_leaves_every_planner_with_nothing(plan):
+    blind = PinholeSensor(fov_deg=60, width=80, height=80, min_range_m=50.0, max_range_m=60.0)
+    parts = plan.candidates, blind, plan.requirement, plan.views
+    for baseline in compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, rng=0)[1:]:
+        assert not baseline.met.any()
+
+
+def test_a_plan_without_views_is_refused(plan):
+    parts = plan.candidates, plan.sensor, plan.requirement
+    with pytest.raises(InputError, match="without views"):
+        compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, ())
+
+
+def test_the_report_of_a_plan_shows_them(plan, baselines, tmp_path):
+    file = tmp_path / "report.html"
+    plan_page(ROOM, plan, plan.coverage, {}, 0, 1, baselines).write(file)
+    text = file.read_text("utf-8")
+    assert "Beside other planners" in text
+    assert all(name in text for name in ("random", "farthest-point", "visibility-only greedy"))

@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: MIT
+"""Reports in a real browser: the 3-D view draws, its controls work, nothing is loaded, nothing breaks."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.helpers.browser import Browser, needs_chromium
+from tests.helpers.view_examples import EVIL, FEW, KINDS, UTM, known_page, report_page
+
+pytestmark = needs_chromium
+SCREENSHOTS = os.environ.get("UNSEEN_SCREENSHOTS")
+LEFT, RIGHT = (1.3, 0.7, 0.0), (4.2, 1.1, 0.0)
+IS_LIVE = "[...document.querySelectorAll('figure.view')].every(f => f.view)"
+VIEW = "document.querySelector('figure.view').view"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    running = Browser(tmp_path_factory.mktemp("chromium"))
+    yield running
+    running.close()
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    known_page().write(path)
+    return path
+
+
+@pytest.fixture
+def tab(browser, file):
+    opened = browser.open(file, 640, 520)
+    opened.wait_for(IS_LIVE)
+    yield opened
+    assert opened.complaints() == []
+    opened.close()
+
+
+def place_of(tab, place):
+    """Where a place is seen, relative to the canvas."""
+    x, y, z = (UTM + place).tolist()
+    return np.array(tab.run(f"{VIEW}.where({x}, {y}, {z})"))
+
+
+def colour_at(tab, place):
+    """Mean colour of 9 x 9 pixels, some stripes of a hatching, around a place."""
+    column, row = np.rint(place_of(tab, place)).astype(int)
+    return tab.pixels("canvas")[row - 4 : row + 5, column - 4 : column + 5].reshape(-1, 3).mean(axis=0)
+
+
+def is_grey(colour):
+    return np.ptp(colour) < 12 and 110 < colour.mean() < 215
+
+
+def is_blue(colour):
+    return colour[2] - colour[0] > 60
+
+
+def is_orange(colour):
+    return colour[0] - colour[2] > 60
+
+
+def click_at(tab, place):
+    left, top = tab.box("canvas")[:2]
+    column, row = place_of(tab, place)
+    tab.click(left + column, top + row)
+
+
+def switch(tab, value):
+    tab.run(f"document.querySelector('input[type=checkbox][value=\"{value}\"]').click()")
+
+
+def values(tab):
+    return dict(tab.run(f"{VIEW}.values"))
+
+
+def test_measured_and_inferred_are_drawn_in_their_colours(tab):
+    assert is_grey(colour_at(tab, LEFT))
+    assert is_blue(colour_at(tab, RIGHT))
+
+
+def test_what_is_switched_off_is_gone_and_comes_back(tab):
+    ground = tab.pixels("canvas")[30, 30].astype(int)
+    switch(tab, "inferred")
+    assert np.abs(colour_at(tab, RIGHT) - ground).max() < 3
+    assert is_grey(colour_at(tab, LEFT))
+    switch(tab, "inferred")
+    assert is_blue(colour_at(tab, RIGHT))
+    switch(tab, "state 0")
+    assert np.abs(colour_at(tab, LEFT) - ground).max() < 3
+
+
+def test_lines_and_stations_can_be_switched_off(tab):
+    before = tab.pixels("canvas").astype(int)
+    for value in ("openings", "fields", "stations"):
+        switch(tab, value)
+        after = tab.pixels("canvas").astype(int)
+        assert np.abs(after - before).max(axis=2).astype(bool).sum() > 20, value
+        before = after
+    assert tab.run("document.querySelectorAll('.view-labels span').length") == 0
+
+
+def test_stepping_shows_what_is_measured_so_far(tab):
+    said = "document.querySelector('.view-said').textContent"
+    assert "50.0 % measured" in tab.run(said)
+    tab.run("document.querySelector('button[title^=Last]').click()")
+    assert "2" in tab.run(said)
+    tab.run("document.querySelector('button[title^=Last]').click()")
+    assert "View 1 \u00b7 0.0 % measured" in tab.run(said)
+    assert is_orange(colour_at(tab, LEFT))
+    tab.run("document.querySelector('button[title^=Next]').click()")
+    assert is_grey(colour_at(tab, LEFT))
+
+
+def test_the_best_incidence_so_far_follows_the_steps(tab):
+    click_at(tab, LEFT)
+    assert values(tab)["Best incidence"] == "40.0\u00b0"
+    tab.run(f"{VIEW}.setStep(1)")
+    assert values(tab)["Best incidence"] == "70.0\u00b0"
+    assert values(tab)["State"] == "unknown"
+    tab.run(f"{VIEW}.setStep(0)")
+    assert values(tab)["Best incidence"] == "none"
+
+
+def test_a_picked_point_is_right_to_the_millimetre_and_names_are_text(tab):
+    click_at(tab, LEFT)
+    found = values(tab)
+    place = np.array([float(part) for part in found["x, y, z"].removesuffix(" m").split(",")])
+    height = tab.run("document.querySelector('canvas').clientHeight")
+    assert place[2] == pytest.approx(UTM[2], abs=0.00051)
+    assert np.abs(place - UTM - LEFT).max() < 10 / height
+    assert found["Surface"] == EVIL
+    assert found["Standard deviation"] == "1.25 mm"
+    assert found["Seen by view"] == "1 (70\u00b0), 2 (40\u00b0)"
+    assert EVIL in tab.run("document.querySelector('.view-readout').textContent")
+    assert tab.run("document.images.length") == 1  # the picture that stands in for the view
+    click_at(tab, RIGHT)
+    assert values(tab)["Why"] == "between"
+    tab.press("Escape")
+    assert tab.run("document.querySelector('.view-readout').hidden")
+
+
+def test_keys_turn_colour_and_come_home(tab):
+    tab.run("document.querySelector('canvas').focus()")
+    home = tab.pixels("canvas")
+    tab.press("ArrowLeft")
+    tab.press("+")
+    assert (tab.pixels("canvas") != home).any()
+    tab.press("Home")
+    assert (tab.pixels("canvas") == home).all()
+    tab.press("2")
+    assert tab.run("document.querySelector('.view-choices input:checked').value") == "quality"
+    assert not is_grey(colour_at(tab, LEFT))
+    assert "required: 60" in tab.run("document.querySelector('.view-bar i').title")
+    tab.press("1")
+    tab.press("Enter")
+    tab.press("l")
+    assert "View 1" in tab.run("document.querySelector('.view-said').textContent")
+    assert (tab.pixels("canvas") != home).any()
+
+
+def test_dragging_turns_and_the_wheel_zooms_only_what_was_clicked(tab):
+    left, top, width, height = tab.box("canvas")
+    x, y = left + width / 2, top + height / 2
+    home = tab.run(f"{VIEW}.camera.state()")
+    tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-40)
+    assert tab.run(f"{VIEW}.camera.state()") == home
+    tab.call(
+        "Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, button="left", buttons=1, clickCount=1
+    )
+    tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 80, y=y + 20, button="left", buttons=1)
+    tab.call(
+        "Input.dispatchMouseEvent", type="mouseReleased", x=x + 80, y=y + 20, button="left", clickCount=1
+    )
+    turned = tab.run(f"{VIEW}.camera.state()")
+    assert turned[3] < home[3]
+    assert turned[5] == home[5]
+    tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-40)
+    tab.wait_for(f"{VIEW}.camera.state()[5] < {home[5]}")
+
+
+def test_two_fingers_zoom(tab):
+    left, top, width, height = tab.box("canvas")
+    x, y = left + width / 2, top + height / 2
+    home = tab.run(f"{VIEW}.camera.state()")
+    for kind, apart in (("touchStart", 30), ("touchMove", 60), ("touchMove", 90)):
+        fingers = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        tab.call("Input.dispatchTouchEvent", type=kind, touchPoints=fingers)
+    tab.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert tab.run(f"{VIEW}.camera.state()")[5] < home[5] - 0.3
+
+
+def test_a_cut_takes_off_what_is_higher(tab):
+    tab.run(f"{VIEW}.cut = -1; {VIEW}.redraw()")
+    ground = tab.pixels("canvas")[30, 30].astype(int)
+    assert np.abs(colour_at(tab, LEFT) - ground).max() < 3
+
+
+def test_faces_are_seen_from_their_front_until_it_is_asked_otherwise(tab):
+    tab.run(f"{VIEW}.camera.pitch = -0.6; {VIEW}.redraw()")
+    assert not is_grey(colour_at(tab, LEFT)) or np.abs(colour_at(tab, LEFT) - 247).max() < 12
+    switch(tab, "backs")
+    assert is_grey(colour_at(tab, LEFT))
+
+
+def test_nothing_is_drawn_while_nothing_changes(tab):
+    draws = f"{VIEW}.stage.draws"
+    tab.pixels("canvas")
+    before = tab.run(draws)
+    tab.run("new Promise(done => setTimeout(done, 300))")
+    assert tab.run(draws) == before
+
+
+def test_tables_are_sorted_by_press_and_key(tab):
+    column = "[...document.querySelectorAll('tbody tr')].map(row => row.cells[{}].textContent)"
+    tab.run("document.querySelectorAll('th button')[1].click()")
+    assert tab.run(column.format(1)) == ["<0.1", "9.5", "10", ">99.9", ""]
+    assert tab.run("document.querySelectorAll('th')[1].getAttribute('aria-sort')") == "ascending"
+    tab.run("document.querySelectorAll('th button')[1].focus()")
+    tab.press("Enter", windowsVirtualKeyCode=13, text="\r")
+    assert tab.run(column.format(1)) == [">99.9", "10", "9.5", "<0.1", ""]
+    tab.run("document.querySelectorAll('th button')[0].click()")
+    assert tab.run(column.format(0))[1:] == ["a", "b", "c", "d"]
+    assert tab.run(column.format(0))[0] == EVIL
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_pages_fit_the_window_in_light_and_dark(browser, file, width, scheme):
+    tab = browser.open(file, width, 800, prefers_color_scheme=scheme)
+    tab.wait_for(IS_LIVE)
+    assert tab.run("document.documentElement.scrollWidth") <= width
+    ground = tab.pixels("canvas")[5, 5].astype(int)
+    assert (ground < 60).all() if scheme == "dark" else (ground > 235).all()
+    assert is_blue(colour_at(tab, RIGHT))
+    assert tab.complaints() == []
+    tab.close()
+
+
+def test_in_print_the_pictures_stand_in(tab):
+    shown = "getComputedStyle(document.querySelector('{}')).display"
+    assert tab.run(shown.format(".view-still")) == "none"
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    assert tab.run(shown.format(".view-live")) == "none"
+    assert tab.run(shown.format(".view-still")) == "block"
+    tab.call("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("missing", ["WebGL2RenderingContext", "DecompressionStream", "scripts", "drawing"])
+def test_without_what_it_needs_the_pictures_stay(browser, file, missing):
+    if missing == "scripts":
+        tab = browser.open(file, scripts=False)
+    elif missing == "drawing":
+        tab = browser.open(file, before="HTMLCanvasElement.prototype.getContext = () => null")
+        tab.wait_for("document.querySelector('figure.view.has-failed')")
+        assert "cannot be drawn" in " ".join(tab.complaints())
+    else:
+        tab = browser.open(file, before=f"delete window.{missing}")
+    assert tab.run("getComputedStyle(document.querySelector('.view-still')).display") == "block"
+    assert not tab.run("!!document.querySelector('canvas')")
+    assert "stand in for the 3-D view" in tab.run("document.querySelector('.view-still p').textContent")
+    tab.close()
+
+
+def test_the_page_may_load_nothing(browser, file):
+    tab = browser.open(file)
+    blocked = tab.run(
+        "new Promise(done => {"
+        " addEventListener('securitypolicyviolation', event => done(event.effectiveDirective));"
+        " new Image().src = 'http://127.0.0.1:9/x.png'; })"
+    )
+    assert blocked == "img-src"
+    tab.close()
+
+
+@pytest.mark.parametrize("kind", KINDS if SCREENSHOTS else FEW)
+def test_each_kind_of_report_comes_to_life(browser, tmp_path, kind):
+    """With UNSEEN_SCREENSHOTS=FOLDER pictures of all kinds, light and dark, wide and narrow, go there."""
+    file = tmp_path / "report.html"
+    report_page(kind).write(file)
+    for width, scheme in ((1280, "light"), (390, "dark")):
+        tab = browser.open(file, width, 900, prefers_color_scheme=scheme)
+        n_views = tab.run("document.querySelectorAll('figure.view').length")
+        for k in range(n_views):
+            tab.run(f"document.querySelectorAll('figure.view')[{k}].scrollIntoView()")
+            tab.wait_for(f"document.querySelectorAll('figure.view')[{k}].view")
+        assert (n_views > 0) == (kind != "study")
+        assert np.ptp(tab.pixels("canvas" if n_views else "img").astype(int), axis=2).max() > 60
+        assert tab.run("document.documentElement.scrollWidth") <= width
+        assert tab.complaints() == []
+        if SCREENSHOTS:
+            save(tab, Path(SCREENSHOTS), f"{kind}-{width}-{scheme}")
+        tab.close()
+
+
+def save(tab, folder, name):
+    folder.mkdir(parents=True, exist_ok=True)
+    if tab.run("document.querySelector('figure.view') !== null"):
+        Image.fromarray(tab.pixels("figure.view")).save(folder / f"{name}-view.png")
+    tab.run("scrollTo(0, 0)")
+    tab.whole(folder / f"{name}.png")

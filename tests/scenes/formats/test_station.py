@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""Points without grid or pose, as a scan from the place where the scanner stood."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from completion import CompletionOptions, complete
+from nbv.cli import app
+from nbv.report.page.page import Page
+from scenes.checks import InputError
+from scenes.formats.scans.station import scan_from_station
+from scenes.pose import Pose
+from scenes.scan.projection import SphericalProjection
+from scenes.scan.range_image import RangeImage
+from tests.helpers.completion_examples import distance_to_truth, example, scene
+
+PLAIN = CompletionOptions(texture=False)
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    scan = example("two_occluders", "gaussian-2mm", pixels=120)
+    points = scan.points()[scan.valid]
+    return np.random.default_rng(0).permutation(points), scan.origin
+
+
+def rows_of(points):
+    return {tuple(row) for row in np.round(points, 6)}
+
+
+def test_points_of_a_panorama_are_its_scan_again():
+    """A closed form: a spherical scanner inside a box, whose grid is found to within the pixels' widening."""
+    grid = SphericalProjection.regular(240, 80, 360.0, (-40.0, 39.0))
+    pose = Pose.from_parts(Pose.looking_at((1, 2, 1.5), (2, 2, 1.5)).rotation, np.array([1.0, 2, 1.5]))
+    reach = 3.0 / np.abs(pose.rotate(grid.directions())).max(axis=-1)
+    scan = RangeImage(reach, grid, pose, sigma_m=0.0)
+    points = scan.points().reshape(-1, 3)
+    found = scan_from_station(points, scan.origin)
+    assert 0.5 * 240 <= found.shape[1] <= 240
+    assert 0.5 * 80 <= found.shape[0] <= 80
+    assert found.valid.mean() > 0.95
+    np.testing.assert_allclose(found.origin, scan.origin, atol=1e-12)
+    assert rows_of(found.points()[found.valid]) <= rows_of(points)  # measured points are kept as they are
+    pixels = found.pixels(found.points()[found.valid])
+    off = np.abs(pixels - np.argwhere(found.valid))
+    off[:, 1] = np.minimum(off[:, 1], found.shape[1] - off[:, 1])
+    assert off.max() <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_shuffled_and_thinned_points_complete_like_the_scan(cloud, share):
+    points, origin = cloud
+    found = complete(scan_from_station(points[: int(share * len(points))], origin), PLAIN)
+    whole = complete(example("two_occluders", "gaussian-2mm", pixels=120), PLAIN)
+    assert found.free_space_violation_m2 == 0
+    assert found.hypothesised_m2 == pytest.approx(whole.hypothesised_m2, rel=0.1)
+    world = found.world_from_reference.apply(found.hypothesised.vertices)
+    assert np.mean(distance_to_truth(scene("two_occluders"), world) < 0.01) > 0.98
+
+
+def test_the_order_of_the_points_does_not_matter(cloud):
+    points, origin = cloud
+    one, other = scan_from_station(points, origin), scan_from_station(points[::-1], origin)
+    assert one.shape == other.shape
+    np.testing.assert_array_equal(one.points(), other.points())
+
+
+def test_places_and_points_that_cannot_be_meant_are_refused(cloud):
+    points, origin = cloud
+    with pytest.raises(InputError, match="99 points are too few"):
+        scan_from_station(points[:99], origin)
+    with pytest.raises(InputError, match=r"origin is .* give finite"):
+        scan_from_station(points, (0, np.nan, 0))
+    layers = np.concatenate([origin + k * (points - origin) for k in (1.0, 1.5)])
+    with pytest.raises(InputError, match=r"100 % of .* from \(0.4, 0.4, 1.7\) meet points"):
+        scan_from_station(layers, origin)
+
+
+def test_complete_takes_mere_points_with_their_origin(cloud, tmp_path, monkeypatch):
+    page = Page("", "", "", (), None, (), {}, 0)
+    monkeypatch.setattr("nbv.commands.complete.completion_page", lambda *_: page)
+    points, origin = cloud
+    file = tmp_path / "room.xyz"
+    np.savetxt(file, points)
+    place = ",".join(str(float(number)) for number in origin)
+
+    def run(*arguments):
+        return CliRunner().invoke(
+            app, ["complete", str(file), *arguments, "--no-texture", "-o", str(tmp_path)]
+        )
+
+    refused = run()
+    assert refused.exit_code == 1
+    assert "--origin X,Y,Z" in refused.stderr
+    result = run("--origin", place, "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["hypothesised_m2"] > 5
+    assert json.loads((tmp_path / "manifest.json").read_text())["options"]["origins"] == [list(origin)]
+    twice = run("--origin", place, "--origin", place)
+    assert "2 places for 1 scans; give --origin X,Y,Z once a scan" in twice.stderr
+    poses = tmp_path / "poses.txt"
+    poses.write_text("0 0 0 0 0 0 1\n")
+    assert "leave out --origin" in run("--origin", place, "--poses", str(poses)).stderr
+    file.write_text("0 0 1\n" * 50)
+    assert "room.xyz: 50 points are too few" in run("--origin", place).stderr
+    assert run("--origin", "1,2").exit_code == 2

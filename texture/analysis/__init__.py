@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Analysis of textures: window, lattice, quality, self-check."""

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""The result: an image, and for each pixel where it came from and how well its source agreed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texture.analysis.self_check import WindowCheck
+from texture.engine.passes import Tally
+from texture.sampling.canvas import Canvas
+from texture.sampling.levels import HIGHEST_LEVEL, Pixels
+from texture.sampling.sample import Sample
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Synthesis:
+    """A filled or grown image, and where each of its pixels came from.
+
+    Parameters
+    ----------
+    image : array, shape (h, w) or (h, w, c)
+        Of the input's dtype; each filled pixel is a copy of its source.
+    source_rows, source_cols : array, shape (h, w), int32
+        Which pixel of the sample image each pixel is a copy of. In `fill` the sample image is the input, and
+        known pixels point at themselves; -1 where a pixel is neither known nor filled.
+    error : array, shape (h, w), float32
+        How much the chosen candidate's surroundings differ from the pixel's: Gaussian-weighted mean of
+        squared differences, pixels in 0..1, mean over channels. 0 where nothing was filled; 1 at seeds, for
+        which nothing vouches.
+    confidence : array, shape (h, w), float32
+        1 - error / (2 variance of the sample), not below 0: 1 where the surroundings agree as if copied, 0
+        where they agree no better than unrelated ones do, and at seeds. 1 at known pixels, 0 at unknown ones.
+    n_relaxed : int
+        How often the largest accepted error (0.3) was multiplied by 1.1, because a pass filled nothing.
+    n_seeds : int
+        How many seeds were planted: 1 in `grow`; in `fill` one for each hole that touches no known pixel.
+    window : int
+        Side of the comparison window, pixels.
+    window_distances : dict of int to float
+        What the self-check measured for each window when none was given (`texture.analysis.self_check`).
+    is_complete : bool
+        Whether all was filled; a time budget may end a synthesis before. What is unfilled then has no source.
+    """
+
+    image: Pixels
+    source_rows: NDArray[np.int32]
+    source_cols: NDArray[np.int32]
+    error: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    n_relaxed: int
+    n_seeds: int
+    window: int
+    window_distances: dict[int, float]
+    is_complete: bool
+
+    def __post_init__(self) -> None:
+        for name in ("image", "source_rows", "source_cols", "error", "confidence"):
+            array = np.array(getattr(self, name))
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the image, and where its pixels came from."""
+        from texture.provenance_picture import show_fill  # only notebooks need it
+
+        return show_fill(self.image, self)
+
+
+def collect(
+    canvas: Canvas, sample: Sample, pixels: Pixels, background: Pixels, tally: Tally, check: WindowCheck
+) -> Synthesis:
+    """Copy each pixel of a finished canvas from its source, in the sample's own type.
+
+    Parameters
+    ----------
+    canvas : Canvas
+        Filled.
+    sample : Sample
+        What it was filled from.
+    pixels : array, shape (h, w) or (h, w, c)
+        The image that the canvas's sources index.
+    background : array, in the canvas's shape and the pixels' dtype
+        Shows where a pixel has no source.
+    tally : Tally
+        What the passes counted.
+    check : WindowCheck
+        How the window was chosen.
+    """
+    height, width = canvas.unfilled.shape
+    sources = canvas.sources[:height, :width]
+    has_source = sources >= 0
+    image = background.copy()
+    image[has_source] = pixels.reshape(-1, *pixels.shape[2:])[sources[has_source]]
+    rows, columns = np.divmod(sources, pixels.shape[1])
+    return Synthesis(
+        image=image,
+        source_rows=np.where(has_source, rows, -1).astype(np.int32),
+        source_cols=np.where(has_source, columns, -1).astype(np.int32),
+        error=canvas.errors,
+        confidence=np.where(has_source, _rate(canvas.errors, sample), 0),
+        n_relaxed=tally.n_relaxed,
+        n_seeds=tally.n_seeds,
+        window=check.window,
+        window_distances=check.distances,
+        is_complete=tally.is_complete,
+    )
+
+
+def _rate(errors: NDArray[np.float32], sample: Sample) -> NDArray[np.float32]:
+    """Return the confidence that errors leave: two unrelated pixels differ by twice the variance."""
+    unrelated = 2 * _variance(sample)
+    left = 1 - errors / unrelated if unrelated > 0 else np.where(errors > 0, 0.0, 1.0)
+    return np.clip(left, 0, 1).astype(np.float32)
+
+
+def _variance(sample: Sample) -> float:
+    """Mean variance of the channels of what may be copied, levels from 0 to 1; 0 where there is nothing.
+
+    Row by row, in the order in which numpy sums columns: memory for one row, and the same number.
+    """
+    n_channels, n = sample.levels.shape[2], int(np.count_nonzero(sample.usable))
+    if n_channels == 1:  # which numpy sums in another order
+        return float((sample.levels[sample.usable] / HIGHEST_LEVEL).var()) if n else 0.0
+    sums = [np.zeros((1, n_channels)) for _ in range(2)]
+    for power, total in enumerate(sums):
+        mean = sums[0] / max(n, 1) * power
+        for levels, usable in zip(sample.levels, sample.usable, strict=True):
+            parts = (levels[usable] / HIGHEST_LEVEL - mean) ** (power + 1)
+            total[:] = np.add.reduce(np.concatenate([total, parts]), axis=0)
+    return float((sums[1] / max(n, 1)).mean())

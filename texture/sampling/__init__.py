@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Sampling: canvas, sample, template, and the matching rule."""
