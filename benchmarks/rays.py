@@ -78,7 +78,14 @@ def workload(name: str, mesh: tuple[np.ndarray, np.ndarray], at: list[float]) ->
     points = np.einsum("nc,nck->nk", rng.dirichlet([1, 1, 1], N), chosen)
     points = viewpoint + (points - viewpoint) * (1 - 1e-5)
     targets = {"random": points, "Morton": np.ascontiguousarray(points[morton_order(points)])}
-    return Workload(name, vertices, faces, viewpoint, np.ascontiguousarray(image), targets)
+    return Workload(
+        name=name,
+        vertices=vertices,
+        faces=faces,
+        viewpoint=viewpoint,
+        image=np.ascontiguousarray(image),
+        targets=targets,
+    )
 
 
 def in_tiles(image: np.ndarray) -> np.ndarray:

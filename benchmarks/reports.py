@@ -44,18 +44,46 @@ def terrain(n_side: int, noise_m: float = 0.002, n_views: int = 30) -> Viewer:
     best[~np.isfinite(best)] = np.nan
     state = rng.integers(0, 3, n).astype(np.uint16)
     channels = (
-        Classes("state", "State", _CATEGORIES, state, rng.integers(0, n_views, n), 1, can_hide=True),
-        Numbers("quality", "Best incidence", "\u00b0", best, 0, 90, 1),
-        Numbers("views", "Views that see it", "", seen.sum(axis=1) * 1.0, 1, 20),
+        Classes(
+            key="state",
+            label="State",
+            categories=_CATEGORIES,
+            values=state,
+            since=rng.integers(0, n_views, n),
+            before=1,
+            can_hide=True,
+        ),
+        Numbers(key="quality", label="Best incidence", unit="\u00b0", values=best, low=0, high=90, digits=1),
+        Numbers(
+            key="views", label="Views that see it", unit="", values=seen.sum(axis=1) * 1.0, low=1, high=20
+        ),
     )
     sightings = Sightings(start, np.nonzero(seen)[1] + 1, angle)
-    layer = Layer("surface", "", vertices, faces, _CATEGORIES[0], place, channels, sightings)
+    layer = Layer(
+        key="surface",
+        label="",
+        vertices=vertices,
+        faces=faces,
+        paint=_CATEGORIES[0],
+        place=place,
+        channels=channels,
+        sightings=sightings,
+    )
     return Viewer("A sheet.", (layer,), is_room=False, met=tuple(np.linspace(0, 1, n_views + 1)))
 
 
 def page_of(viewer: Viewer) -> Page:
     """Return a page with a view on it."""
-    return Page("Sheet", "Benchmark", "", (), None, (Section("View", (viewer,)),), {}, 0)
+    return Page(
+        title="Sheet",
+        kicker="Benchmark",
+        summary="",
+        headlines=(),
+        bar=None,
+        sections=(Section("View", (viewer,)),),
+        options={},
+        seed=0,
+    )
 
 
 def main() -> None:

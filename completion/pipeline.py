@@ -206,7 +206,12 @@ def complete(
             scans,
         )
         regions = _each(
-            pool, tell, "segment", lambda seen: segment(seen, options.segmentation), observations, journal
+            pool,
+            tell,
+            stage="segment",
+            work=lambda seen: segment(seen, options.segmentation),
+            items=observations,
+            journal=journal,
         )
         scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
         across = Cue.MERGING in options.cues
@@ -219,30 +224,41 @@ def complete(
         surroundings = survey(surfaces, rims, owners, observations, scales)
 
         def continued(index: int) -> Patch:
-            limits = limit(index, surfaces, rims, surroundings, observations, options.cues)
+            limits = limit(
+                index,
+                surfaces,
+                rims=rims,
+                surroundings=surroundings,
+                observations=observations,
+                cues=options.cues,
+            )
             verdict = edited[index].verdict
             return extend(
                 surfaces[index],
                 rims[index],
-                with_ends(limits, verdict.ends),
-                observations,
-                owners,
-                index + 1,
-                evidence,
-                options.mode,
-                options.max_sd_m,
-                verdict,
-                options.cues,
+                limits=with_ends(limits, verdict.ends),
+                observations=observations,
+                owners=owners,
+                owner=index + 1,
+                options=evidence,
+                mode=options.mode,
+                max_sd_m=options.max_sd_m,
+                verdict=verdict,
+                cues=options.cues,
             )
 
-        patches = _each(pool, tell, "extend", continued, range(len(surfaces)), journal)
+        patches = _each(
+            pool, tell, stage="extend", work=continued, items=range(len(surfaces)), journal=journal
+        )
 
         def textured(index: int) -> ChartTexture | None:
             return texture_patch(patches[index], observations, options.texturing, seed + index)
 
         textures: list[ChartTexture | None] = []
         if options.texture:
-            textures = _each(pool, tell, "texture", textured, range(len(patches)), journal)
+            textures = _each(
+                pool, tell, stage="texture", work=textured, items=range(len(patches)), journal=journal
+            )
     mesh = hypothesised_mesh(patches, textures)
     tell("audit", 0, 1)
     result = audit(

@@ -175,7 +175,14 @@ def complete(
     from nbv.commands.scans import ScanRequest
 
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
-    request = ScanRequest(tuple(scans), camera, depth_scale, poses, units, stood)
+    request = ScanRequest(
+        paths=tuple(scans),
+        intrinsics=camera,
+        depth_scale=depth_scale,
+        poses=poses,
+        units=units,
+        origins=stood,
+    )
     how = CompleteRequest(
         mode=mode,
         sigma_m=sigma,

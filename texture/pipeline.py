@@ -145,7 +145,7 @@ def fill(
     if plain:
         fill_plainly(canvas, sample, key)
     tally = synthesise(canvas, sample, how, progress)
-    return collect(canvas, sample, pixels, pixels, tally, check)
+    return collect(canvas, sample, pixels=pixels, background=pixels, tally=tally, check=check)
 
 
 def grow(
@@ -210,7 +210,14 @@ def grow(
     how = Way(check_engine(engine), order, key, count_threads(n_threads), check_time_budget(time_budget_s))
     tally = synthesise(canvas, source, how, progress)
     background = np.zeros((*size, *pixels.shape[2:]), dtype=pixels.dtype)
-    return collect(canvas, source, pixels, background, tally._replace(n_seeds=tally.n_seeds + 1), check)
+    return collect(
+        canvas,
+        source,
+        pixels=pixels,
+        background=background,
+        tally=tally._replace(n_seeds=tally.n_seeds + 1),
+        check=check,
+    )
 
 
 def _choose_window(

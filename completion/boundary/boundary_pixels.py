@@ -117,7 +117,7 @@ def _rim_of(
     meets = np.isfinite(here) & np.isfinite(there)
     on_p = origin + np.where(meets, here, 0.0)[:, None] * ray_p
     on_q = origin + np.where(meets, there, 0.0)[:, None] * ray_q
-    kind[inside] = _kinds(fit, seen, q, there, on_q, ray_q, options)
+    kind[inside] = _kinds(fit, seen, pixel=q, reach=there, points=on_q, rays=ray_q, options=options)
     kind[inside] = np.where(meets, kind[inside], Rim.LIMB)
     from_, to = chart.to_uv(on_p), chart.to_uv(on_q)
     jump = to - from_

@@ -78,7 +78,9 @@ def continue_edges(
         followed = []
         for run in range(len(edge.runs)):
             for sign in (-1.0, 1.0):
-                stretch = _follow(edge, run, sign, grid, hidden, _LEAD * float(grid.cell.max()))
+                stretch = _follow(
+                    edge, run, sign=sign, grid=grid, hidden=hidden, lead=_LEAD * float(grid.cell.max())
+                )
                 followed += _turn(edge, run, sign, grid, hidden) if stretch is None else [stretch]
         stretches += _paired(followed, float(grid.cell.max()))
     return [stretch for stretch in stretches if stretch.provenance in cues]
@@ -96,7 +98,7 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
         back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
         side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
-        stretch = _follow(short, 0, 1.0, grid, hidden, reach)
+        stretch = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=reach)
         if stretch is not None:
             found.append(replace(stretch, provenance=Cue.CLOSURE))
     return found
@@ -126,7 +128,15 @@ def _follow(
     met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
     begin = start + sign * float(ahead[first])
     side = float(edge.sides[run])
-    return Stretch(edge.curve, begin, end, met is not None, edge.deviation, side, _cue(edge, met))
+    return Stretch(
+        curve=edge.curve,
+        start=begin,
+        end=end,
+        two_sided=met is not None,
+        deviation=edge.deviation,
+        side=side,
+        provenance=_cue(edge, met),
+    )
 
 
 def _cue(edge: Edge, met: int | None) -> Cue:

@@ -155,14 +155,14 @@ def weigh(
     labels[vetoed & ~observed] = Label.FREE
     shape = grid.shape
     return Evidence(
-        labels.reshape(shape),
-        observed.reshape(shape),
-        own.reshape(shape),
-        pixel.reshape(shape),
-        scan.reshape(shape),
-        occluder.reshape(shape),
-        (through & ~observed).reshape(shape),
-        (limb & ~observed).reshape(shape),
+        labels=labels.reshape(shape),
+        observed=observed.reshape(shape),
+        own=own.reshape(shape),
+        pixel=pixel.reshape(shape),
+        scan=scan.reshape(shape),
+        occluder=occluder.reshape(shape),
+        through=(through & ~observed).reshape(shape),
+        limb=(limb & ~observed).reshape(shape),
     )
 
 

@@ -101,7 +101,7 @@ def estimate(
     """
     result = np.where(observed, 1.0, 0.0)
     if observed.any() and shadows.n_pieces:
-        found = prospects(grid, shadows, labelling, limits, observed, open_)
+        found = prospects(grid, shadows, labelling=labelling, limits=limits, observed=observed, open_=open_)
         result[shadows.piece >= 0] = found.probability()
     return result
 

@@ -160,17 +160,17 @@ def limit(
         if number != index + 1 and enclosing[number - 1]
     )
     return Limits(
-        chart,
-        enclosures,
-        tuple(cut for _, cut in cuts),
-        tuple(neighbours),
-        own_low,
-        own_high,
-        ends,
-        reaches,
-        ended,
-        full_turn,
-        bool(enclosing[index]) and isinstance(chart, Plane),
+        chart=chart,
+        enclosures=enclosures,
+        cuts=tuple(cut for _, cut in cuts),
+        neighbours=tuple(neighbours),
+        own_low=own_low,
+        own_high=own_high,
+        ends=ends,
+        reaches=reaches,
+        ended=ended,
+        full_turn=full_turn,
+        encloses=bool(enclosing[index]) and isinstance(chart, Plane),
     )
 
 
@@ -221,7 +221,7 @@ def _ends(
     for axis in (0, 1) if isinstance(chart, Plane) else (1,):
         for row, (sign, side) in enumerate(((-1.0, low), (1.0, high))):
             for number, cut in enumerate(cuts):
-                end = _reach_along(chart, cut, axis, sign, low, high)
+                end = _reach_along(chart, cut, axis=axis, sign=sign, low=low, high=high)
                 if end is not None and sign * (end - side[axis]) >= 0 > sign * (end - ends[row, axis]):
                     ends[row, axis], which[row, axis] = end, number
     return ends, which

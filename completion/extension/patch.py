@@ -128,7 +128,7 @@ def extend(
     """
     grid = lay_grid(surface, limits, observations, options.max_cells)
     spread = surface.fit.standard_deviation(grid.centres())
-    evidence = weigh(grid, spread, observations, owners, owner, options)
+    evidence = weigh(grid, spread, observations=observations, owners=owners, owner=owner, options=options)
     edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))
 
     within = _within(grid, limits, evidence)
@@ -142,7 +142,9 @@ def extend(
     shadows = divide(grid, hidden, seen, evidence.open, stretches)
     labelling = label_pieces(shadows)
 
-    confidence = estimate(grid, shadows, labelling, limits, evidence.observed, evidence.open)
+    confidence = estimate(
+        grid, shadows, labelling=labelling, limits=limits, observed=evidence.observed, open_=evidence.open
+    )
     probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & ~verdict.rejected(grid)
     filled = _reached(probable | accepted, seen, grid) | (accepted & verdict.drawn(grid))
     hypothesised, trims = _trimmed(
@@ -154,21 +156,21 @@ def extend(
     said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
     provenance[hypothesised & said] = Provenance.USER
     return Patch(
-        surface,
-        limits,
-        grid,
-        evidence,
-        hypothesised,
-        provenance,
-        confidence,
-        spread.reshape(grid.shape),
-        within,
-        tuple(edges),
-        tuple(stretches),
-        shadows,
-        labelling,
-        trims,
-        verdict,
+        source=surface,
+        limits=limits,
+        grid=grid,
+        evidence=evidence,
+        hypothesised=hypothesised,
+        provenance=provenance,
+        confidence=confidence,
+        spread=spread.reshape(grid.shape),
+        is_within=within,
+        edges=tuple(edges),
+        stretches=tuple(stretches),
+        shadows=shadows,
+        labelling=labelling,
+        trims=trims,
+        verdict=verdict,
     )
 
 

@@ -107,7 +107,7 @@ def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> S
                 tukey_variance(error, sigma, k) if is_robust else float(error @ error) / (len(error) - k)
             )
             inverse = Normal(rows @ rows.T, normal.gradient, cost, normal.basis).inverse()
-            return _result(found, chart, cloud, variance * inverse, error, used)
+            return _result(found, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
     raise FitError(f"no convergence along the rays: {what}")
 
 

@@ -130,7 +130,14 @@ def _piece(scan: int, region: Region, observation: Observation, options: Evidenc
         observation.sigma.ravel()[pixel],
         observation.rays.reshape(-1, 3)[pixel],
     )
-    return _Piece(scan, region, Part.of(region.fit, points, scale, stray), n_pixels, stray, beams)
+    return _Piece(
+        scan=scan,
+        region=region,
+        part=Part.of(region.fit, points, scale, stray),
+        n_pixels=n_pixels,
+        stray_m=stray,
+        beams=beams,
+    )
 
 
 def _agreements(pieces: Sequence[_Piece]) -> dict[tuple[int, int], Agreement]:
@@ -177,7 +184,14 @@ def _hidden_between(
 ) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
     surface, scale = larger.region.fit.surface, max(one.part.scale, other.part.scale)
-    return gap_is_hidden(surface, smaller.part.points, larger.part.points, scale, observations, options)
+    return gap_is_hidden(
+        surface,
+        smaller.part.points,
+        other=larger.part.points,
+        scale=scale,
+        observations=observations,
+        options=options,
+    )
 
 
 def _adopt_small(

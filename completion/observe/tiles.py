@@ -84,7 +84,18 @@ def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_
     """
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
     normal_sd = scale / _narrowest(rays, side)  # as if the noise were one step across the tile
-    return Tiles(side, count, matrix, vector, plane, misfit, centre, normal_sd, flatness_m, ranges)
+    return Tiles(
+        side=side,
+        count=count,
+        matrix=matrix,
+        vector=vector,
+        plane=plane,
+        misfit=misfit,
+        centre=centre,
+        normal_sd=normal_sd,
+        flatness_m=flatness_m,
+        ranges=ranges,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -147,13 +147,13 @@ def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture 
         texture = textures[index] if index < len(textures) else None
         parts.append(
             LabelledPoints(
-                mesh.vertices,
-                mesh.faces,
-                np.full(len(mesh.vertices), index + 1, np.int32),
-                provenance,
-                patch.source.fit.standard_deviation(mesh.vertices),
-                confidence,
-                _vertex_colour(mesh, patch.grid, texture),
+                vertices=mesh.vertices,
+                faces=mesh.faces,
+                surface=np.full(len(mesh.vertices), index + 1, np.int32),
+                provenance=provenance,
+                sd=patch.source.fit.standard_deviation(mesh.vertices),
+                confidence=confidence,
+                colour=_vertex_colour(mesh, patch.grid, texture),
             )
         )
     return _joined(parts)
@@ -181,13 +181,13 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     if seen.scan.colour is not None:
         colour = to_8_bits(seen.scan.colour.reshape(-1, 3)[used])
     return LabelledPoints(
-        seen.points.reshape(-1, 3)[used],
-        number[faces],
-        owner.ravel()[used],
-        np.full(len(used), Provenance.MEASURED, np.int32),
-        sigma.ravel()[used],
-        np.ones(len(used)),
-        colour,
+        vertices=seen.points.reshape(-1, 3)[used],
+        faces=number[faces],
+        surface=owner.ravel()[used],
+        provenance=np.full(len(used), Provenance.MEASURED, np.int32),
+        sd=sigma.ravel()[used],
+        confidence=np.ones(len(used)),
+        colour=colour,
     )
 
 
@@ -196,17 +196,23 @@ def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
         empty = np.zeros(0, np.int32)
         triangle = np.zeros((0, 3), np.int32)
         return LabelledPoints(
-            np.zeros((0, 3)), triangle, empty, empty, np.zeros(0), np.zeros(0), np.zeros((0, 3), np.uint8)
+            vertices=np.zeros((0, 3)),
+            faces=triangle,
+            surface=empty,
+            provenance=empty,
+            sd=np.zeros(0),
+            confidence=np.zeros(0),
+            colour=np.zeros((0, 3), np.uint8),
         )
     start = np.cumsum([0, *(len(part.vertices) for part in parts)])[:-1]
     return LabelledPoints(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + offset for part, offset in zip(parts, start, strict=True)]).astype(
+        vertices=np.concatenate([part.vertices for part in parts]),
+        faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start, strict=True)]).astype(
             np.int32
         ),
-        np.concatenate([part.surface for part in parts]),
-        np.concatenate([part.provenance for part in parts]),
-        np.concatenate([part.sd for part in parts]),
-        np.concatenate([part.confidence for part in parts]),
-        np.concatenate([part.colour for part in parts]),
+        surface=np.concatenate([part.surface for part in parts]),
+        provenance=np.concatenate([part.provenance for part in parts]),
+        sd=np.concatenate([part.sd for part in parts]),
+        confidence=np.concatenate([part.confidence for part in parts]),
+        colour=np.concatenate([part.colour for part in parts]),
     )

@@ -104,14 +104,14 @@ def inferred_points(completion: CompletedModel) -> list[InferredPoints]:
         chosen = points.surface == number
         clouds.append(
             InferredPoints(
-                f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
-                completion.world_from_reference.apply(points.vertices[chosen]),
-                points.colour[chosen],
-                points.surface[chosen],
-                points.provenance[chosen],
-                points.confidence[chosen],
-                points.sd[chosen],
-                legend,
+                name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
+                points=completion.world_from_reference.apply(points.vertices[chosen]),
+                colour=points.colour[chosen],
+                surface=points.surface[chosen],
+                provenance=points.provenance[chosen],
+                confidence=points.confidence[chosen],
+                sd=points.sd[chosen],
+                legend=legend,
             )
         )
     return clouds

@@ -51,7 +51,15 @@ def _surface_part(
         return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
     uv = atlas.coordinates(index, chart_coordinates(mesh, patch)).astype(np.float32)
     white = _plain((1.0, 1.0, 1.0), len(vertices))
-    return MeshPart(name, vertices, faces, index + 1, white, atlas.pages[page], uv)
+    return MeshPart(
+        name=name,
+        vertices=vertices,
+        faces=faces,
+        surface=index + 1,
+        colour=white,
+        image=atlas.pages[page],
+        uv=uv,
+    )
 
 
 def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
@@ -72,13 +80,13 @@ def remainder_mesh(completion: CompletedModel) -> LabelledPoints:
     free = (points.surface == 0)[points.faces].any(axis=1)
     used, index = np.unique(points.faces[free], return_inverse=True)
     return LabelledPoints(
-        points.vertices[used],
-        index.reshape(-1, 3).astype(np.int32),
-        points.surface[used],
-        points.provenance[used],
-        points.sd[used],
-        points.confidence[used],
-        points.colour[used],
+        vertices=points.vertices[used],
+        faces=index.reshape(-1, 3).astype(np.int32),
+        surface=points.surface[used],
+        provenance=points.provenance[used],
+        sd=points.sd[used],
+        confidence=points.confidence[used],
+        colour=points.colour[used],
     )
 
 

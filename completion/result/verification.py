@@ -131,7 +131,9 @@ def _findings(
     patch: Patch, observations: Sequence[Observation], options: EvidenceOptions
 ) -> NDArray[np.int8]:
     nobody = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
-    evidence = weigh(patch.grid, patch.spread.ravel(), observations, nobody, 1, options)
+    evidence = weigh(
+        patch.grid, patch.spread.ravel(), observations=observations, owners=nobody, owner=1, options=options
+    )
     said = np.select(
         [evidence.labels == Label.FREE, evidence.labels == Label.VISIBLE],
         [Finding.REFUTED, Finding.CONFIRMED],

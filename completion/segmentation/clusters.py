@@ -40,7 +40,11 @@ def find_clusters(
                 continue
             start = bending_cylinder(cluster, free, tiles, observation, angle)
             grown = (
-                None if start is None else grow_cylinder(start, cluster, free, tiles, observation, options)
+                None
+                if start is None
+                else grow_cylinder(
+                    start, cluster, free=free, tiles=tiles, observation=observation, options=options
+                )
             )
             cluster = grown or cluster
             untried &= ~cluster.tiles

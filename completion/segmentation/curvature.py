@@ -84,13 +84,15 @@ def grow_cylinder(
     seed = where[np.argmin(np.square(where - where.mean(axis=0)).sum(axis=1))]
     middle = (int(seed[0]), int(seed[1]))
     origin, cylinder, size = observation.scan.origin, start, 0
-    members = cluster.tiles | flood(pack(start, origin), middle, free, tiles, cut, max_angle)
+    members = cluster.tiles | flood(
+        pack(start, origin), middle, free=free, tiles=tiles, cut=cut, max_angle=max_angle
+    )
     for _ in range(_N_ROUNDS):
         (better,) = improve([cylinder], [_sample(members, tiles, observation)], tiles.flatness_m, n_rounds=2)
         if not isinstance(better, Cylinder):
             return None
         cylinder = better
-        members = flood(pack(cylinder, origin), middle, free, tiles, cut, max_angle)
+        members = flood(pack(cylinder, origin), middle, free=free, tiles=tiles, cut=cut, max_angle=max_angle)
         now = int(np.count_nonzero(members))
         if now == 0:
             return None

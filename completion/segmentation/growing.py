@@ -65,11 +65,16 @@ def grow_plane(
     around[window] = near
     w = np.zeros(3)
     pooled = solve_plane(tiles.matrix[window][near].sum(axis=0), tiles.vector[window][near].sum(axis=0), w)
-    if not pooled or not flood(pack_plane(w), seed, around, tiles, cut, max_angle)[seed]:
+    if (
+        not pooled
+        or not flood(pack_plane(w), seed, free=around, tiles=tiles, cut=cut, max_angle=max_angle)[seed]
+    ):
         w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
     size = 0
     for _ in range(_N_ROUNDS):
-        members, matrix, vector, now = _grown(pack_plane(w), seed, free, tiles, cut, max_angle)
+        members, matrix, vector, now = _grown(
+            pack_plane(w), seed, free=free, tiles=tiles, cut=cut, max_angle=max_angle
+        )
         if now == 0 or not solve_plane(matrix, vector, w):
             return None
         if abs(now - size) <= 0.002 * now:
@@ -82,7 +87,7 @@ def flood(
     model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
 ) -> BoolArray:
     """Free tiles connected with `seed` that lie on the model."""
-    return _grown(model, seed, free, tiles, cut, max_angle)[0]
+    return _grown(model, seed, free=free, tiles=tiles, cut=cut, max_angle=max_angle)[0]
 
 
 def _grown(

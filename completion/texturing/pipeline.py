@@ -66,14 +66,14 @@ def texture_patch(
     image = measured.image.copy()
     image[wanted] = np.rint(resized(filled.image, wanted.shape)[wanted] * light[wanted])
     return ChartTexture(
-        spread_colour(image, measured.known | wanted, raster.grid.wraps),
-        raster.grid,
-        measured.known & ~wanted,
-        wanted,
-        raster.texel_m * task.coarseness,
-        int(np.count_nonzero(task.samples)),
-        made.window,
-        filled.is_plain,
-        float(made.confidence[task.hole].mean()) if task.hole.any() else 0.0,
-        measure_verbatim_share(made.source_rows, made.source_cols, task.hole),
+        image=spread_colour(image, measured.known | wanted, raster.grid.wraps),
+        grid=raster.grid,
+        measured=measured.known & ~wanted,
+        synthesised=wanted,
+        synthesised_m=raster.texel_m * task.coarseness,
+        n_samples=int(np.count_nonzero(task.samples)),
+        window=made.window,
+        is_plain=filled.is_plain,
+        confidence=float(made.confidence[task.hole].mean()) if task.hole.any() else 0.0,
+        verbatim_share=measure_verbatim_share(made.source_rows, made.source_cols, task.hole),
     )

@@ -97,7 +97,14 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("report")
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
-        page = completion_page(completion, title, asked, shared.seed, shared.threads, verification)
+        page = completion_page(
+            completion,
+            title,
+            options=asked,
+            seed=shared.seed,
+            n_threads=shared.threads,
+            verification=verification,
+        )
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
         run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))

@@ -98,12 +98,12 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         page = coverage_page(
             world,
             coverage,
-            measured.stations,
-            measured.seen,
-            measured.sensor,
-            options,
-            shared.seed,
-            shared.threads,
+            given=measured.stations,
+            seen=measured.seen,
+            sensor=measured.sensor,
+            options=options,
+            seed=shared.seed,
+            n_threads=shared.threads,
         )
         files = [request.plan] if request.plan else request.scans.inputs
         inputs = [scene, request.sensor, *files]

@@ -73,7 +73,16 @@ def run_demo(shared: Shared) -> None:
             "scans_completed": [k + 1 for k in chosen],
             "max_samples": TEXTURING.max_samples,
         }
-        page = demo_page(scene, plan, chosen, completion, comparison, asked, shared.seed, threads)
+        page = demo_page(
+            scene,
+            plan,
+            chosen=chosen,
+            completion=completion,
+            comparison=comparison,
+            options=asked,
+            seed=shared.seed,
+            n_threads=threads,
+        )
         page.write(run.path("report.html"))
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}

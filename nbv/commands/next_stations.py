@@ -66,7 +66,9 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         write_json(run.path("coverage.json"), coverage.to_json())
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
-        page = next_stations_page(plan, coverage, title, asked, shared.seed, shared.threads)
+        page = next_stations_page(
+            plan, coverage, title=title, options=asked, seed=shared.seed, n_threads=shared.threads
+        )
         replace(page, inputs=input_digests(request.inputs)).write(run.path("report.html"))
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
         run.finish(request.inputs, resolved, summary_of(plan, coverage), lines_of(plan, coverage))

@@ -145,7 +145,16 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(world, plan, coverage, options, shared.seed, shared.threads, baselines, scans)
+        page = plan_page(
+            world,
+            plan,
+            coverage=coverage,
+            options=options,
+            seed=shared.seed,
+            n_threads=shared.threads,
+            baselines=baselines,
+            scans=scans,
+        )
         inputs = [scene, *request.inputs]
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
@@ -162,10 +171,10 @@ def baselines_of(
     return compare_with_baselines(
         scene.ray_caster(shared.threads),
         coverage_of(plan).samples,
-        plan.candidates,
-        plan.sensor,
-        plan.requirement,
-        plan.views,
+        candidates=plan.candidates,
+        sensor=plan.sensor,
+        requirement=plan.requirement,
+        views=plan.views,
         scans=scans,
         rng=shared.seed,
         n_threads=shared.threads,

@@ -55,7 +55,15 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         _write_ply(run.path("coverage.ply"), state)
         asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
-        page = scan_coverage_page(coverage, state, sensor, title, asked, shared.seed, shared.threads)
+        page = scan_coverage_page(
+            coverage,
+            state,
+            sensor=sensor,
+            title=title,
+            options=asked,
+            seed=shared.seed,
+            n_threads=shared.threads,
+        )
         inputs = [request.sensor, *request.scans.inputs]
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
         run.finish(inputs, asked, coverage.to_json(), lines_of(coverage))

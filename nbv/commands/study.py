@@ -34,7 +34,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
         run.watch.enter("report")
         options = _options(spec)
         inputs = [file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)]
-        _write(run, spec, outcomes, options, Path(file).stem, inputs)
+        _write(run, spec, outcomes=outcomes, options=options, stem=Path(file).stem, inputs=inputs)
         run.finish(inputs, options, _summary(outcomes), _lines(outcomes, common_share(spec)))
 
 

@@ -117,9 +117,23 @@ def find_cover(
     complete = [int(reduction.candidates[c]) for c in smallest]
     if n_most is not None and len(complete) > n_most:
         fewer = _most_covered(instance, complete, n_most)
-        return Cover(tuple(fewer), False, bound, certificate, found.steps, found.was_cut_short)
+        return Cover(
+            chosen=tuple(fewer),
+            is_complete=False,
+            bound=bound,
+            certificate=certificate,
+            steps=found.steps,
+            was_cut_short=found.was_cut_short,
+        )
     ordered = by_gain(instance, complete)
-    return Cover(tuple(ordered), True, bound, certificate, found.steps, found.was_cut_short)
+    return Cover(
+        chosen=tuple(ordered),
+        is_complete=True,
+        bound=bound,
+        certificate=certificate,
+        steps=found.steps,
+        was_cut_short=found.was_cut_short,
+    )
 
 
 def _most_covered(instance: CoverInstance, complete: list[int], n_most: int) -> list[int]:

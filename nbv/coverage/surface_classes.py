@@ -115,4 +115,13 @@ def shares_of(
     area = triangle_areas(corners)
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
     claimed, true = float(area.sum()), float(area[right].sum())
-    return Shares(views, met, modelled, inferred, unknown, reached, claimed, true)
+    return Shares(
+        views=views,
+        met=met,
+        modelled=modelled,
+        inferred=inferred,
+        unknown=unknown,
+        reached=reached,
+        inferred_m2=claimed,
+        right_m2=true,
+    )

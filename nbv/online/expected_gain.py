@@ -127,7 +127,17 @@ class Prospect:
         caster = RayCaster(vertices, triangles, n_threads=1) if len(triangles) else None
         boundary = RayCaster(*border.triangles(voxels.grid.voxel_m), n_threads=1)
         entered = np.repeat(border.voxel, 2)
-        return cls(boundary, entered, worth_entering, caster, voxel, normal, doubt, voxels, trust)
+        return cls(
+            boundary=boundary,
+            entered=entered,
+            worth_entering=worth_entering,
+            caster=caster,
+            voxel=voxel,
+            normal=normal,
+            doubt=doubt,
+            voxels=voxels,
+            trust=trust,
+        )
 
     def look(self, position: FloatArray, max_range_m: float) -> Glimpse:
         """Look from a position (3,) in all directions, as far as the sensor reaches.

@@ -224,7 +224,14 @@ def next_view(
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
     faces = voxels.boundary()
-    targets = find_targets(voxels, faces, requirement.min_cosine, attempts, options.gain, knowledge)
+    targets = find_targets(
+        voxels,
+        faces,
+        required_cosine=requirement.min_cosine,
+        attempts=attempts,
+        options=options.gain,
+        knowledge=knowledge,
+    )
     of_concern = concern(voxels, options.zones)
     targets = targets.some(of_concern[targets.voxel])
     if not len(targets):
@@ -236,7 +243,15 @@ def next_view(
     sought = of_concern & (attempts[1] < options.gain.max_attempts)
     prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge, trust)
     best = best_view(
-        voxels, faces, targets, free, sensor, wanted, prospect=prospect, n_most=n_most, n_threads=n_threads
+        voxels,
+        faces,
+        targets=targets,
+        candidates=free,
+        sensor=sensor,
+        required_cosine=wanted,
+        prospect=prospect,
+        n_most=n_most,
+        n_threads=n_threads,
     )
     if best is None:
         return "no candidate in known free space sees what is left to see"

@@ -161,7 +161,17 @@ def compare_with_baselines(
     limits = requirement.visibility(sensor)
     visible = visible_from_positions(caster, candidates.positions, samples, limits, n_threads=n_threads)
     before, tally = (_tally_of(caster, samples, requirement, scans) for _ in range(2))
-    instance, mine = Instance(candidates, sensor, requirement, samples, before, visible), []
+    instance, mine = (
+        Instance(
+            candidates=candidates,
+            sensor=sensor,
+            requirement=requirement,
+            samples=samples,
+            before=before,
+            visible=visible,
+        ),
+        [],
+    )
     for view in views:
         tally.add(view)
         mine.append(tally.met_m2() / samples.total_m2)
@@ -244,11 +254,11 @@ def thinned(samples: SurfaceSamples, n_most: int) -> SurfaceSamples:
     taken = slice(k // 2 if k > 1 else 0, None, k)
     areas = samples.areas[taken]
     return SurfaceSamples(
-        samples.points[taken],
-        samples.normals[taken],
-        areas * (samples.total_m2 / areas.sum()),
-        samples.face[taken],
-        samples.surface[taken],
-        samples.tolerance_m,
-        samples.in_morton_order,
+        points=samples.points[taken],
+        normals=samples.normals[taken],
+        areas=areas * (samples.total_m2 / areas.sum()),
+        face=samples.face[taken],
+        surface=samples.surface[taken],
+        tolerance_m=samples.tolerance_m,
+        in_morton_order=samples.in_morton_order,
     )

@@ -67,7 +67,7 @@ def plan_offline(
         graph = overlap_graph(task, OverlapOptions())
     else:
         graph = overlap_graph(task, task.overlap)
-        cover, n_added = _connected_cover(task, instance, graph, views, options, rng)
+        cover, n_added = _connected_cover(task, instance, graph=graph, views=views, options=options, rng=rng)
     for number in cover.chosen:
         attempt.add(task.candidates.pose(number))
     stations = plan_stations(task, graph, list(cover.chosen))

@@ -49,11 +49,13 @@ def plan_online(
     found = explore(
         scan,
         task.scene.mesh.bounds(),
-        start,
-        task.proposals,
-        task.sensor,
-        task.requirement,
-        replace(options, max_views=min(views or options.max_views, options.max_views), zones=task.zones),
+        start=start,
+        candidates=task.proposals,
+        sensor=task.sensor,
+        requirement=task.requirement,
+        options=replace(
+            options, max_views=min(views or options.max_views, options.max_views), zones=task.zones
+        ),
         given=task.scans,
         from_outside=task.from_outside,
         infer=attempt.complete if task.infer else None,

@@ -233,7 +233,14 @@ def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> Su
         )
     areas = np.full(len(points), float(scene.mesh.face_areas().sum()) / len(points))
     surface = scene.mesh.face_surface[hits.face]
-    return SurfaceSamples(points, normals, areas, hits.face, surface, _PATCH_TOLERANCE_M)
+    return SurfaceSamples(
+        points=points,
+        normals=normals,
+        areas=areas,
+        face=hits.face,
+        surface=surface,
+        tolerance_m=_PATCH_TOLERANCE_M,
+    )
 
 
 def with_aperture(sensor: Sensor, candidates: Candidates | None) -> Sensor:

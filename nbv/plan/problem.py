@@ -131,10 +131,10 @@ class Attempt:
         shares = shares_of(
             self.classes,
             task.samples,
-            self.reachability.including(tally.met).reachable,
-            knowledge,
-            task.scene.mesh,
-            len(self.views),
+            reachable=self.reachability.including(tally.met).reachable,
+            knowledge=knowledge,
+            truth=task.scene.mesh,
+            views=len(self.views),
         )
         self.shares.append(shares)
         return knowledge

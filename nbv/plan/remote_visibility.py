@@ -159,12 +159,12 @@ class RemoteVisibility:
         seen = SharedArrays.write(self.folder, {name: getattr(samples, name) for name in _SAMPLE_ARRAYS})
         blocks = [
             Block(
-                scene,
-                seen,
-                samples.tolerance_m,
-                samples.in_morton_order,
-                limits,
-                positions[start : start + _BLOCK],
+                mesh=scene,
+                samples=seen,
+                tolerance_m=samples.tolerance_m,
+                in_morton_order=samples.in_morton_order,
+                limits=limits,
+                positions=positions[start : start + _BLOCK],
             )
             for start in range(0, len(positions), _BLOCK)
         ]

@@ -85,7 +85,9 @@ def plan_page(
     tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
     where = stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)
-    view = _plan_view(scene, plan, coverage, found.pictures, n_threads, scans)
+    view = _plan_view(
+        scene, plan, coverage=coverage, pictures=found.pictures, n_threads=n_threads, scans=scans
+    )
     return Page(
         title=scene.name,
         kicker="View plan",
@@ -281,10 +283,10 @@ def overview_pictures(
     return state_pictures(
         scene,
         coverage.samples,
-        coverage.state,
-        {MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: PALE},
-        REACHABLE,
-        "Measured, missed, out of reach",
-        n_threads,
-        zones,
+        state=coverage.state,
+        colours={MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: PALE},
+        hatched=REACHABLE,
+        title="Measured, missed, out of reach",
+        n_threads=n_threads,
+        zones=zones,
     )

@@ -135,7 +135,13 @@ def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple
     """The true room by state, and a row for each of its surfaces."""
     colours = {MEASURED: picture.MEASURED, INFERRED: picture.INFERRED, UNKNOWN: picture.UNKNOWN}
     pictures = state_pictures(
-        scene, comparison.samples, comparison.state, colours, UNKNOWN, "The true room", n_threads
+        scene,
+        comparison.samples,
+        state=comparison.state,
+        colours=colours,
+        hatched=UNKNOWN,
+        title="The true room",
+        n_threads=n_threads,
     )
     ids = comparison.samples.surface
     rows = []

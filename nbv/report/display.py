@@ -69,7 +69,7 @@ def show(
         A plan or coverage without its scene, a plan that continues scans where no scene is known, a thing
         that there is no report of.
     """
-    page = _page_of(thing, scene, stations, title, seed, n_threads)
+    page = _page_of(thing, scene, stations=stations, title=title, seed=seed, n_threads=n_threads)
     path = Path(tempfile.mkdtemp(prefix="unseen-")) / "report.html"
     page.write(path)
     if not _show_inline(path):
@@ -112,7 +112,14 @@ def _page_of_plan(plan: Plan, scene: Scene, seed: int, n_threads: int | None) ->
             scene, plan.views, plan.requirement, sensor=plan.sensor, n_threads=n_threads
         )
     asked = {"method": plan.method, "sensor": plan.sensor.name, "target": plan.target, "mode": scene.mode}
-    return plan_page(scene, plan, coverage, asked, seed if plan.seed is None else plan.seed, n_threads)
+    return plan_page(
+        scene,
+        plan,
+        coverage=coverage,
+        options=asked,
+        seed=seed if plan.seed is None else plan.seed,
+        n_threads=n_threads,
+    )
 
 
 def _page_of_coverage(
@@ -126,7 +133,16 @@ def _page_of_coverage(
     caster, sensor = scene.ray_caster(n_threads), _sensor_of(stations)
     seen = sightings_of(caster, coverage.samples, coverage.requirement, stations)
     asked = {"sensor": sensor.name, "requirement": coverage.requirement.describe(), "mode": scene.mode}
-    return coverage_page(scene, coverage, stations, seen, sensor, asked, seed, n_threads)
+    return coverage_page(
+        scene,
+        coverage,
+        given=stations,
+        seen=seen,
+        sensor=sensor,
+        options=asked,
+        seed=seed,
+        n_threads=n_threads,
+    )
 
 
 def _sensor_of(stations: Sequence[View] | Sequence[RangeImage]) -> Sensor:

@@ -57,7 +57,14 @@ def next_stations_page(
             ),
             Section(
                 "What was measured, and where the unknown begins",
-                state_blocks(coverage, StateMesh.of(coverage), n_threads, poses, plan.sensor, plan.zones),
+                state_blocks(
+                    coverage,
+                    StateMesh.of(coverage),
+                    n_threads=n_threads,
+                    poses=poses,
+                    sensor=plan.sensor,
+                    zones=plan.zones,
+                ),
             ),
             Section("Where the unknown begins", boundary_blocks(coverage)),
             Section("Scans so far", (scans_table(survey.scans, lettered=True),)),

@@ -193,7 +193,9 @@ def _gallery(plots: Mapping[str, Plot], share: float) -> Gallery:
 
 
 def _picture(plot: Plot, title: str, caption: str = "") -> Picture:
-    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)
+    return Picture(
+        title=title, caption=caption, png=plot.light, width=plot.width, height=plot.height, dark_png=plot.dark
+    )
 
 
 def _cases_table(outcomes: Sequence[Outcome]) -> Table:

@@ -115,7 +115,14 @@ class World:
         points = (origins if len(origins) == 1 else origins[met]) + along * hits.ranges[met, None]
         normals = _normals(self.scene.mesh, hits.face[met])
         seen = seen.copy()
-        seen[met] = both_see(self.caster, points, along, normals, self.partner, self.world_from_sensor)
+        seen[met] = both_see(
+            self.caster,
+            points,
+            directions=along,
+            normals=normals,
+            partner=self.partner,
+            world_from_sensor=self.world_from_sensor,
+        )
         return hits, seen
 
     def colour(self, hits: Hits) -> NDArray[np.float32]:
@@ -163,7 +170,15 @@ class World:
         in_blocks(
             -(-rows // height), look, self.n_threads, block=1, bytes_a_block=_BYTES_A_RAY * height * columns
         )
-        return Sight(ranges, cosine, incidence, face, surface, seen, colour)
+        return Sight(
+            ranges=ranges,
+            cosine=cosine,
+            incidence=incidence,
+            face=face,
+            surface=surface,
+            seen=seen,
+            colour=colour,
+        )
 
 
 def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:

@@ -96,7 +96,9 @@ def scan_scene(
     distance = _received(echo, intensity, sensor, effects, streams["dropout"])
     is_depth = projection.kind == "pinhole" and effects.acts_on_depth
     axis = projection.directions()[..., 2].reshape(-1) if is_depth else 1.0
-    distance, variance = _disturbed(distance, echo, axis, effects, streams["noise"], n_threads)
+    distance, variance = _disturbed(
+        distance, echo, axis=axis, effects=effects, rng=streams["noise"], n_threads=n_threads
+    )
     points = _pointed(distance, echo, projection, effects, streams["pointing"])
     if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)

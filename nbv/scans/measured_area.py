@@ -63,7 +63,14 @@ class PixelQuality:
         cosine = local.cosine.ravel()[pixel]
         met = limits.hold(scan.ranges.ravel()[pixel], cosine)
         points, normals = (array.reshape(-1, 3)[pixel] for array in (scan.points(), local.normals))
-        return cls(pixel, points, normals, cosine, local.areas.ravel()[pixel], met)
+        return cls(
+            pixel=pixel,
+            points=points,
+            normals=normals,
+            cosine=cosine,
+            areas=local.areas.ravel()[pixel],
+            met=met,
+        )
 
 
 @dataclass(frozen=True, slots=True)

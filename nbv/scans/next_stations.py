@@ -77,7 +77,15 @@ def plan_next_stations(
     here = survey.scans[-1].world_from_sensor
     while len(planned) < views:
         best = next_view(
-            voxels, attempts, candidates, here, sensor, requirement, options, n_threads, knowledge
+            voxels,
+            attempts,
+            candidates=candidates,
+            here=here,
+            sensor=sensor,
+            requirement=requirement,
+            options=options,
+            n_threads=n_threads,
+            knowledge=knowledge,
         )
         if isinstance(best, str):
             reason = best

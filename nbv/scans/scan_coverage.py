@@ -128,7 +128,15 @@ def cover_by_scans(
     surfaces: tuple[RecognisedSurface, ...] = ()
     if completion is not None:
         surfaces = _recognised(completion, survey.scans, requirement, grid.voxel_m / 2)
-    return ScanCoverage(survey, requirement, zones, measured, shadow, completion, surfaces)
+    return ScanCoverage(
+        survey=survey,
+        requirement=requirement,
+        zones=zones,
+        measured=measured,
+        shadow=shadow,
+        completion=completion,
+        surfaces=surfaces,
+    )
 
 
 def _recognised(

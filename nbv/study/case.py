@@ -98,7 +98,18 @@ def cases_of(spec: StudySpec, first_seed: int = 0) -> tuple[Case, ...]:
         key = hashlib.sha256(json_text(made_of, indent=None).encode()).hexdigest()
         parts = [entry.label for entry in (scene[0], sensor_[0], asked, planner)]
         name = "-".join([*map(_slug, parts), f"seed{first_seed + seed}", key[:8]])
-        cases.append(Case(name, key, scene[0], sensor_[0], asked, planner, spec.sampling, first_seed + seed))
+        cases.append(
+            Case(
+                name=name,
+                key=key,
+                scene=scene[0],
+                sensor=sensor_[0],
+                requirement=asked,
+                planner=planner,
+                sampling=spec.sampling,
+                seed=first_seed + seed,
+            )
+        )
     return tuple(cases)
 
 

@@ -109,7 +109,14 @@ def visible_from_view(
     if sensor.partner is None:
         return seen, cosine
     way = samples.points[seen] - pose.translation
-    both = both_see(caster, samples.points[seen], way, samples.normals[seen], sensor.partner, pose)
+    both = both_see(
+        caster,
+        samples.points[seen],
+        directions=way,
+        normals=samples.normals[seen],
+        partner=sensor.partner,
+        world_from_sensor=pose,
+    )
     return seen[both], cosine[both]
 
 

@@ -118,7 +118,14 @@ def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
     if origins is not None:
         origins = np.broadcast_to(origins, raw.points.shape)[kept] * metres
     colour = None if raw.colour is None else raw.colour[kept]
-    return PointCloud(raw.points[kept] * metres, normals, origins, colour, name, warnings)
+    return PointCloud(
+        points=raw.points[kept] * metres,
+        normals=normals,
+        origins=origins,
+        colour=colour,
+        name=name,
+        warnings=warnings,
+    )
 
 
 def _from_file(file: Path, number: int | None) -> RawPoints:

@@ -99,7 +99,14 @@ def load_scene(
         )
         kind = decide_mode(mesh) if mode is None else mode
         warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
-        return Scene(mesh, (None,) * len(names), names, file.stem, kind, warnings)
+        return Scene(
+            mesh=mesh,
+            surfaces=(None,) * len(names),
+            surface_names=names,
+            name=file.stem,
+            mode=kind,
+            warnings=warnings,
+        )
 
 
 class _Part:

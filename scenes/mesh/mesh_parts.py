@@ -70,7 +70,7 @@ def parts_of(mesh: LabelledMesh, names: Sequence[str]) -> list[MeshPart]:
         chosen = np.flatnonzero((mesh.face_surface == surface) & (image == number))
         earlier = sum(part.surface == surface for part in found)
         name = names[surface] if not earlier else f"{names[surface]} {earlier + 1}"
-        found.append(_part(mesh, look, chosen, int(surface), int(number), name))
+        found.append(_part(mesh, look, chosen=chosen, surface=int(surface), number=int(number), name=name))
     return found
 
 
@@ -95,11 +95,11 @@ def _part(
         key.append(uv.view(np.int32).astype(np.int64))
     _, first, faces = np.unique(np.hstack(key), axis=0, return_index=True, return_inverse=True)
     return MeshPart(
-        name,
-        mesh.vertices[corner[first]],
-        faces.reshape(-1, 3),
-        surface,
-        colour[first],
-        look.images[number] if number >= 0 else None,
-        None if uv is None else uv[first],
+        name=name,
+        vertices=mesh.vertices[corner[first]],
+        faces=faces.reshape(-1, 3),
+        surface=surface,
+        colour=colour[first],
+        image=look.images[number] if number >= 0 else None,
+        uv=None if uv is None else uv[first],
     )

@@ -106,7 +106,7 @@ class PinholeProjection:
             raise InputError(f"a pinhole's field of view must lie between 0 and 180 deg, got {fov_deg}")
         with np.errstate(over="ignore", divide="ignore"):
             focal = max(width, height) / 2 / np.tan(np.radians(fov_deg) / 2)
-        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        return cls(width=width, height=height, fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
 
     @property
     def shape(self) -> tuple[int, int]:

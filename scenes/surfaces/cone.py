@@ -172,10 +172,10 @@ class Cone:
     def transformed(self, pose: Pose) -> Cone:
         """Return the cone moved by `pose`."""
         return Cone(
-            pose.apply(self.point),
-            pose.rotate(self.direction),
-            self.radius,
-            self.half_angle,
-            pose.rotate(self.zero_direction),
-            self.concave,
+            point=pose.apply(self.point),
+            direction=pose.rotate(self.direction),
+            radius=self.radius,
+            half_angle=self.half_angle,
+            zero_direction=pose.rotate(self.zero_direction),
+            concave=self.concave,
         )

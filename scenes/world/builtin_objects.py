@@ -51,7 +51,15 @@ def engaged_column() -> Scene:
     build = SceneBuilder("engaged_column", "object")
     build.add_rectangle("floor", (-1.5, -1.2, 0.0), (3.0, 0, 0), (0, 2.4, 0), gravel())
     column = [(1.5 - 0.25, 0.0, 1.5 + 0.25, 2.0)]  # the wall is not there where the column is
-    build.add_panel("wall", (-1.5, 1.2, 0.0), (3.0, 0, 0), (0, 0, 2.3), brick(), column, are_openings=False)
+    build.add_panel(
+        "wall",
+        (-1.5, 1.2, 0.0),
+        u=(3.0, 0, 0),
+        v=(0, 0, 2.3),
+        finish=brick(),
+        holes=column,
+        are_openings=False,
+    )
     build.add_cylinder("column", (0, 1.2, 0), (0, 0, 2.0), 0.25, PLASTER, facing=(0, -1, 0))
     build.add_box("board", (-0.7, 0.25, 0.0), (0.9, 0.30, 0.95), Finish((0.85, 0.80, 0.62)))
     return build.finish()

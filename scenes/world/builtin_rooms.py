@@ -62,7 +62,7 @@ def _add_corner(build: SceneBuilder, holes: Sequence[tuple[float, float, float, 
     x, y, z = np.diag([4.0, 4.0, 2.6])
     build.add_rectangle("floor", (0, 0, 0), x, y, gravel())
     build.add_rectangle("ceiling", z + y, x, -y, PLASTER)
-    build.add_panel("wall x=4", x + y, -y, z, brick(), holes)
+    build.add_panel("wall x=4", x + y, u=-y, v=z, finish=brick(), holes=holes)
     build.add_rectangle("wall y=4", y, x, z, PLASTER)
 
 

@@ -134,7 +134,17 @@ def fill_surface(
         whole = Piece(values, hole, context, usable, -1)
         made = fill_piece(whole, window, budget, progress)
     else:
-        made = fill_tiles(values, hole, context, usable, closes, window, fill_piece, progress, budget)
+        made = fill_tiles(
+            values,
+            hole,
+            known=context,
+            usable=usable,
+            wrap=closes,
+            window=window,
+            fill_piece=fill_piece,
+            progress=progress,
+            time_budget_s=budget,
+        )
     lit = made.image * np.float32(brightest)
     lit[..., :n_colours] *= shading.gain
     return SurfaceFill(_put_back(pixels, lit, hole & (made.source_rows >= 0)), made, shading, plain)

@@ -102,7 +102,7 @@ def fill_tiles(
         left = deadline - monotonic()
         if number and left <= 0:
             break
-        piece = _piece(image, hole, done, usable, tile, sampled, number)
+        piece = _piece(image, hole, done=done, usable=usable, tile=tile, sampled=sampled, number=number)
         tell = None if progress is None else _onward(progress, n_before, n_to_fill)
         made = fill_piece(piece, window, None if np.isinf(left) else max(left, 1e-3), tell)
         window, window_distances = made.window, window_distances or made.window_distances

@@ -134,12 +134,12 @@ def baseline_hypothesis(
         start += len(points)
     n_faces = sum(len(part) for part in faces)
     return Hypothesis(
-        np.concatenate(vertices),
-        np.concatenate(faces),
-        np.concatenate(surface),
-        np.full(n_faces, _SD_M),
-        np.full(n_faces, _CONFIDENCE),
-        np.array([seen.surface for seen in planes], np.int32),
+        vertices=np.concatenate(vertices),
+        faces=np.concatenate(faces),
+        surface=np.concatenate(surface),
+        sd=np.full(n_faces, _SD_M),
+        confidence=np.full(n_faces, _CONFIDENCE),
+        true_surface=np.array([seen.surface for seen in planes], np.int32),
     )
 
 

@@ -78,7 +78,20 @@ def _mixed_trials(level: float, seed: int, methods: Mapping[str, Method]) -> lis
         width = level * case.views[0].sensor.projection.pixel_angle
         effects = Effects(noise=noise, footprint=Footprint(divergence_rad=width, returns="mean"))
         name = f"{NOISE}, beam of {level:g} pixels"
-    return [Trial("rooms", level, Task(case, methods, name, effects, 1000 * seed, _mixed_share))]
+    return [
+        Trial(
+            "rooms",
+            level,
+            Task(
+                case=case,
+                methods=methods,
+                noise=name,
+                effects=effects,
+                seed=1000 * seed,
+                measure=_mixed_share,
+            ),
+        )
+    ]
 
 
 def _mixed_share(task: Task, _cells: Sequence[TrueCells]) -> float:
@@ -95,7 +108,18 @@ def _occlusion_trials(level: float, seed: int, methods: Mapping[str, Method]) ->
     cases = {"wall with window": wall_case(level / 100, seed), "table": table_case(level / 100, seed)}
     effects = named_effects(NOISE)
     return [
-        Trial(part, level, Task(case, methods, NOISE, effects, 1000 * seed, _hidden_share))
+        Trial(
+            part,
+            level,
+            Task(
+                case=case,
+                methods=methods,
+                noise=NOISE,
+                effects=effects,
+                seed=1000 * seed,
+                measure=_hidden_share,
+            ),
+        )
         for part, case in cases.items()
     ]
 
@@ -109,7 +133,20 @@ def _hidden_share(_task: Task, cells: Sequence[TrueCells]) -> float:
 def _arc_trials(level: float, seed: int, methods: Mapping[str, Method]) -> list[Trial]:
     """A column of which an arc of so many degrees is in view."""
     case = column_case(level, seed)
-    return [Trial("column", level, Task(case, methods, NOISE, named_effects(NOISE), 1000 * seed, _arc_deg))]
+    return [
+        Trial(
+            "column",
+            level,
+            Task(
+                case=case,
+                methods=methods,
+                noise=NOISE,
+                effects=named_effects(NOISE),
+                seed=1000 * seed,
+                measure=_arc_deg,
+            ),
+        )
+    ]
 
 
 def _arc_deg(_task: Task, cells: Sequence[TrueCells]) -> float:

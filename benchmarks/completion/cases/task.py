@@ -170,15 +170,17 @@ class Bench:
             result.claims.violation_m2,
         )
         return Outcome(
-            task.case.name,
-            task.case.breaks_prior,
-            method,
-            task.noise,
-            result,
-            merges,
-            radius_m,
-            hypothesised_m2,
-            violation_m2,
-            tuple((name.split()[0], number) for number, name in enumerate(task.case.scene.surface_names)),
-            math.nan if task.measure is None else task.measure(task, self.cells),
+            case=task.case.name,
+            breaks_prior=task.case.breaks_prior,
+            method=method,
+            noise=task.noise,
+            score=result,
+            merges=merges,
+            radius_m=radius_m,
+            hypothesised_m2=hypothesised_m2,
+            violation_m2=violation_m2,
+            kinds=tuple(
+                (name.split()[0], number) for number, name in enumerate(task.case.scene.surface_names)
+            ),
+            measured=math.nan if task.measure is None else task.measure(task, self.cells),
         )

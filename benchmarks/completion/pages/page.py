@@ -77,7 +77,14 @@ class Evaluation:
             by_noise[group] = {n: summarise([o for o in ours if o.noise == n]) for n in noises}
             by_share[group] = [_hidden_share(outcome) for outcome in first.get(_OURS, [])]
             left_out[group] = {cue: ablation_row(first[_OURS], rest) for cue, rest in ablated.items()}
-        return cls(main, by_noise, by_share, left_out, sweeps or {}, noises[0])
+        return cls(
+            main=main,
+            by_noise=by_noise,
+            by_share=by_share,
+            ablations=left_out,
+            sweeps=sweeps or {},
+            noise=noises[0],
+        )
 
     def record(self) -> dict[str, Any]:
         """Return everything for JSON."""

@@ -107,13 +107,13 @@ def hypothesis_of(completed: CompletedModel, scans: Sequence[RangeImage]) -> Hyp
         for opening in surface["openings"]
     )
     return Hypothesis(
-        completed.world_from_reference.apply(mesh.vertices),
-        mesh.faces,
-        mesh.surface[first] - 1,
-        mesh.sd[mesh.faces].max(axis=1, initial=0.0),
-        mesh.confidence[mesh.faces].mean(axis=1),
-        continued_surfaces(completed.owners, scans, len(completed.patches)),
-        openings,
-        provenance,
-        tuple(member.name.lower().replace("_", "-") for member in Provenance),
+        vertices=completed.world_from_reference.apply(mesh.vertices),
+        faces=mesh.faces,
+        surface=mesh.surface[first] - 1,
+        sd=mesh.sd[mesh.faces].max(axis=1, initial=0.0),
+        confidence=mesh.confidence[mesh.faces].mean(axis=1),
+        true_surface=continued_surfaces(completed.owners, scans, len(completed.patches)),
+        openings=openings,
+        reason=provenance,
+        reasons=tuple(member.name.lower().replace("_", "-") for member in Provenance),
     )

@@ -89,7 +89,7 @@ def _build_shell(
     openings = [hole for hole in (shell.window, shell.door) if hole is not None]
     width = float(shell.size[1])
     from_far_end = [(width - high, low, width - near, top) for near, low, high, top in openings]
-    build.add_panel("wall x=far", x + y, -y, z, paint, from_far_end)
+    build.add_panel("wall x=far", x + y, u=-y, v=z, finish=paint, holes=from_far_end)
     if openings:
         reach = np.array([_OUTSIDE_M, 0, 0])
         low, high = -3 * y / width, (width + 3) * y / width
@@ -111,7 +111,15 @@ def _recess(
     bottom, top = (rng.uniform(0.3, 0.6), rng.uniform(1.1, 1.4)) if kind == "niche" else (0.0, 2.0)
     depth = rng.uniform(0.12, 0.3) if kind == "niche" else 0.8
     start = rng.uniform(1.6, shell.size[0] - width - 1.0)
-    build.add_panel("wall y=far", y, x, z, PLASTER, [(start, bottom, start + width, top)], are_openings=False)
+    build.add_panel(
+        "wall y=far",
+        y,
+        u=x,
+        v=z,
+        finish=PLASTER,
+        holes=[(start, bottom, start + width, top)],
+        are_openings=False,
+    )
     low = np.array([start, shell.size[1], bottom])
     high = np.array([start + width, shell.size[1] + depth, top])
     across, deep, up = np.diag(high - low)

@@ -48,7 +48,9 @@ def wall_case(share: float, seed: int) -> Case:
 
     low, high = board(_scale_for(share, eye, places, board))
     build = SceneBuilder("wall with window", "object")
-    build.add_panel("wall", (-width / 2, far, 0), (width, 0, 0), (0, 0, height), PLASTER, [tuple(window)])
+    build.add_panel(
+        "wall", (-width / 2, far, 0), u=(width, 0, 0), v=(0, 0, height), finish=PLASTER, holes=[tuple(window)]
+    )
     build.add_rectangle("outside", (-6, far + 2, -3), (12, 0, 0), (0, 0, 8), Finish((0.5, 0.7, 0.5)))
     build.add_rectangle("floor", (-2, 0.3, 0), (4, 0, 0), (0, far - 0.3, 0), Finish((0.5, 0.5, 0.5)))
     _add_board(build, "board", low, high)

@@ -91,26 +91,34 @@ def judge_claims(
     is_right = right[:, HEADLINE]
     counted = _is_scored(samples, hypothesis, model)
     weight = samples.areas * (claimed & counted)
-    where = _attributed(samples, nearest, is_right, hypothesis, cells, strata, len(model.surfaces))
+    where = _attributed(
+        samples,
+        nearest,
+        is_right=is_right,
+        hypothesis=hypothesis,
+        cells=cells,
+        strata=strata,
+        n_surfaces=len(model.surfaces),
+    )
     by_surface = np.zeros((len(model.surfaces) + 1, N_STRATA))
     right_by_surface = np.zeros((*by_surface.shape, len(TOLERANCES_M)))
     np.add.at(by_surface, where, weight)
     np.add.at(right_by_surface, where, weight[:, None] * right)
     broken = model.in_breaks(samples.points)
     return Claims(
-        by_surface,
-        right_by_surface,
-        np.asarray(weight[broken].sum()),
-        (weight[:, None] * right)[broken].sum(axis=0),
-        float(samples.areas[counted & (sight == Sight.VISIBLE)].sum()),
-        float(samples.areas[counted & (sight == Sight.OUT)].sum()),
-        float(samples.areas[~counted].sum()),
-        float(samples.areas[sight == Sight.FREE].sum()),
-        _squared(samples, nearest, cells, weight * is_right),
-        Reliability.of(samples.confidence, is_right, weight),
-        Reliability.of(samples.confidence[broken], is_right[broken], weight[broken]),
-        _surface_errors(samples, nearest.distance, hypothesis, model, weight),
-        _by_reason(samples, hypothesis, is_right, weight),
+        claimed=by_surface,
+        right=right_by_surface,
+        in_breaks_claimed=np.asarray(weight[broken].sum()),
+        in_breaks_right=(weight[:, None] * right)[broken].sum(axis=0),
+        seen_m2=float(samples.areas[counted & (sight == Sight.VISIBLE)].sum()),
+        out_m2=float(samples.areas[counted & (sight == Sight.OUT)].sum()),
+        unscored_m2=float(samples.areas[~counted].sum()),
+        violation_m2=float(samples.areas[sight == Sight.FREE].sum()),
+        squared_m4=_squared(samples, nearest, cells, weight * is_right),
+        reliability=Reliability.of(samples.confidence, is_right, weight),
+        in_breaks_reliability=Reliability.of(samples.confidence[broken], is_right[broken], weight[broken]),
+        surfaces=_surface_errors(samples, nearest.distance, hypothesis, model, weight),
+        by_reason=_by_reason(samples, hypothesis, is_right, weight),
     )
 
 

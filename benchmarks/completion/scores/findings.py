@@ -88,17 +88,19 @@ def judge_findings(
         corners.append(corner_errors(cell, hypothesis))
         bands += np.stack([outline.in_both, outline.in_either])
     return Findings(
-        hidden,
-        found,
-        np.asarray(in_breaks[0]),
-        in_breaks[1:],
-        _area(cells, [cell.visible for cell in cells]),
-        _area(cells, [cell.chart.present & (cell.sight == Sight.OUT) & cell.visible.any() for cell in cells]),
-        _area(cells, [cell.hidden & ~cell.reachable for cell in cells]),
-        np.concatenate(contours),
-        np.concatenate(corners),
-        bands[0],
-        bands[1],
+        hidden=hidden,
+        found=found,
+        in_breaks_hidden=np.asarray(in_breaks[0]),
+        in_breaks_found=in_breaks[1:],
+        visible_m2=_area(cells, [cell.visible for cell in cells]),
+        out_of_frame_m2=_area(
+            cells, [cell.chart.present & (cell.sight == Sight.OUT) & cell.visible.any() for cell in cells]
+        ),
+        unreachable_m2=_area(cells, [cell.hidden & ~cell.reachable for cell in cells]),
+        contour_m=np.concatenate(contours),
+        corner_m=np.concatenate(corners),
+        band_in_both=bands[0],
+        band_in_either=bands[1],
     )
 
 

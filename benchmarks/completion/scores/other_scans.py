@@ -102,7 +102,15 @@ def score_by_others(
     found = _near(reference, samples.points, tolerance_m)
     right_m2, wrong_m2, unknown_m2 = (float(samples.areas[state == code].sum()) for code in (1, -1, 0))
     buffers = score_buffers(samples, counted, crossed, reference)
-    return HiddenScore(state, right_m2, wrong_m2, unknown_m2, len(reference), int(found.sum()), buffers)
+    return HiddenScore(
+        state=state,
+        right_m2=right_m2,
+        wrong_m2=wrong_m2,
+        unknown_m2=unknown_m2,
+        n_reference=len(reference),
+        n_found=int(found.sum()),
+        buffers=buffers,
+    )
 
 
 def _hidden_and_apart(

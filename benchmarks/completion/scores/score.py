@@ -93,7 +93,11 @@ def score(
     samples = sample(hypothesis, _SAMPLE_M)
     caster = RayCaster(model.mesh.vertices, model.mesh.faces, n_threads)
     return Score(
-        judge_claims(model, cells, strata, scans, hypothesis, samples, caster),
-        judge_findings(model, cells, strata, hypothesis, samples, n_threads),
+        judge_claims(
+            model, cells, strata=strata, scans=scans, hypothesis=hypothesis, samples=samples, caster=caster
+        ),
+        judge_findings(
+            model, cells, strata=strata, hypothesis=hypothesis, samples=samples, n_threads=n_threads
+        ),
         match_openings(model, cells, hypothesis),
     )

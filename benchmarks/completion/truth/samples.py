@@ -71,7 +71,15 @@ def sample(hypothesis: Hypothesis, cell_m: float) -> Samples:
     layers = _layers(points, normals, surface, cell_m)
     confidence, sd = mean(hypothesis.confidence[face]), mean(hypothesis.sd[face])
     reason = hypothesis.face_reason[face][first]
-    return Samples(points, normals, total / layers, surface, sd, confidence, reason)
+    return Samples(
+        points=points,
+        normals=normals,
+        areas=total / layers,
+        surface=surface,
+        sd=sd,
+        confidence=confidence,
+        reason=reason,
+    )
 
 
 def _same_rows(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

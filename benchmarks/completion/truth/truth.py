@@ -152,7 +152,14 @@ def _chart_of(index: int, surface: Surface, model: TrueModel, cell_m: float) -> 
         aside = aside[:, grid.shape[1] : 2 * grid.shape[1]]
     aside = np.maximum(aside - cell_m / 2, 0.0)
     corners = _corners(region) if isinstance(surface, Plane) else np.zeros((0, 3, 2))
-    return TrueChart(index, grid, present, in_opening & ~present, aside, corners)
+    return TrueChart(
+        surface=index,
+        grid=grid,
+        present=present,
+        in_opening=in_opening & ~present,
+        aside=aside,
+        corners=corners,
+    )
 
 
 def _facets(surface: Surface, corners: FloatArray) -> FloatArray:

@@ -115,7 +115,14 @@ def plan(
         views=views,
         mode=mode,
         candidates=candidates,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
+        scans=ScanRequest(
+            paths=tuple(scans or ()),
+            intrinsics=camera,
+            depth_scale=depth_scale,
+            poses=poses,
+            units="m" if scene else units,
+            origins=stood,
+        ),
         region=box,
         keep_out=boxes,
         noise=noise,
@@ -159,7 +166,14 @@ def coverage(
 
     request = CoverageRequest(
         plan=plan,
-        scans=ScanRequest(tuple(scans or ()), camera, depth_scale, poses, "m" if scene else units, stood),
+        scans=ScanRequest(
+            paths=tuple(scans or ()),
+            intrinsics=camera,
+            depth_scale=depth_scale,
+            poses=poses,
+            units="m" if scene else units,
+            origins=stood,
+        ),
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,

@@ -186,7 +186,15 @@ def running(
                 held.enter_context(locked(folder, name))
                 held.enter_context(stage)
             progress = held.enter_context(progress_bars(watch, hidden=shared.quiet or shared.as_json))
-            yield Run(command, shared, out, is_folder, watch, progress, stage)
+            yield Run(
+                command=command,
+                shared=shared,
+                out=out,
+                is_folder=is_folder,
+                watch=watch,
+                progress=progress,
+                stage=stage,
+            )
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
     except Exception as error:

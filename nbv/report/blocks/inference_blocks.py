@@ -201,7 +201,12 @@ def curve_of_classes(plan: Plan, coverage: Coverage) -> Picture:
         "The target asks for a share of what views can reach; some of what is inferred lies beyond that."
     )
     return Picture(
-        "What is known by number of views.", caption, plot.light, plot.width, plot.height, plot.dark
+        title="What is known by number of views.",
+        caption=caption,
+        png=plot.light,
+        width=plot.width,
+        height=plot.height,
+        dark_png=plot.dark,
     )
 
 
@@ -214,12 +219,12 @@ def class_pictures(
     return state_pictures(
         scene,
         coverage.samples,
-        coverage.classes,
-        _COLOURS,
-        UNKNOWN,
-        "Measured, modelled, inferred, unknown",
-        n_threads,
-        zones,
+        state=coverage.classes,
+        colours=_COLOURS,
+        hatched=UNKNOWN,
+        title="Measured, modelled, inferred, unknown",
+        n_threads=n_threads,
+        zones=zones,
         dotted=MODELLED,
     )
 

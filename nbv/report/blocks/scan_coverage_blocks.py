@@ -149,7 +149,14 @@ def stations_plan(
         caption += " Dots: the next stations, in order."
     caption += f" Around each its field of view up to {reach:.2g} m."
     caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
-    return Picture("Plan.", caption, plot.light, plot.width, plot.height, plot.dark)
+    return Picture(
+        title="Plan.",
+        caption=caption,
+        png=plot.light,
+        width=plot.width,
+        height=plot.height,
+        dark_png=plot.dark,
+    )
 
 
 def _outline(survey: Survey) -> tuple[FloatArray, str]:

@@ -38,7 +38,9 @@ def curve(
 ) -> Picture:
     """The coverage curve; `start` is the share that is measured before the first view."""
     beside = {other.name: np.median(other.met, axis=0) for other in others}
-    plot = coverage_curve(met, coverage.reachable, target, bound, inferred, start, beside)
+    plot = coverage_curve(
+        met, coverage.reachable, target=target, bound=bound, inferred=inferred, start=start, others=beside
+    )
     caption = "Share of all surface area that some view so far has measured within range and incidence."
     if inferred:
         caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
@@ -131,4 +133,6 @@ def outline_of(scene: Scene) -> FloatArray:
 
 
 def _picture(plot: Plot, title: str, caption: str) -> Picture:
-    return Picture(title, caption, plot.light, plot.width, plot.height, plot.dark)
+    return Picture(
+        title=title, caption=caption, png=plot.light, width=plot.width, height=plot.height, dark_png=plot.dark
+    )

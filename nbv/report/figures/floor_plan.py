@@ -97,7 +97,7 @@ class FloorPlan:
         _draw_fields(axes, self.fields, colours)
         axes.scatter(x, y, s=22, color=colours, zorder=4, linewidths=0)
         numbers = [str(number) for number in range(1, len(self.positions) + 1)]
-        _label(axes, self.positions, numbers, theme.accent, (5, 5), size)
+        _label(axes, self.positions, names=numbers, colour=theme.accent, offset=(5, 5), size=size)
 
 
 def _draw_fields(axes: Axes, fields: Sequence[FloatArray], colours: Sequence[str]) -> None:
@@ -114,7 +114,7 @@ def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> Non
             given[:, 0], given[:, 1], s=34, marker="s", facecolors="none", edgecolors=theme.ink, zorder=4
         )
         names = [letters(number) for number in range(len(given))]
-        _label(axes, given, names, theme.ink, (-6, -13), size)
+        _label(axes, given, names=names, colour=theme.ink, offset=(-6, -13), size=size)
 
 
 def _draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:

@@ -87,15 +87,15 @@ def fine_coverage(
     corners, face = pieces[..., :3], kept[part]
     nearest = nearest_samples(samples, corners.mean(axis=1), face)
     return FineCoverage(
-        corners,
-        pieces[..., 3:],
-        nearest,
-        face.astype(np.int32),
-        mesh.face_surface[face],
-        coverage.best_cosine[nearest],
-        coverage.n_views[nearest],
-        coverage.state[nearest],
-        coverage.reason[nearest],
+        corners=corners,
+        weights=pieces[..., 3:],
+        sample=nearest,
+        face=face.astype(np.int32),
+        surface=mesh.face_surface[face],
+        best_cosine=coverage.best_cosine[nearest],
+        n_views=coverage.n_views[nearest],
+        state=coverage.state[nearest],
+        reason=coverage.reason[nearest],
     )
 
 

@@ -97,7 +97,10 @@ def completion_view(
     outlines = [world.apply(hole.points) for patch in completion.patches for hole in find_openings(patch)]
     names = _names(completion)
     most_sd = max((float(p.sd.max(initial=0)) for p in pieces), default=0.0)
-    layers = [_layer(key, label, parts, names, most_sd, atlas, scans) for key, label, parts in groups]
+    layers = [
+        _layer(key, label, parts=parts, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
+        for key, label, parts in groups
+    ]
     return Viewer(
         "The completed model.",
         tuple(layer for layer in layers if len(layer.faces)),
@@ -125,10 +128,19 @@ def _surfaces(completion: CompletedModel, atlas: Atlas) -> Iterator[_Pieces]:
     """Measured and inferred pieces of each surface, the latter by provenance."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
     for index, patch in enumerate(completion.patches):
-        yield _pieces(completion, atlas, index, patch.observed, Provenance.MEASURED, total / _PIECES)
+        yield _pieces(
+            completion,
+            atlas,
+            index=index,
+            cells=patch.observed,
+            why=Provenance.MEASURED,
+            limit_m2=total / _PIECES,
+        )
         for why in sorted(set(np.unique(patch.provenance[patch.hypothesised]))):
             here = patch.hypothesised & (patch.provenance == why)
-            yield _pieces(completion, atlas, index, here, Provenance(int(why)), total / _PIECES)
+            yield _pieces(
+                completion, atlas, index=index, cells=here, why=Provenance(int(why)), limit_m2=total / _PIECES
+            )
 
 
 def _pieces(
@@ -147,15 +159,15 @@ def _pieces(
     n, page = len(parts), int(atlas.page[index])
     grey = np.full((n, 3, 3), 1.0 if page >= 0 else _GREY, np.float32)
     return _Pieces(
-        completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
-        index + 1,
-        is_inferred,
-        np.full(n, int(why)),
-        patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
-        patch.confidence[row, column],
-        grey,
-        parts[..., 3:5],
-        page,
+        corners=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
+        number=index + 1,
+        is_inferred=is_inferred,
+        provenance=np.full(n, int(why)),
+        sd=patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
+        confidence=patch.confidence[row, column],
+        colour=grey,
+        uv=parts[..., 3:5],
+        image=page,
     )
 
 
@@ -166,15 +178,15 @@ def _remainder(completion: CompletedModel) -> _Pieces:
     vertices, faces, kept = thinned(vertices, rest.faces, _MOST_FACES)
     n = len(faces)
     return _Pieces(
-        vertices[faces],
-        _NO_SURFACE,
-        False,
-        np.zeros(n, np.int64),
-        rest.sd[kept][faces].mean(axis=1) if n else np.zeros(0),
-        np.ones(n),
-        (rest.colour[kept][faces] / 255.0).astype(np.float32),
-        np.zeros((n, 3, 2)),
-        -1,
+        corners=vertices[faces],
+        number=_NO_SURFACE,
+        is_inferred=False,
+        provenance=np.zeros(n, np.int64),
+        sd=rest.sd[kept][faces].mean(axis=1) if n else np.zeros(0),
+        confidence=np.ones(n),
+        colour=(rest.colour[kept][faces] / 255.0).astype(np.float32),
+        uv=np.zeros((n, 3, 2)),
+        image=-1,
     )
 
 
@@ -197,12 +209,31 @@ def _layer(
     channels: list[Classes | Numbers] = [
         Classes("state", "State", (MEASURED, INFERRED), np.full(n, int(is_inferred), np.uint16)),
         Classes("provenance", "Provenance", provenance_categories(), provenance.astype(np.uint16)),
-        Numbers("sd", "Standard deviation", "mm", 1000 * sd, 0, max(1000 * most_sd, 1e-3), 2),
+        Numbers(
+            key="sd",
+            label="Standard deviation",
+            unit="mm",
+            values=1000 * sd,
+            low=0,
+            high=max(1000 * most_sd, 1e-3),
+            digits=2,
+        ),
     ]
     sightings = None
     if is_inferred:
         likely = np.concatenate([np.zeros(0), *(part.confidence for part in parts)])
-        channels.append(Numbers("confidence", "Confidence", "", likely, 0, 1, 2, small_is_good=False))
+        channels.append(
+            Numbers(
+                key="confidence",
+                label="Confidence",
+                unit="",
+                values=likely,
+                low=0,
+                high=1,
+                digits=2,
+                small_is_good=False,
+            )
+        )
     else:
         sightings = scan_sightings(scans, corners)
         channels += quality_channels(sightings, len(scans))

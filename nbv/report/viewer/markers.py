@@ -57,7 +57,14 @@ def given_markers(
 def _marker(
     name: str, pose: Pose, projection: Projection, colour: Colour | None, *, is_step: bool = True
 ) -> Marker:
-    return Marker(name, pose.translation, pose.rotation.T, slope_of(projection), colour, is_step)
+    return Marker(
+        name=name,
+        origin=pose.translation,
+        axes=pose.rotation.T,
+        slope=slope_of(projection),
+        colour=colour,
+        is_step=is_step,
+    )
 
 
 def opening_lines(outlines: Sequence[FloatArray]) -> tuple[Lines, ...]:

@@ -56,6 +56,25 @@ def quality_channels(sightings: Sightings, n_scans: int) -> tuple[Numbers, Numbe
     angle, many = np.where(counts > 0, best, np.nan), np.where(counts > 0, counts, np.nan)
     absent = "not at the middle of a pixel"
     return (
-        Numbers("quality", "Best incidence", "\u00b0", angle, 0, 90, 1, absent),
-        Numbers("views", "Scans that see it", "", many, 1, max(n_scans, 2), 0, absent, small_is_good=False),
+        Numbers(
+            key="quality",
+            label="Best incidence",
+            unit="\u00b0",
+            values=angle,
+            low=0,
+            high=90,
+            digits=1,
+            absent=absent,
+        ),
+        Numbers(
+            key="views",
+            label="Scans that see it",
+            unit="",
+            values=many,
+            low=1,
+            high=max(n_scans, 2),
+            digits=0,
+            absent=absent,
+            small_is_good=False,
+        ),
     )

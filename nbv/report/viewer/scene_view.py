@@ -73,15 +73,15 @@ def scene_view(
         corners, chosen = fine.corners[here], np.flatnonzero(here)
         layers.append(
             Layer(
-                key,
-                label,
-                corners.reshape(-1, 3),
-                np.arange(3 * len(corners)).reshape(-1, 3),
-                _OUTSIDE,
-                place[here],
-                channels,
-                sightings,
-                None if skin is None else skin_of_faces(skin, chosen),
+                key=key,
+                label=label,
+                vertices=corners.reshape(-1, 3),
+                faces=np.arange(3 * len(corners)).reshape(-1, 3),
+                paint=_OUTSIDE,
+                place=place[here],
+                channels=channels,
+                sightings=sightings,
+                skin=None if skin is None else skin_of_faces(skin, chosen),
             )
         )
     return Viewer(
@@ -127,13 +127,30 @@ def channels_of(coverage: Coverage, seen: Seen) -> tuple[Classes | Numbers, ...]
     return (
         _state_channel(coverage, seen),
         Numbers(
-            "quality", "Best incidence", "\u00b0", _and_outside(angle), 0, 90, 1, "seen by no view", limit
+            key="quality",
+            label="Best incidence",
+            unit="\u00b0",
+            values=_and_outside(angle),
+            low=0,
+            high=90,
+            digits=1,
+            absent="seen by no view",
+            limit=limit,
         ),
-        Numbers("views", "Views that see it", "", _and_outside(n_views), 1, most, 0, "seen by no view",
-                small_is_good=False),
+        Numbers(
+            key="views",
+            label="Views that see it",
+            unit="",
+            values=_and_outside(n_views),
+            low=1,
+            high=most,
+            digits=0,
+            absent="seen by no view",
+            small_is_good=False,
+        ),
         *_reason_channel(coverage),
         _surface_channel(coverage),
-    )  # fmt: skip
+    )
 
 
 def _state_channel(coverage: Coverage, seen: Seen) -> Classes:
@@ -164,7 +181,15 @@ def _state(
     categories: tuple[Category, ...], values: NDArray[np.int8], since: NDArray[np.int64], before: int
 ) -> Classes:
     kinds = np.append(values.astype(np.uint16), np.uint16(NOTHING))
-    return Classes("state", "State", categories, kinds, np.append(since, 0), before, can_hide=True)
+    return Classes(
+        key="state",
+        label="State",
+        categories=categories,
+        values=kinds,
+        since=np.append(since, 0),
+        before=before,
+        can_hide=True,
+    )
 
 
 def _reason_channel(coverage: Coverage) -> tuple[Classes, ...]:

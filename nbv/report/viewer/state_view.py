@@ -96,7 +96,17 @@ def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
     has_colour = any(scan.colour is not None for scan in scans)
     skin = Appearance((state.colour[kept][faces] / 255.0).astype(np.float32)) if has_colour else None
     paint = _CATEGORIES[0]
-    return Layer("measured", "measured", vertices, faces, paint, None, channels, sightings, skin)
+    return Layer(
+        key="measured",
+        label="measured",
+        vertices=vertices,
+        faces=faces,
+        paint=paint,
+        place=None,
+        channels=channels,
+        sightings=sightings,
+        skin=skin,
+    )
 
 
 def _inferred(coverage: ScanCoverage, state: StateMesh) -> Layer:
@@ -112,10 +122,35 @@ def _inferred(coverage: ScanCoverage, state: StateMesh) -> Layer:
         why = points.provenance[points.faces].max(axis=1).astype(np.uint16)
         channels += (
             Classes("provenance", "Provenance", provenance_categories(), why),
-            Numbers("sd", "Standard deviation", "mm", sd, 0, max(float(sd.max()), 1e-3), 2),
-            Numbers("confidence", "Confidence", "", likely, 0, 1, 2, small_is_good=False),
+            Numbers(
+                key="sd",
+                label="Standard deviation",
+                unit="mm",
+                values=sd,
+                low=0,
+                high=max(float(sd.max()), 1e-3),
+                digits=2,
+            ),
+            Numbers(
+                key="confidence",
+                label="Confidence",
+                unit="",
+                values=likely,
+                low=0,
+                high=1,
+                digits=2,
+                small_is_good=False,
+            ),
         )
-    return Layer("inferred", "hypothesised (inferred)", state.mesh.vertices, faces, INFERRED, None, channels)
+    return Layer(
+        key="inferred",
+        label="hypothesised (inferred)",
+        vertices=state.mesh.vertices,
+        faces=faces,
+        paint=INFERRED,
+        place=None,
+        channels=channels,
+    )
 
 
 def _edges(state: StateMesh) -> tuple[Layer, ...]:
@@ -129,7 +164,16 @@ def _edges(state: StateMesh) -> tuple[Layer, ...]:
         values = np.full(len(faces), value, np.uint16)
         paint, shown = _CATEGORIES[value], value == SHADOW
         layers.append(
-            Layer(key, label, state.mesh.vertices, faces, paint, None, (_states(values),), shown=shown)
+            Layer(
+                key=key,
+                label=label,
+                vertices=state.mesh.vertices,
+                faces=faces,
+                paint=paint,
+                place=None,
+                channels=(_states(values),),
+                shown=shown,
+            )
         )
     return tuple(layers)
 

@@ -83,7 +83,17 @@ def read_e57(path: Path, index: int) -> RangeImage:
     name = name or (f"{path.stem}#{index + 1}" if several else path.stem)
     light = None if data.get("intensity") is None else np.asarray(data["intensity"], np.float32)[kept]
     left_out = _left_out(local)
-    return _grid(points, row, column, _colours(data, kept), light, pose, description, name, left_out)
+    return _grid(
+        points,
+        row,
+        column=column,
+        colours=_colours(data, kept),
+        light=light,
+        pose=pose,
+        description=description,
+        name=name,
+        left_out=left_out,
+    )
 
 
 def _projected(path: Path, index: int, name: str) -> RangeImage:
@@ -152,7 +162,14 @@ def _grid(
         if values is not None:
             channels[k] = np.zeros(shape, np.float32)
             channels[k][row[::-1], column[::-1]] = values[::-1]
-    scan = organised_scan(image, fit or fit_grid(image), pose, channels[0], name, channels[1])
+    scan = organised_scan(
+        image,
+        fit or fit_grid(image),
+        world_from_sensor=pose,
+        colour=channels[0],
+        name=name,
+        intensity=channels[1],
+    )
     n_more = len(points) - int(np.isfinite(image).all(axis=-1).sum())
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
     return replace(described(scan, ours), warnings=(*left_out, *several))

@@ -83,7 +83,16 @@ def read_las_scan(path: Path) -> RangeImage:
     if _SCALE in header:
         light = (np.asarray(cloud.intensity, np.float64) * header[_SCALE]).astype(np.float32)
     row, column = (np.asarray(cloud[name], dtype=np.int64) for name in ("row", "column"))
-    return scan_of(Cloud(np.asarray(cloud.xyz, np.float64), row, column, header, _colour(cloud), light))
+    return scan_of(
+        Cloud(
+            points=np.asarray(cloud.xyz, np.float64),
+            row=row,
+            column=column,
+            header=header,
+            colour=_colour(cloud),
+            intensity=light,
+        )
+    )
 
 
 def _read_header(cloud: Any) -> Mapping[str, Any] | None:

@@ -67,12 +67,12 @@ def cloud_of(scan: RangeImage) -> Cloud:
     row, column = np.nonzero(scan.valid)
     colour = colour_bytes(scan)
     return Cloud(
-        scan.points()[scan.valid],
-        row,
-        column,
-        scan_header(scan),
-        None if colour is None else colour[scan.valid],
-        None if scan.intensity is None else scan.intensity[scan.valid],
+        points=scan.points()[scan.valid],
+        row=row,
+        column=column,
+        header=scan_header(scan),
+        colour=None if colour is None else colour[scan.valid],
+        intensity=None if scan.intensity is None else scan.intensity[scan.valid],
     )
 
 
@@ -109,5 +109,7 @@ def scan_of(cloud: Cloud) -> RangeImage:
     if cloud.intensity is not None:
         light = np.zeros((rows, columns), np.float32)
         light[cloud.row, cloud.column] = cloud.intensity
-    scan = organised_scan(points, GridFit(projection, 0.0), pose, colour, "scan", light)
+    scan = organised_scan(
+        points, GridFit(projection, 0.0), world_from_sensor=pose, colour=colour, name="scan", intensity=light
+    )
     return replace(described(scan, header), warnings=left_out)

@@ -79,7 +79,7 @@ def fit_pinhole(points: FloatArray) -> GridFit | None:
     fx, cx = _robust_line(x / z, column.astype(np.float64))
     fy, cy = _robust_line(y / z, row.astype(np.float64))
     try:
-        camera = PinholeProjection(points.shape[1], points.shape[0], fx, fy, cx, cy)
+        camera = PinholeProjection(width=points.shape[1], height=points.shape[0], fx=fx, fy=fy, cx=cx, cy=cy)
     except InputError:  # no camera has such numbers
         return None
     off = np.hypot(fx * x / z + cx - column, fy * y / z + cy - row)

@@ -71,7 +71,7 @@ def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
     fx, fy, cx, cy = (float(value) for value in arrays["intrinsics"])
     if ranges.ndim != 3 or poses.shape != (len(ranges), 4, 4):
         raise InputError(f"range_tenth_mm has shape {ranges.shape}, world_from_sensor {poses.shape}")
-    camera = PinholeProjection(ranges.shape[2], ranges.shape[1], fx, fy, cx, cy)
+    camera = PinholeProjection(width=ranges.shape[2], height=ranges.shape[1], fx=fx, fy=fy, cx=cx, cy=cy)
     return [
         RangeImage(image / 1e4, camera, rounded_pose(pose), name=f"{stem}#{k}")
         for k, (image, pose) in enumerate(zip(ranges, poses, strict=True), start=1)

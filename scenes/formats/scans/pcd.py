@@ -78,7 +78,15 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     colour = _unpack_colour(values, shape)
     light = [values[field].reshape(shape) for field in _INTENSITIES if field in values.dtype.names]
     viewpoint = _viewpoint(cloud.metadata.viewpoint)
-    return _placed_scan(points, colour, light[0] if light else None, viewpoint, header, intrinsics, path.stem)
+    return _placed_scan(
+        points,
+        colour,
+        intensity=light[0] if light else None,
+        pose=viewpoint,
+        header=header,
+        intrinsics=intrinsics,
+        name=path.stem,
+    )
 
 
 def _projected(path: Path, header: _PcdHeader) -> RangeImage:
@@ -188,7 +196,10 @@ def _placed_scan(
             fit = fit_grid(points)
     if fit.projection.shape != (header.height, header.width):
         raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
-    return described(organised_scan(points, fit, pose, colour, name, intensity), ours)
+    return described(
+        organised_scan(points, fit, world_from_sensor=pose, colour=colour, name=name, intensity=intensity),
+        ours,
+    )
 
 
 def _read_header(path: Path) -> _PcdHeader:
@@ -220,7 +231,15 @@ def _read_header(path: Path) -> _PcdHeader:
         raise InputError(f"announces {announced} points in {width} x {height}: are rows or columns missing?")
     point_bytes = sum(int(size) * count for size, count in zip(words["SIZE"], counts, strict=True))
     encoding = words["DATA"][0].lower()
-    header = _PcdHeader(width, height, point_bytes, sum(counts), encoding, _comments(lines), end + 1)
+    header = _PcdHeader(
+        width=width,
+        height=height,
+        point_bytes=point_bytes,
+        point_values=sum(counts),
+        encoding=encoding,
+        comments=_comments(lines),
+        data_offset=end + 1,
+    )
     _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
     return header
 

@@ -64,7 +64,12 @@ def read_ptx(path: Path, index: int) -> RangeImage:
     light = found.table[..., 3]
     known = None if (light == _NO_INTENSITY).all() else light
     pose = found.pose @ SCANNER_FROM_SENSOR
-    return replace(organised_scan(points, fit_grid(points), pose, colour, name, known), warnings=left_out)
+    return replace(
+        organised_scan(
+            points, fit_grid(points), world_from_sensor=pose, colour=colour, name=name, intensity=known
+        ),
+        warnings=left_out,
+    )
 
 
 def read_ptx_points(path: Path, index: int) -> RawPoints:

@@ -71,12 +71,12 @@ def read_scan_text(path: Path) -> RangeImage:
     column: dict[str, Any] = {name: table[:, k] for k, name in enumerate(names)}
     return scan_of(
         Cloud(
-            np.stack([column[axis] for axis in "xyz"], axis=-1),
-            _whole(column["row"]),
-            _whole(column["column"]),
-            parse_json(first[len(TEXT_TAG) :], dict),
-            checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
-            column["intensity"].astype(np.float32) if "intensity" in column else None,
+            points=np.stack([column[axis] for axis in "xyz"], axis=-1),
+            row=_whole(column["row"]),
+            column=_whole(column["column"]),
+            header=parse_json(first[len(TEXT_TAG) :], dict),
+            colour=checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
+            intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
         )
     )
 
