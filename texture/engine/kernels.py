@@ -123,13 +123,13 @@ def make_terms(canvas: CanvasArrays) -> Terms:
     n_pixels, n_channels = canvas.row_reach.shape[1] ** 2, canvas.levels.shape[2]
     n = n_pixels * n_channels + TERMS_PER_STEP
     return Terms(
-        offsets=np.empty(n, np.int64),
-        values=np.empty(n, np.float32),
-        weights=np.empty(n, np.float32),
-        buckets=np.empty(n, np.int64),
-        ends=np.empty(N_BUCKETS + 1, np.int64),
-        pixels=np.empty(n_pixels, np.int64),
-        colours=np.empty((n_pixels, n_channels), np.float32),
+        np.empty(n, np.int64),
+        np.empty(n, np.float32),
+        np.empty(n, np.float32),
+        np.empty(n, np.int64),
+        np.empty(N_BUCKETS + 1, np.int64),
+        np.empty(n_pixels, np.int64),
+        np.empty((n_pixels, n_channels), np.float32),
     )
 
 

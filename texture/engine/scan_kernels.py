@@ -152,11 +152,11 @@ def _scan(
             is_near = add_step(
                 addresses[0] + 4 * block,
                 addresses[1] + 8 * step,
-                offsets=addresses[2] + 4 * step,
-                values=addresses[3] + 4 * step,
-                weights=before,
-                before=addresses[5],
-                sums=bound,
+                addresses[2] + 4 * step,
+                addresses[3] + 4 * step,
+                before,
+                addresses[5],
+                bound,
             )
             if not is_near:
                 break

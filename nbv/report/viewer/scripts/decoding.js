@@ -1,4 +1,4 @@
-// Decoding: base64, gzip, and packed whole numbers (nbv/report/viewer/byte_packing.py says how they are packed).
+// Decoding: base64, gzip, and packed whole numbers (byte_packing.py says how they are packed).
 
 async function inflated(text) {
   const letters = atob(text.trim());

@@ -16,7 +16,7 @@ void main() {
     : view * vec4(place + wider * distance(eye, place) * outward.xyz, 1.0);
 }`;
 
-// Shades as nbv/report/pictures/drawing.py does; patterns as nbv/report/pictures/picture.py has them.
+// Shades as drawing.py does; patterns as picture.py has them.
 const FACE_FRAGMENT = `#version 300 es
 precision highp float;
 uniform sampler2D image; uniform vec3 eye; uniform float cut, pixel;
