@@ -11,31 +11,43 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from texture.result import Synthesis
-
 _MOST = 240  # pixels, the longer side
 
 
-def show_fill(image: NDArray[Any], made: Synthesis) -> str:
+def show_fill(
+    image: NDArray[Any],
+    *,
+    source_rows: NDArray[np.int32],
+    source_cols: NDArray[np.int32],
+    confidence: NDArray[np.float32],
+    window: int,
+    is_complete: bool,
+) -> str:
     """Return HTML without style sheet or script: image, sources, and what the fill says of itself.
 
     Parameters
     ----------
     image : array, shape (h, w) or (h, w, c)
         uint8, or float in 0..1: what to show.
-    made : Synthesis
-        Where it came from. Known pixels, which point at themselves, are see-through in the second picture;
-        the others are redder the lower, and greener the further right, their source lies.
+    source_rows, source_cols : array, shape (h, w)
+        Where each pixel came from. Known pixels, which point at themselves, are see-through in the second
+        picture; the others are redder the lower, and greener the further right, their source lies.
+    confidence : array, shape (h, w)
+        Of each filled pixel, in 0..1.
+    window : int
+        Side of the comparison window, pixels.
+    is_complete : bool
+        Whether all was filled.
     """
-    height, width = made.source_rows.shape
-    itself = (made.source_rows == np.arange(height)[:, None]) & (made.source_cols == np.arange(width))
-    filled = (made.source_rows >= 0) & ~itself
-    agreement = f"{100 * float(made.confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
-    said = f"{np.count_nonzero(filled)} pixels copied, window {made.window} px, mean confidence {agreement}"
-    if not made.is_complete:
+    height, width = source_rows.shape
+    itself = (source_rows == np.arange(height)[:, None]) & (source_cols == np.arange(width))
+    filled = (source_rows >= 0) & ~itself
+    agreement = f"{100 * float(confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
+    said = f"{np.count_nonzero(filled)} pixels copied, window {window} px, mean confidence {agreement}"
+    if not is_complete:
         said += "; not complete: the time was up"
     sources = np.zeros((height, width, 4), np.uint8)
-    for channel, place in enumerate((made.source_rows, made.source_cols)):
+    for channel, place in enumerate((source_rows, source_cols)):
         sources[..., channel] = np.rint(255 * place.clip(0) / max(int(place.max(initial=0)), 1))
     sources[..., 2], sources[..., 3] = 128, np.where(filled, 255, 0)
     pictures = _figure(image, "image") + _figure(sources, "where its pixels came from")

@@ -62,9 +62,20 @@ class Synthesis:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the image, and where its pixels came from."""
+        return self.to_html(self.image)
+
+    def to_html(self, image: Pixels) -> str:
+        """Return a card for notebooks: `image` (h, w) or (h, w, c), and where its pixels came from."""
         from texture.provenance_picture import show_fill  # only notebooks need it
 
-        return show_fill(self.image, self)
+        return show_fill(
+            image,
+            source_rows=self.source_rows,
+            source_cols=self.source_cols,
+            confidence=self.confidence,
+            window=self.window,
+            is_complete=self.is_complete,
+        )
 
 
 def collect(

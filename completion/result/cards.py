@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scenes.card.card import INFERRED, MEASURED, Card, Share
-from scenes.card.thumbnail import thumbnails
+from scenes.scan.thumbnail import thumbnails
 
 if TYPE_CHECKING:
     from completion.fitting.result import SurfaceFit
@@ -41,7 +41,9 @@ def card_of_completion(completion: CompletedModel) -> Card:
         first[0].name if n_scans == 1 else f"{n_scans} scans",
         figures,
         bar=(Share("measured", observed / whole, MEASURED), Share("inferred", inferred / whole, INFERRED)),
-        pictures=[picture for scan in first for picture in thumbnails(scan)[:1]],
+        pictures=[
+            picture for scan in first for picture in thumbnails(scan.ranges, scan.colour, scan.projection)[:1]
+        ],
         note=f"and {rest} more" if rest > 0 else "",
     )
 

@@ -37,7 +37,7 @@ from nbv.report.pictures.completion_shots import Stage, is_single_camera, solid_
 from nbv.report.pictures.picture import picture_of, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count
-from scenes.card.thumbnail import upright
+from scenes.scan.thumbnail import upright
 
 _MOST_SCANS = 3  # of which pictures are shown
 

@@ -8,8 +8,8 @@ import numpy as np
 from nbv.report.figures.plots import range_colours
 from nbv.report.page.page import Gallery, Headline, Page, Section, Text
 from nbv.report.pictures.picture import Picture, picture_of
-from scenes.card.thumbnail import upright
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import upright
 
 
 def scan_page(scan: RangeImage, seed: int = 0) -> Page:

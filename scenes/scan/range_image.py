@@ -234,9 +234,24 @@ class RangeImage:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: figures and a small picture."""
-        from scenes.card.scan_card import card_of_scan  # only notebooks need it
+        from scenes.card.card import Card  # only notebooks need it and the pictures
+        from scenes.scan.thumbnail import field_of_view, thumbnails
 
-        return card_of_scan(self).to_html()
+        known, (rows, columns), (x, y, z) = self.ranges[self.valid], self.shape, self.origin
+        share = f"{100 * known.size / self.ranges.size:.1f} %"
+        noise = "not known" if self.sigma_m is None else "none"
+        figures = [
+            ("pixels", f"{rows} rows, {columns} columns; {field_of_view(self.projection)}"),
+            ("returns", f"{known.size} of {self.ranges.size} ({share})"),
+            ("range", f"{known.min():.3f} to {known.max():.3f} m" if known.size else "nothing came back"),
+            ("sensor stands at", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
+            ("range noise", f"sd {1000 * self.sigma_m:.3g} mm" if self.sigma_m else noise),
+        ]
+        figures += [("sensor", self.sensor)] if self.sensor else []
+        figures += [("effects", self.noise)] if self.noise else []
+        figures += [("truth", "known: simulated")] if self.truth is not None else []
+        pictures = thumbnails(self.ranges, self.colour, self.projection)
+        return Card("Range image", self.name, figures, pictures=pictures).to_html()
 
 
 def _check_same(ranges: FloatArray, points: FloatArray) -> None:

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Literal
+
+import numpy as np
 
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -78,6 +81,18 @@ class Scene:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: size, surfaces and warnings."""
-        from scenes.card.scene_card import card_of_scene  # only notebooks need it
+        from scenes.card.card import Card  # only notebooks need it
 
-        return card_of_scene(self).to_html()
+        kinds = Counter("mesh only" if one is None else type(one).__name__.lower() for one in self.surfaces)
+        vertices, area = self.mesh.vertices, float(self.mesh.face_areas().sum())
+        size = (
+            " x ".join(f"{side:.2f}" for side in np.ptp(vertices, axis=0)) if len(vertices) else "0 x 0 x 0"
+        )
+        figures = [
+            ("extent x, y, z", f"{size} m"),
+            ("surface", f"{area:.2f} m\u00b2 in {len(self.mesh.faces)} faces"),
+            ("surfaces", ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items())) or "none"),
+            ("scanned from", "within (room)" if self.mode == "room" else "around (object)"),
+        ]
+        figures += [("openings", str(len(self.openings)))] if self.openings else []
+        return Card("Scene", self.name, figures, note=" ".join(self.warnings)).to_html()

@@ -55,9 +55,7 @@ class SurfaceFill:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the image, and where its pixels came from."""
-        from texture.provenance_picture import show_fill  # only notebooks need it
-
-        return show_fill(self.image, self.synthesis)
+        return self.synthesis.to_html(self.image)
 
 
 def fill_surface(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.card.thumbnail import upright
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import upright
 
 ASIDE_DEG = (
     (-38.0, 8.0),

@@ -21,11 +21,11 @@ from nbv.report.pictures.picture import hatch, picture_of, segment_pixels, surfa
 from nbv.report.pictures.surface_values import fine_coverage, nearest_samples
 from nbv.scanning.scanner import scan_scene
 from nbv.visibility.samples import sample_surface
-from scenes.card.thumbnail import upright
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import upright
 from tests.helpers.room_examples import ROOM, VIEW
 
 EVIL = "<script>alert('x')</script>"

@@ -4,33 +4,42 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.card.card import CardPicture
 from scenes.checks import FloatArray
-from scenes.scan.projection import Projection, SphericalProjection
-
-if TYPE_CHECKING:
-    from scenes.scan.range_image import RangeImage
+from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
 _MOST = 220  # pixels, the longer side
 
 
-def thumbnails(scan: RangeImage) -> tuple[CardPicture, ...]:
-    """Return pictures of the ranges, near yellow and far violet, and of the colours where there are any."""
-    ranges = upright(scan.ranges, scan.projection, _MOST)
+def thumbnails(
+    ranges: FloatArray, colour: NDArray[np.float32] | None, projection: Projection
+) -> tuple[CardPicture, ...]:
+    """Return pictures of ranges (rows, columns), near yellow and far violet, and of colours where given.
+
+    Parameters
+    ----------
+    ranges : (rows, columns) float
+        Metres, inf where nothing came back.
+    colour : (rows, columns, 3) float or None
+        sRGB in 0..1.
+    projection : Projection
+        Says which way up the scan stands.
+    """
+    ranges = upright(ranges, projection, _MOST)
     known = np.isfinite(ranges)
     low, high = np.quantile(ranges[known], [0.01, 0.99]) if known.any() else (0.0, 0.0)
     pictures = [
         _picture(_range_colours(ranges, float(low), float(high)), f"range, {low:.2f} to {high:.2f} m")
     ]
-    if scan.colour is not None:
-        colour = np.rint(255 * upright(scan.colour, scan.projection, _MOST)).astype(np.uint8)
+    if colour is not None:
+        pixels = np.rint(255 * upright(colour, projection, _MOST)).astype(np.uint8)
         opacity = np.where(known, 255, 0).astype(np.uint8)
-        pictures.append(_picture(np.dstack([colour, opacity]), "colour"))
+        pictures.append(_picture(np.dstack([pixels, opacity]), "colour"))
     return tuple(pictures)
 
 
@@ -43,6 +52,18 @@ def _range_colours(ranges: FloatArray, low: float, high: float) -> NDArray[np.ui
     grey = np.rint(255 * (1 - place)).astype(np.uint8)
     colours = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS))[..., ::-1]
     return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])
+
+
+def field_of_view(projection: Projection) -> str:
+    """Return kind, width and height of a field of view in words: "pinhole, 65 x 65 deg"."""
+    if isinstance(projection, PinholeProjection):
+        halves = projection.width / 2 / abs(projection.fx), projection.height / 2 / abs(projection.fy)
+        spans = 2 * np.degrees(np.arctan(halves))
+    elif isinstance(projection, SphericalProjection):
+        spans = np.degrees([np.ptp(projection.azimuths), np.ptp(projection.elevations)])
+    else:
+        return projection.kind
+    return f"{projection.kind}, {spans[0]:.0f} x {spans[1]:.0f} deg"
 
 
 def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> NDArray[Any]:
