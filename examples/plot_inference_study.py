@@ -20,7 +20,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.coverage import UNREACHABLE
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import Shares, classify, shares_of
@@ -81,9 +81,9 @@ def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
         scans.append(scan_scene(scene, view, rng=0, caster=caster))
         if after and len(scans) < RENEWED * after[-1].views:
             continue
-        knowledge = Knowledge.of(scans)
-        classes = classify(samples, tally.met, tally.n_views > 0, knowledge)
-        after.append(shares_of(classes, samples, possible, knowledge, scene.mesh, len(scans)))
+        completed = CompletedSurfaces.of(scans)
+        classes = classify(samples, tally.met, tally.n_views > 0, completed)
+        after.append(shares_of(classes, samples, possible, completed, scene.mesh, len(scans)))
         if run.reached(after, max(TARGETS)):
             break
     return Run(reachable, met, tuple(after), aware.shares)

@@ -17,7 +17,7 @@ from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_requ
 from nbv.coverage.coverage import STATES, Coverage
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.coverage.unreachable import unreachable_patches
-from nbv.coverage.visibility_history import Sightings, sightings_of
+from nbv.coverage.visibility_history import VisibilityHistory, visibility_history
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.page.page import percent
@@ -75,7 +75,7 @@ class _Measured:
 
     coverage: Coverage
     stations: Sequence[View] | Sequence[RangeImage]
-    seen: Sightings
+    seen: VisibilityHistory
     sensor: Sensor
     instruments: list[str]
 
@@ -137,7 +137,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
             world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
-        seen = sightings_of(caster, samples, requirement, views)
+        seen = visibility_history(caster, samples, requirement, views)
         return _Measured(coverage, views, seen, sensor, [])
     scans = read_request(request.scans)
     run.warn(doubts_of(scans))
@@ -147,7 +147,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         world, scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
-    seen = sightings_of(caster, samples, requirement, scans)
+    seen = visibility_history(caster, samples, requirement, scans)
     return _Measured(coverage, scans, seen, sensor, instruments_of(scans))
 
 

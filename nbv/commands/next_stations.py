@@ -10,7 +10,7 @@ from typing import Any
 from nbv.commands.plan import PlanRequest
 from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.planner import PlannerOptions
 from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -22,7 +22,7 @@ from nbv.run.wording import count
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.visibility.viewpoints import allowed, load_candidates
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.run.atomic import write_json
@@ -40,31 +40,31 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         run.warn(doubts_of(scans))
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones)
-        survey = Survey.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
-        candidates = allowed(candidates or survey.candidates(sensor, options.clearance_m), zones)
-        knowledge = None
+        scan_map = ScanMap.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
+        candidates = allowed(candidates or scan_map.candidates(sensor, options.clearance_m), zones)
+        completed = None
         if request.infer:
             run.watch.enter("complete")
-            knowledge = Knowledge.of(survey.scans, requirement.max_sd_m, n_threads=shared.threads)
+            completed = CompletedSurfaces.of(scan_map.scans, requirement.max_sd_m, n_threads=shared.threads)
         run.watch.enter("plan")
         plan = plan_next_stations(
-            survey,
+            scan_map,
             sensor,
             requirement,
             views=request.views or 1,
             candidates=candidates,
             options=options,
-            knowledge=knowledge,
+            completed=completed,
             n_threads=shared.threads,
         )
         run.watch.enter("coverage")
-        model = None if knowledge is None else knowledge.completion
-        coverage = cover_by_scans(survey, requirement, completion=model, zones=zones)
+        model = None if completed is None else completed.completion
+        coverage = cover_by_scans(scan_map, requirement, completion=model, zones=zones)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
         write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
-        asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
+        asked = {**request.options(), "mode": scan_map.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
         page = next_stations_page(
             plan, coverage, title=title, options=asked, seed=shared.seed, n_threads=shared.threads
@@ -89,7 +89,7 @@ def summary_of(plan: Plan, coverage: ScanCoverage) -> dict[str, Any]:
         "views": len(plan.views),
         "predicted_gain_m2": [view.predicted_gain_m2 for view in plan.views],
         "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
-        "floor_m": coverage.survey.floor_m,
+        "floor_m": coverage.scan_map.floor_m,
         "surface": content["surface"],
         "boundary": content["boundary"],
         "stopped_because": plan.stopped_because,
@@ -98,18 +98,19 @@ def summary_of(plan: Plan, coverage: ScanCoverage) -> dict[str, Any]:
 
 def lines_of(plan: Plan, coverage: ScanCoverage) -> list[str]:
     """Return the headline numbers for people."""
-    area, shadow = coverage.measured, coverage.shadow
+    area, unseen = coverage.measured, coverage.unseen
+    scans = count(len(coverage.scan_map.scans), "scan")
     model = coverage.completion
     inferred = "" if model is None else f"; {square_metres(model.hypothesised_m2)} m2 more are inferred"
     lines = [
-        f"{count(len(coverage.survey.scans), 'scan')} measured {square_metres(area.total_m2)} m2 of surface, "
+        f"{scans} measured {square_metres(area.total_m2)} m2 of surface, "
         f"{square_metres(area.met_m2)} m2 of it as required{inferred}",
-        f"shadows begin on {square_metres(shadow.occluded_m2)} m2, fields of view end on "
-        f"{square_metres(shadow.frontier_m2)} m2 (areas of boundary, not of surface)",
+        f"shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
         *_stations(plan),
         f"stopped because: {plan.stopped_because}",
     ]
-    if coverage.survey.mode == "room" and coverage.survey.floor_m is None:
+    if coverage.scan_map.mode == "room" and coverage.scan_map.floor_m is None:
         lines.append("no floor was seen below the scanners: stations are where space is known to be free")
     return lines
 

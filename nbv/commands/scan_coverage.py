@@ -21,7 +21,7 @@ from nbv.run.manifest import input_digests
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import STATES, StateMesh
 from nbv.visibility.requirement import Requirement
 from scenes.formats.meshes.ply import write_mesh_ply
@@ -42,18 +42,18 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         sensor = load_sensor(request.sensor)
         scans = upright_scans(request.scans, request.up)
         run.watch.enter("voxels")
-        survey = Survey.of(scans, sensor, mode=request.mode or "room")
+        scan_map = ScanMap.of(scans, sensor, mode=request.mode or "room")
         options = CompletionOptions(mode=request.inference, texture=False)
         model = complete(
-            survey.scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
+            scan_map.scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
         )
-        coverage = cover_by_scans(survey, requirement, completion=model)
+        coverage = cover_by_scans(scan_map, requirement, completion=model)
         run.watch.enter("report")
         write_json(run.path("coverage.json"), coverage.to_json())
         write_text(run.path("coverage.csv"), csv_of(coverage))
         state = StateMesh.of(coverage)
         _write_ply(run.path("coverage.ply"), state)
-        asked = {**request.options(), "mode": survey.mode, "instruments": instruments_of(scans)}
+        asked = {**request.options(), "mode": scan_map.mode, "instruments": instruments_of(scans)}
         title = title_of(request.scans.paths)
         page = scan_coverage_page(
             coverage,
@@ -79,14 +79,15 @@ def csv_of(coverage: ScanCoverage) -> str:
 
 def lines_of(coverage: ScanCoverage) -> list[str]:
     """Return the headline numbers for people."""
-    area, shadow, model = coverage.measured, coverage.shadow, coverage.completion
+    area, unseen, model = coverage.measured, coverage.unseen, coverage.completion
+    scans = count(len(coverage.scan_map.scans), "scan")
     inferred = 0.0 if model is None else model.hypothesised_m2
     return [
-        f"{count(len(coverage.survey.scans), 'scan')} measured {square_metres(area.total_m2)} m2 of surface: "
+        f"{scans} measured {square_metres(area.total_m2)} m2 of surface: "
         f"{square_metres(area.met_m2)} m2 as required, {square_metres(area.worse_m2)} m2 worse",
         f"inferred: {square_metres(inferred)} m2 of surface",
-        f"not explained: shadows begin on {square_metres(shadow.occluded_m2)} m2, fields of view end on "
-        f"{square_metres(shadow.frontier_m2)} m2 (areas of boundary, not of surface)",
+        f"not explained: shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
     ]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Knowledge: what completion makes of the scans so far, asked point by point.
+"""Completed surfaces of the scans so far, asked point by point.
 
 What was measured too obliquely may yet be known, where it lies on a surface that all its pixels together
 determine well; what was never seen may be inferred. Both are said of places by their charts.
@@ -25,7 +25,7 @@ _SAME_WAY = float(np.cos(np.radians(30.0)))  # normals closer than this may belo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Knowledge:
+class CompletedSurfaces:
     """What completion makes of some scans.
 
     Attributes
@@ -42,7 +42,7 @@ class Knowledge:
     @classmethod
     def of(
         cls, scans: Sequence[RangeImage], max_sd_m: float | None = None, *, n_threads: int | None = None
-    ) -> Knowledge:
+    ) -> CompletedSurfaces:
         """Complete `scans`, without texture; `max_sd_m` is completion's own when not given."""
         options = CompletionOptions(texture=False, evidence=EvidenceOptions(max_cells=_MAX_CELLS))
         options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.distances import CLOSE_M, distances
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray
@@ -62,7 +62,7 @@ class Shares:
 
 
 def classify(
-    samples: SurfaceSamples, met: BoolArray, seen: BoolArray, knowledge: Knowledge
+    samples: SurfaceSamples, met: BoolArray, seen: BoolArray, completed: CompletedSurfaces
 ) -> NDArray[np.int8]:
     """Return the class (n,) of each sample of the true surface.
 
@@ -72,12 +72,12 @@ def classify(
         Of the true surface.
     met, seen : (n,) bool
         Which of them views have measured as required, and seen at all.
-    knowledge : Knowledge
+    completed : CompletedSurfaces
         What completion makes of the views' scans.
     """
     classes = np.full(len(samples), UNKNOWN, np.int8)
-    classes[knowledge.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
-    classes[seen & knowledge.modelled(samples.points, samples.normals, CLOSE_M)] = MODELLED
+    classes[completed.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
+    classes[seen & completed.modelled(samples.points, samples.normals, CLOSE_M)] = MODELLED
     classes[met] = MET
     return classes
 
@@ -86,7 +86,7 @@ def shares_of(
     classes: NDArray[np.int8],
     samples: SurfaceSamples,
     reachable: BoolArray,
-    knowledge: Knowledge,
+    completed: CompletedSurfaces,
     truth: LabelledMesh,
     views: int,
 ) -> Shares:
@@ -98,7 +98,7 @@ def shares_of(
         Class of each sample, and whether some candidate could measure it as required.
     samples : SurfaceSamples
         Of the true surface.
-    knowledge : Knowledge
+    completed : CompletedSurfaces
         What completion makes of the scans.
     truth : LabelledMesh
         The true surface.
@@ -110,7 +110,7 @@ def shares_of(
     )
     areas = samples.areas[reachable]
     reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
-    vertices, faces, _ = knowledge.hypothesised()
+    vertices, faces, _ = completed.hypothesised()
     corners = vertices[faces]
     area = triangle_areas(corners)
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sightings: which samples each of several views sees, and from which view on they meet the requirement."""
+"""Visibility history: which samples each view sees, and from which view on they meet the requirement."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ NEVER = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class VisibilityHistory:
     """What views see, one after the other.
 
     Attributes
     ----------
     start : (n + 1,) int64
-        The sightings of sample k are those from `start[k]` to `start[k + 1]`.
+        What views see of sample k stands from `start[k]` to `start[k + 1]`.
     view : (m,) int64
         Number of the view, from 1, ascending for each sample; 0 for what was scanned before.
     cosine : (m,) float
@@ -46,13 +46,13 @@ class Sightings:
     met: tuple[float, ...]
 
 
-def sightings_of(
+def visibility_history(
     caster: RayCaster,
     samples: SurfaceSamples,
     requirement: Requirement,
     stations: Sequence[View | RangeImage],
     before: Sequence[RangeImage] = (),
-) -> Sightings:
+) -> VisibilityHistory:
     """Walk through views or scans and note what each sees.
 
     Parameters
@@ -85,11 +85,11 @@ def _joined(
     seen: Sequence[tuple[int, NDArray[np.int64], FloatArray]],
     first_met: NDArray[np.int64],
     met: tuple[float, ...],
-) -> Sightings:
+) -> VisibilityHistory:
     """Sort what each view saw by sample; the views of a sample stay in their order."""
     sample = np.concatenate([np.zeros(0, np.int64), *(index for _, index, _ in seen)])
     view = np.concatenate([np.zeros(0, np.int64), *(np.full(len(i), k, np.int64) for k, i, _ in seen)])
     cosine = np.concatenate([np.zeros(0), *(values for _, _, values in seen)])
     order = np.argsort(sample, kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(sample, minlength=len(first_met)))])
-    return Sightings(start, view[order], cosine[order], first_met, met)
+    return VisibilityHistory(start, view[order], cosine[order], first_met, met)

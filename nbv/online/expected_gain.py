@@ -16,10 +16,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.accumulator import cell_directions
 from nbv.online.occupancy import EMPTY, SEEN, BoundaryFaces, VoxelMap
-from nbv.online.view_evaluation import Glimpse
+from nbv.online.view_evaluation import ViewEvaluation
 from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
@@ -33,7 +33,7 @@ _FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Experience:
+class SurfacePrior:
     """How often surface was found where nothing was known, by side of the volume, the latest look first.
 
     Attributes
@@ -46,11 +46,11 @@ class Experience:
     trust: FloatArray
 
     @classmethod
-    def none(cls) -> Experience:
+    def none(cls) -> SurfacePrior:
         """Return that of somebody who trusts that the volume is closed on every side."""
         return cls(np.ones(6))
 
-    def after(self, scan: RangeImage, hoped: Glimpse, grid: VoxelGrid) -> Experience:
+    def after(self, scan: RangeImage, hoped: ViewEvaluation, grid: VoxelGrid) -> SurfacePrior:
         """Return the experience after a scan of which so much was hoped."""
         pixels = scan.pixels(scan.origin + hoped.offsets)
         seen = np.flatnonzero((hoped.side >= 0) & np.isfinite(pixels).all(axis=1))
@@ -58,11 +58,11 @@ class Experience:
         met = grid.index_of(scan.points()[row, column]) >= 0
         n_looked = np.bincount(hoped.side[seen], minlength=6)
         n_met = np.bincount(hoped.side[seen], met, minlength=6)
-        return Experience((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
+        return SurfacePrior((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prospect:
+class ExpectedGain:
     """What is known beyond the faces of unknown space.
 
     Attributes
@@ -104,15 +104,15 @@ class Prospect:
         voxels: VoxelMap,
         border: BoundaryFaces,
         worth_entering: BoolArray,
-        knowledge: Knowledge,
+        completed: CompletedSurfaces,
         trust: FloatArray | None = None,
-    ) -> Prospect:
+    ) -> ExpectedGain:
         """Return the prospect of a map, its boundary, and what completion makes of the same scans."""
-        trust = Experience.none().trust if trust is None else trust
-        faces = voxels.faces_between(_loose(voxels, knowledge), ~np.isin(voxels.labels, (SEEN, EMPTY)))
+        trust = SurfacePrior.none().trust if trust is None else trust
+        faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)
-        measured, measured_faces = knowledge.measured()
-        inferred, inferred_faces, confidence = knowledge.hypothesised()
+        measured, measured_faces = completed.measured()
+        inferred, inferred_faces, confidence = completed.hypothesised()
         vertices = np.concatenate([corners, measured, inferred])
         n_squares, n_measured = len(squares), len(measured_faces)
         triangles = np.concatenate(
@@ -139,7 +139,7 @@ class Prospect:
             trust=trust,
         )
 
-    def look(self, position: FloatArray, max_range_m: float) -> Glimpse:
+    def look(self, position: FloatArray, max_range_m: float) -> ViewEvaluation:
         """Look from a position (3,) in all directions, as far as the sensor reaches.
 
         Worth is the area that is likely to be news: that of the ray's cell of the cube map on the surface
@@ -163,7 +163,7 @@ class Prospect:
         worth = np.where(cosine >= _FLATTEST, area * news / np.maximum(cosine, _FLATTEST), 0.0)
         kept = np.flatnonzero(worth > 0)
         is_unknown = np.ones(len(kept), dtype=np.bool_)
-        return Glimpse(near[kept, None] * rays[kept], worth[kept], voxel[kept], is_unknown, side[kept])
+        return ViewEvaluation(near[kept, None] * rays[kept], worth[kept], voxel[kept], is_unknown, side[kept])
 
     def _news_at(self, face: NDArray[np.int32], rays: FloatArray) -> FloatArray:
         """Probability (n,) that there is unknown surface where rays meet triangles."""
@@ -186,10 +186,10 @@ class Prospect:
         return front
 
 
-def _loose(voxels: VoxelMap, knowledge: Knowledge) -> BoolArray:
+def _loose(voxels: VoxelMap, completed: CompletedSurfaces) -> BoolArray:
     """Seen voxels (n_voxels,) whose surface is not all on completed surface, which tells its place better."""
     surfels = voxels.surfels
-    known = knowledge.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
+    known = completed.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
     loose: BoolArray = np.asarray(voxels.labels == SEEN)
     loose[surfels.voxels[known]] = False
     loose[surfels.voxels[~known]] = True

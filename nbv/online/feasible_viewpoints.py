@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from nbv.online.floor_support import has_footing
+from nbv.online.floor_support import has_floor_support
 from nbv.online.occupancy import VoxelMap
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.pose import Pose
 
 
-def standpoints(
+def feasible_viewpoints(
     candidates: Candidates,
     voxels: VoxelMap,
     here: Pose,
@@ -42,7 +42,7 @@ def standpoints(
     """
     allowed = voxels.is_free(candidates.positions, clearance_m)
     if on_floor and not voxels.outside_is_empty:
-        allowed &= has_footing(voxels, candidates.positions)
+        allowed &= has_floor_support(voxels, candidates.positions)
     free = candidates.at(allowed & zones.allow(candidates.positions))
     if free.directions.ndim == 3 or (np.linalg.norm(free.positions - here.translation, axis=1) < 1e-6).any():
         return free

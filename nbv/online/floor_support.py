@@ -13,7 +13,7 @@ from scenes.checks import BoolArray, FloatArray
 _LEVEL = 1.5  # voxels by which a patch of floor may lie off the floor's level
 
 
-def has_footing(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
+def has_floor_support(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
     """Tell below which positions (p, 3) everything is known to be empty, down to seen floor.
 
     The floor is the height at which the largest area of seen surface faces upwards: one level for the whole

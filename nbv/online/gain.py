@@ -16,11 +16,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.accumulator import Accumulator
-from nbv.online.expected_gain import Prospect
+from nbv.online.expected_gain import ExpectedGain
 from nbv.online.occupancy import EMPTY, OCCPLANE, UNSEEN, BoundaryFaces, VoxelMap
-from nbv.online.view_evaluation import Glimpse
+from nbv.online.view_evaluation import ViewEvaluation
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -42,7 +42,7 @@ class GainOptions:
     Parameters
     ----------
     occplane_weight : float
-        w_v, for unknown faces; with completion a `Prospect` says what they are worth instead.
+        w_v, for unknown faces; with completion a `ExpectedGain` says what they are worth instead.
     quality_weight : float
         w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
     modelled_weight : float
@@ -125,13 +125,13 @@ class BestView:
         Where to scan from.
     gain_m2 : float
         Weighted square metres.
-    sees : Glimpse
+    sees : ViewEvaluation
         The targets that it sees.
     """
 
     pose: Pose
     gain_m2: float
-    sees: Glimpse
+    sees: ViewEvaluation
 
 
 def find_targets(
@@ -140,7 +140,7 @@ def find_targets(
     required_cosine: float,
     attempts: NDArray[np.int32],
     options: GainOptions,
-    knowledge: Knowledge | None = None,
+    completed: CompletedSurfaces | None = None,
 ) -> Targets:
     """List what is worth seeing.
 
@@ -154,7 +154,7 @@ def find_targets(
         How many views should have settled a voxel's badly seen surface (0) and unknown faces (1).
     options : GainOptions
         Weights.
-    knowledge : Knowledge, optional
+    completed : CompletedSurfaces, optional
         What completion makes of the scans: badly seen surface that it knows is worth little.
     """
     side = voxels.grid.voxel_m
@@ -163,8 +163,8 @@ def find_targets(
     surfels = voxels.surfels
     poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
     worse = np.full(len(surfels.keys), options.quality_weight)
-    if knowledge is not None:
-        known = knowledge.modelled(surfels.points, surfels.normals, side / 2)
+    if completed is not None:
+        known = completed.modelled(surfels.points, surfels.normals, side / 2)
         worse[known] *= options.modelled_weight
     before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
     before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
@@ -192,7 +192,7 @@ def best_view(
     sensor: Sensor,
     required_cosine: float,
     *,
-    prospect: Prospect | None = None,
+    expected: ExpectedGain | None = None,
     n_most: int = 2000,
     n_threads: int | None = None,
 ) -> BestView | None:
@@ -214,17 +214,17 @@ def best_view(
     n_threads : int, optional
         Threads; the result does not depend on it.
     """
-    if not candidates.n_poses or not (len(targets) or prospect):
+    if not candidates.n_poses or not (len(targets) or expected):
         return None
     caster = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1)
-    sees = partial(_seen_from, caster, required_cosine, sensor, prospect)
+    sees = partial(_seen_from, caster, required_cosine, sensor, expected)
     few = targets.thinned(n_most)
-    if prospect is not None:  # what is unknown is its affair
+    if expected is not None:  # what is unknown is its affair
         few, targets = (some.some(~some.is_unknown) for some in (few, targets))
     with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
-    accumulator = Accumulator.of([glimpse.offsets for glimpse in seen], candidates, sensor)
-    number = accumulator.best([glimpse.worth_m2 for glimpse in seen])
+    accumulator = Accumulator.of([evaluation.offsets for evaluation in seen], candidates, sensor)
+    number = accumulator.best([evaluation.worth_m2 for evaluation in seen])
     if number is None:
         return None
     pose = candidates.pose(number)
@@ -238,10 +238,10 @@ def _seen_from(
     caster: RayCaster,
     required_cosine: float,
     sensor: Sensor,
-    prospect: Prospect | None,
+    expected: ExpectedGain | None,
     targets: Targets,
     position: FloatArray,
-) -> Glimpse:
+) -> ViewEvaluation:
     """Return what a position sees in any direction, and what each is worth from there."""
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
     towards = position - targets.points
@@ -255,8 +255,8 @@ def _seen_from(
         index = index[~caster.blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
     worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
-    seen = Glimpse(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
-    return seen if prospect is None else prospect.look(position, sensor.max_range_m).joined(seen)
+    seen = ViewEvaluation(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
+    return seen if expected is None else expected.look(position, sensor.max_range_m).joined(seen)
 
 
 def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:

@@ -23,13 +23,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import Knowledge
-from nbv.online.expected_gain import Experience, Prospect
-from nbv.online.feasible_viewpoints import standpoints
+from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior
+from nbv.online.feasible_viewpoints import feasible_viewpoints
 from nbv.online.gain import BestView, GainOptions, best_view, find_targets
 from nbv.online.learning import learn, recall
 from nbv.online.occupancy import VoxelMap
-from nbv.online.region_of_interest import concern
+from nbv.online.region_of_interest import of_interest
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates
@@ -117,7 +117,7 @@ def explore(
     *,
     given: Sequence[RangeImage] = (),
     from_outside: bool = False,
-    infer: Callable[[Sequence[RangeImage]], Knowledge] | None = None,
+    infer: Callable[[Sequence[RangeImage]], CompletedSurfaces] | None = None,
     finished: Callable[[], str | None] | None = None,
     journal: Journal = NO_JOURNAL,
     n_threads: int | None = None,
@@ -170,17 +170,17 @@ def explore(
     voxels = recall(voxels, given, sensor, options.clearance_m)
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     steps = [] if start is None else [Step(start, None)]
-    scans, knowledge, n_known = list(given), None, 0
+    scans, completed, n_known = list(given), None, 0
     best: BestView | None = None
-    experience = Experience.none()
+    prior = SurfacePrior.none()
     while True:
         if steps:
             scans.append(scan(steps[-1].world_from_sensor))
             voxels = learn(voxels, scans[-1], sensor, options.clearance_m)
             if best is not None:
-                experience = experience.after(scans[-1], best.sees, voxels.grid)
+                prior = prior.after(scans[-1], best.sees, voxels.grid)
         if infer is not None and len(scans) >= RENEWED * n_known:
-            knowledge, n_known = infer(scans), len(scans)
+            completed, n_known = infer(scans), len(scans)
         if progress is not None:
             progress("views", len(steps), options.max_views)
         reason = finished() if finished is not None else None
@@ -199,8 +199,8 @@ def explore(
             requirement,
             options,
             n_threads,
-            knowledge,
-            experience.trust,
+            completed,
+            prior.trust,
         )
         chosen = journal.step(f"view-{len(steps) + 1:04d}", choose)
         if isinstance(chosen, str):
@@ -219,7 +219,7 @@ def next_view(
     requirement: Requirement,
     options: PlannerOptions,
     n_threads: int | None,
-    knowledge: Knowledge | None = None,
+    completed: CompletedSurfaces | None = None,
     trust: FloatArray | None = None,
 ) -> BestView | str:
     """Return the view with the largest gain, or why no further view pays."""
@@ -230,18 +230,18 @@ def next_view(
         required_cosine=requirement.min_cosine,
         attempts=attempts,
         options=options.gain,
-        knowledge=knowledge,
+        completed=completed,
     )
-    of_concern = concern(voxels, options.zones)
+    of_concern = of_interest(voxels, options.zones)
     targets = targets.some(of_concern[targets.voxel])
     if not len(targets):
         return "requirement met: nothing is unknown or badly seen"
-    free = standpoints(
+    free = feasible_viewpoints(
         candidates, voxels, here, options.clearance_m, on_floor=options.on_floor, zones=options.zones
     )
     wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
     sought = of_concern & (attempts[1] < options.gain.max_attempts)
-    prospect = None if knowledge is None else Prospect.of(voxels, faces, sought, knowledge, trust)
+    expected = None if completed is None else ExpectedGain.of(voxels, faces, sought, completed, trust)
     best = best_view(
         voxels,
         faces,
@@ -249,7 +249,7 @@ def next_view(
         candidates=free,
         sensor=sensor,
         required_cosine=wanted,
-        prospect=prospect,
+        expected=expected,
         n_most=n_most,
         n_threads=n_threads,
     )

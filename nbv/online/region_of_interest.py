@@ -10,7 +10,7 @@ from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray
 
 
-def concern(voxels: VoxelMap, zones: Zones) -> BoolArray:
+def of_interest(voxels: VoxelMap, zones: Zones) -> BoolArray:
     """Tell which voxels (n_voxels,) are to be known: all until known space has reached the region."""
     everywhere = np.ones(voxels.grid.n_voxels, np.bool_)
     if zones.region is None:
@@ -18,4 +18,4 @@ def concern(voxels: VoxelMap, zones: Zones) -> BoolArray:
     known = np.flatnonzero((voxels.labels == EMPTY) | (voxels.labels == SEEN))
     if not zones.region.holds(voxels.grid.centres(known)).any():
         return everywhere
-    return zones.concern(voxels.grid.centres(), voxels.grid.voxel_m)
+    return zones.of_interest(voxels.grid.centres(), voxels.grid.voxel_m)

@@ -12,7 +12,7 @@ from scenes.checks import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Glimpse:
+class ViewEvaluation:
     """What a position sees of the targets, in any direction.
 
     Attributes
@@ -36,13 +36,13 @@ class Glimpse:
     is_unknown: BoolArray
     side: NDArray[np.int64]
 
-    def some(self, chosen: BoolArray) -> Glimpse:
+    def some(self, chosen: BoolArray) -> ViewEvaluation:
         """Return those that are chosen (n,)."""
-        return Glimpse(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return ViewEvaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
-    def joined(self, other: Glimpse) -> Glimpse:
+    def joined(self, other: ViewEvaluation) -> ViewEvaluation:
         """Return both together."""
         parts = [
             np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self)
         ]
-        return Glimpse(*parts)
+        return ViewEvaluation(*parts)

@@ -19,15 +19,17 @@ from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.offline_plan import cover_instance, seen_by_candidates
 from nbv.plan.plan import Plan
-from nbv.plan.problem import Attempt, Task
+from nbv.plan.problem import PlanningProblem, PlanningRun
 
 
-def plan_simply(task: Task, method: str, views: int | None, rng: np.random.Generator | int | None) -> Plan:
+def plan_simply(
+    problem: PlanningProblem, method: str, views: int | None, rng: np.random.Generator | int | None
+) -> Plan:
     """Plan views until the task's target is met.
 
     Parameters
     ----------
-    task : Task
+    problem : PlanningProblem
         The task.
     method : str
         One of `BASELINES`.
@@ -38,40 +40,48 @@ def plan_simply(task: Task, method: str, views: int | None, rng: np.random.Gener
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     n_most = views or PlannerOptions().max_views
-    attempt = Attempt.begin(task)
-    numbers = BASELINES[method](task, attempt, n_most, np.random.default_rng(rng))
+    run = PlanningRun.begin(problem)
+    numbers = BASELINES[method](problem, run, n_most, np.random.default_rng(rng))
     for number in islice(numbers, n_most):
-        if attempt.why_finished():
+        if run.why_finished():
             break
-        attempt.add(task.candidates.pose(number))
-    reason = attempt.why_finished()
+        run.add(problem.candidates.pose(number))
+    reason = run.why_finished()
     if reason is None:
-        spent = len(attempt.views) == n_most
+        spent = len(run.views) == n_most
         reason = f"the limit of {n_most} views is reached" if spent else "no candidate sees anything new"
-    return attempt.plan(method, seed, None, reason)
+    return run.plan(method, seed, None, reason)
 
 
-def _greedy(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator) -> Iterable[int]:
-    return choose_greedily(cover_instance(task, attempt.tally.met), n_most=n_most)
+def _greedy(
+    problem: PlanningProblem, run: PlanningRun, n_most: int, _rng: np.random.Generator
+) -> Iterable[int]:
+    return choose_greedily(cover_instance(problem, run.tally.met), n_most=n_most)
 
 
-def _visibility(task: Task, attempt: Attempt, n_most: int, _rng: np.random.Generator) -> Iterable[int]:
-    seen = seen_by_candidates(task, "at-all", task.requirement.visibility(task.sensor))
-    new = np.where(attempt.tally.n_views > 0, 0.0, task.samples.areas)
-    return choose_greedily(CoverInstance(seen, new, 1.0, task.requirement.k), n_most=n_most)
+def _visibility(
+    problem: PlanningProblem, run: PlanningRun, n_most: int, _rng: np.random.Generator
+) -> Iterable[int]:
+    seen = seen_by_candidates(problem, "at-all", problem.requirement.visibility(problem.sensor))
+    new = np.where(run.tally.n_views > 0, 0.0, problem.samples.areas)
+    return choose_greedily(CoverInstance(seen, new, 1.0, problem.requirement.k), n_most=n_most)
 
 
-def _farthest(task: Task, _attempt: Attempt, n_most: int, rng: np.random.Generator) -> Iterable[int]:
-    n_poses = task.candidates.n_poses
-    return farthest_poses(task.candidates, int(rng.integers(n_poses)), min(n_most, n_poses))
+def _farthest(
+    problem: PlanningProblem, _run: PlanningRun, n_most: int, rng: np.random.Generator
+) -> Iterable[int]:
+    n_poses = problem.candidates.n_poses
+    return farthest_poses(problem.candidates, int(rng.integers(n_poses)), min(n_most, n_poses))
 
 
-def _random(task: Task, _attempt: Attempt, n_most: int, rng: np.random.Generator) -> Iterable[int]:
-    poses: list[int] = rng.integers(task.candidates.n_poses, size=n_most).tolist()
+def _random(
+    problem: PlanningProblem, _run: PlanningRun, n_most: int, rng: np.random.Generator
+) -> Iterable[int]:
+    poses: list[int] = rng.integers(problem.candidates.n_poses, size=n_most).tolist()
     return poses
 
 
-BASELINES: Mapping[str, Callable[[Task, Attempt, int, np.random.Generator], Iterable[int]]] = {
+BASELINES: Mapping[str, Callable[[PlanningProblem, PlanningRun, int, np.random.Generator], Iterable[int]]] = {
     "greedy": _greedy,
     "visibility": _visibility,
     "farthest": _farthest,

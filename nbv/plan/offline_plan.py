@@ -16,7 +16,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapGraph, OverlapOptions, components
 from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.plan.plan import Plan
-from nbv.plan.problem import Attempt, Task
+from nbv.plan.problem import PlanningProblem, PlanningRun
 from nbv.plan.stations import Overlap, Stations
 from nbv.plan.tour import plan_tour
 from nbv.run.wording import count
@@ -29,7 +29,7 @@ _REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this noth
 
 
 def plan_offline(
-    task: Task, views: int | None, options: CoverOptions, rng: np.random.Generator | int | None
+    problem: PlanningProblem, views: int | None, options: CoverOptions, rng: np.random.Generator | int | None
 ) -> Plan:
     """Plan few views that meet the task, with a certified bound on how few could.
 
@@ -38,7 +38,7 @@ def plan_offline(
 
     Parameters
     ----------
-    task : Task
+    problem : PlanningProblem
         The task.
     views : int, optional
         Plan no more than so many, those not counted that overlap asks for.
@@ -53,39 +53,41 @@ def plan_offline(
         Scans that were taken before where each point is to be seen by more than one view.
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
-    if task.scans and task.requirement.k > 1:
+    if problem.scans and problem.requirement.k > 1:
         raise InputError(
-            f"cover cannot count what scans have met towards k = {task.requirement.k} views of each point; "
-            "resume with k = 1, or with method nbv"
+            f"cover cannot count what scans have met towards k = {problem.requirement.k} views of each point"
+            "; resume with k = 1, or with method nbv"
         )
-    attempt = Attempt.begin(task)
-    instance = cover_instance(task, attempt.tally.met)
-    if task.overlap is None:
-        find = partial(find_cover, instance, options, n_most=views, rng=rng, progress=task.progress)
-        cover, n_added = task.journal.step("cover", find), 0
+    run = PlanningRun.begin(problem)
+    instance = cover_instance(problem, run.tally.met)
+    if problem.overlap is None:
+        find = partial(find_cover, instance, options, n_most=views, rng=rng, progress=problem.progress)
+        cover, n_added = problem.journal.step("cover", find), 0
         del find, instance  # large, as the graph will be
-        graph = overlap_graph(task, OverlapOptions())
+        graph = overlap_graph(problem, OverlapOptions())
     else:
-        graph = overlap_graph(task, task.overlap)
-        cover, n_added = _connected_cover(task, instance, graph=graph, views=views, options=options, rng=rng)
+        graph = overlap_graph(problem, problem.overlap)
+        cover, n_added = _connected_cover(
+            problem, instance, graph=graph, views=views, options=options, rng=rng
+        )
     for number in cover.chosen:
-        attempt.add(task.candidates.pose(number))
-    stations = plan_stations(task, graph, list(cover.chosen))
-    reason = attempt.why_finished() or _why_not(task, views, cover)
-    if task.overlap is not None:
+        run.add(problem.candidates.pose(number))
+    stations = plan_stations(problem, graph, list(cover.chosen))
+    reason = run.why_finished() or _why_not(problem, views, cover)
+    if problem.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
         if stations.n_groups > 1:
             reason += f", and yet {count(stations.n_groups, 'group')} of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
     bound = cover.bound
-    if task.scans:
+    if problem.scans:
         bound = LowerBound(bound.views, f"{bound.kind}, beyond the scans that were given")
-    return attempt.plan("cover", seed, bound, reason, stations)
+    return run.plan("cover", seed, bound, reason, stations)
 
 
 def _connected_cover(
-    task: Task,
+    problem: PlanningProblem,
     instance: CoverInstance,
     graph: OverlapGraph,
     views: int | None,
@@ -101,7 +103,7 @@ def _connected_cover(
     usable = graph.registrable
     for _ in range(_MOST_TRIES):
         left = instance.only(usable)
-        cover = find_cover(left, options, n_most=views, rng=rng, progress=task.progress)
+        cover = find_cover(left, options, n_most=views, rng=rng, progress=problem.progress)
         joined = connect(left, graph, cover.chosen)
         if not joined.apart:
             break
@@ -112,56 +114,56 @@ def _connected_cover(
     return replace(cover, chosen=tuple(ordered), bound=bound), joined.n_added
 
 
-def cover_instance(task: Task, met: BoolArray | None = None) -> CoverInstance:
+def cover_instance(problem: PlanningProblem, met: BoolArray | None = None) -> CoverInstance:
     """Return which candidate pose meets the requirement on which sample.
 
     Samples that are `met` (n,) already have no weight, and the target is what is left of it.
     """
-    limits, areas = task.requirement.limits(task.sensor), task.samples.areas
-    matrix = seen_by_candidates(task, "as-required", limits)
+    limits, areas = problem.requirement.limits(problem.sensor), problem.samples.areas
+    matrix = seen_by_candidates(problem, "as-required", limits)
     if met is None or not met.any():
-        return CoverInstance(matrix, areas, task.target, task.requirement.k)
-    whole = CoverInstance(matrix, np.where(met, 0.0, areas), 1.0, task.requirement.k)
+        return CoverInstance(matrix, areas, problem.target, problem.requirement.k)
+    whole = CoverInstance(matrix, np.where(met, 0.0, areas), 1.0, problem.requirement.k)
     left, done = whole.coverable_weight, float(areas[met].sum())
-    if left == 0 or task.target == 1:
+    if left == 0 or problem.target == 1:
         return whole
-    return replace(whole, target=max(0.0, task.target - (1 - task.target) * done / left))
+    return replace(whole, target=max(0.0, problem.target - (1 - problem.target) * done / left))
 
 
-def overlap_graph(task: Task, options: OverlapOptions) -> OverlapGraph:
+def overlap_graph(problem: PlanningProblem, options: OverlapOptions) -> OverlapGraph:
     """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
-    seen = task.requirement.visibility(task.sensor)
+    seen = problem.requirement.visibility(problem.sensor)
     limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
-    return OverlapGraph.of(seen_by_candidates(task, "for-overlap", limits), task.samples, options)
+    return OverlapGraph.of(seen_by_candidates(problem, "for-overlap", limits), problem.samples, options)
 
 
-def seen_by_candidates(task: Task, name: str, limits: SightLimits) -> csr_array:
+def seen_by_candidates(problem: PlanningProblem, name: str, limits: SightLimits) -> csr_array:
     """Return which pose sees which sample within `limits`, by ones: each position cast once.
 
     The journal knows them by `name`.
     """
-    candidates, samples = task.candidates, task.samples
+    candidates, samples = problem.candidates, problem.samples
 
     def cast() -> csr_array:
-        if task.remote is not None:
-            return task.remote.from_positions(
-                task.scene.mesh, candidates.positions, samples, limits, task.progress
+        if problem.remote is not None:
+            return problem.remote.from_positions(
+                problem.scene.mesh, candidates.positions, samples, limits, problem.progress
             )
         return visible_from_positions(
-            task.caster,
+            problem.caster,
             candidates.positions,
             samples,
             limits,
-            n_threads=task.n_threads,
-            progress=task.progress,
+            n_threads=problem.n_threads,
+            progress=problem.progress,
         )
 
-    seen = task.journal.step(f"seen-{name}", cast)
+    seen = problem.journal.step(f"seen-{name}", cast)
     seen.data = np.ones(seen.nnz, np.int8)
-    return orient(seen, candidates.positions, candidates.rotations(), samples.points, task.sensor)
+    return orient(seen, candidates.positions, candidates.rotations(), samples.points, problem.sensor)
 
 
-def plan_stations(task: Task, graph: OverlapGraph, chosen: list[int]) -> Stations:
+def plan_stations(problem: PlanningProblem, graph: OverlapGraph, chosen: list[int]) -> Stations:
     """Return the tour of the chosen, and their overlaps."""
     links = [graph.links(candidate) for candidate in chosen]
     pairs = []
@@ -170,16 +172,18 @@ def plan_stations(task: Task, graph: OverlapGraph, chosen: list[int]) -> Station
             there = chosen[second]
             if own.linked[there]:
                 pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
-    linked = np.array([own.linked for own in links]).reshape(len(chosen), task.candidates.n_poses)
-    positions = [task.candidates.pose(candidate).translation for candidate in chosen]
+    linked = np.array([own.linked for own in links]).reshape(len(chosen), problem.candidates.n_poses)
+    positions = [problem.candidates.pose(candidate).translation for candidate in chosen]
     places = np.array(positions).reshape(-1, 3)
-    tour = plan_tour(task.scene.mesh, places, on_foot=not task.from_outside, keep_out=task.zones.keep_out)
+    tour = plan_tour(
+        problem.scene.mesh, places, on_foot=not problem.from_outside, keep_out=problem.zones.keep_out
+    )
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
 
-def _why_not(task: Task, views: int | None, cover: Cover) -> str:
+def _why_not(problem: PlanningProblem, views: int | None, cover: Cover) -> str:
     """Return why the target is not met."""
-    if cover.is_complete and task.overlap is not None:
+    if cover.is_complete and problem.overlap is not None:
         return "what is left is seen only by views that cannot be registered"
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"

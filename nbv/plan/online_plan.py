@@ -9,13 +9,13 @@ import numpy as np
 
 from nbv.online.planner import PlannerOptions, explore
 from nbv.plan.plan import Plan
-from nbv.plan.problem import Attempt, Task
+from nbv.plan.problem import PlanningProblem, PlanningRun
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 
 
 def plan_online(
-    task: Task,
+    problem: PlanningProblem,
     views: int | None,
     noise: str,
     options: PlannerOptions,
@@ -25,7 +25,7 @@ def plan_online(
 
     Parameters
     ----------
-    task : Task
+    problem : PlanningProblem
         The task; its true scene serves to scan, and to measure coverage.
     views : int, optional
         Plan no more than so many.
@@ -38,32 +38,32 @@ def plan_online(
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    start = None if task.scans else task.candidates.pose(int(rng.integers(task.candidates.n_poses)))
-    attempt = Attempt.begin(task)
-    scans = list(task.scans)
+    start = None if problem.scans else problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
+    run = PlanningRun.begin(problem)
+    scans = list(problem.scans)
 
     def scan(pose: Pose) -> RangeImage:
-        scans.append(attempt.scan(pose, noise, rng))
+        scans.append(run.scan(pose, noise, rng))
         return scans[-1]
 
     found = explore(
         scan,
-        task.scene.mesh.bounds(),
+        problem.scene.mesh.bounds(),
         start=start,
-        candidates=task.proposals,
-        sensor=task.sensor,
-        requirement=task.requirement,
+        candidates=problem.proposals,
+        sensor=problem.sensor,
+        requirement=problem.requirement,
         options=replace(
-            options, max_views=min(views or options.max_views, options.max_views), zones=task.zones
+            options, max_views=min(views or options.max_views, options.max_views), zones=problem.zones
         ),
-        given=task.scans,
-        from_outside=task.from_outside,
-        infer=attempt.complete if task.infer else None,
-        finished=attempt.why_finished,
-        journal=task.journal,
-        n_threads=task.n_threads,
-        progress=task.progress,
+        given=problem.scans,
+        from_outside=problem.from_outside,
+        infer=run.complete if problem.infer else None,
+        finished=run.why_finished,
+        journal=problem.journal,
+        n_threads=problem.n_threads,
+        progress=problem.progress,
     )
-    if task.infer and attempt.shares[-1].views < len(attempt.views):
-        attempt.complete(scans)
-    return attempt.plan("nbv", seed, None, found.stopped_because)
+    if problem.infer and run.shares[-1].views < len(run.views):
+        run.complete(scans)
+    return run.plan("nbv", seed, None, found.stopped_because)

@@ -15,7 +15,7 @@ from nbv.plan.baseline_plan import BASELINES, plan_simply
 from nbv.plan.offline_plan import plan_offline
 from nbv.plan.online_plan import plan_online
 from nbv.plan.plan import Plan
-from nbv.plan.problem import Task
+from nbv.plan.problem import PlanningProblem
 from nbv.plan.remote_visibility import RemoteVisibility
 from nbv.plan.stand_in import plan_with_completion
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
@@ -159,7 +159,7 @@ def plan_views(
     requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
     samples = samples or patch_samples(scene, caster, candidates) or _samples(scene, method)
-    task = Task(
+    problem = PlanningProblem(
         scene=scene,
         sensor=sensor,
         requirement=requirement,
@@ -179,12 +179,12 @@ def plan_views(
         journal=journal,
     )
     if method == "cover" and infer:
-        return plan_with_completion(task, views, noise, rng)
+        return plan_with_completion(problem, views, noise, rng)
     if method == "cover":
-        return plan_offline(task, views, budgets or CoverOptions(), rng)
+        return plan_offline(problem, views, budgets or CoverOptions(), rng)
     if method in BASELINES:
-        return plan_simply(task, method, views, rng)
-    return plan_online(task, views, noise, options or PlannerOptions(), rng)
+        return plan_simply(problem, method, views, rng)
+    return plan_online(problem, views, noise, options or PlannerOptions(), rng)
 
 
 def _samples(scene: Scene, method: Method) -> SurfaceSamples:
@@ -197,7 +197,7 @@ def _within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSampl
     """Return the samples in the region."""
     if zones.region is None:
         return samples
-    inside = zones.concern(samples.points, _ROUNDING_M)
+    inside = zones.of_interest(samples.points, _ROUNDING_M)
     if not inside.any():
         low, high = scene.mesh.bounds().round(2).tolist()
         raise InputError(

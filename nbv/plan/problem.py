@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.cover.cover import LowerBound
 from nbv.cover.overlap import OverlapOptions
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
 from nbv.plan.plan import Plan, Resumption
@@ -36,7 +36,7 @@ from scenes.world.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Task:
+class PlanningProblem:
     """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
 
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
@@ -65,10 +65,10 @@ class Task:
 
 
 @dataclass(slots=True, eq=False)
-class Attempt:
+class PlanningRun:
     """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
 
-    task: Task
+    problem: PlanningProblem
     tally: CoverageTally
     reachability: Reachability
     views: list[View]
@@ -77,80 +77,81 @@ class Attempt:
     shares: list[Shares] = field(default_factory=list)
 
     @classmethod
-    def begin(cls, task: Task) -> Attempt:
-        """Return the attempt before the first view; scans that were taken before count already.
+    def begin(cls, problem: PlanningProblem) -> PlanningRun:
+        """Return the run before the first view; scans that were taken before count already.
 
         Raises
         ------
         InputError
             A scan that measures nothing of the scene.
         """
-        tally = CoverageTally.start(task.caster, task.samples, task.requirement)
-        for scan in task.scans:
+        tally = CoverageTally.start(problem.caster, problem.samples, problem.requirement)
+        for scan in problem.scans:
             if not tally.add_scan(scan):
                 n_returns = int(scan.valid.sum())
                 raise InputError(
-                    f"{scan.name} ({n_returns} returns) measures none of {len(task.samples)} places of "
-                    f"{task.scene.name}: its poses and ranges must be in the scene's coordinates, in metres"
+                    f"{scan.name} ({n_returns} returns) measures none of {len(problem.samples)} places of "
+                    f"{problem.scene.name}: its poses and ranges must be in the scene's coordinates, "
+                    "in metres"
                 )
         resumed = None
-        if task.scans:
-            poses = tuple(scan.world_from_sensor for scan in task.scans)
-            resumed = Resumption(poses, tally.met_m2() / task.samples.total_m2)
+        if problem.scans:
+            poses = tuple(scan.world_from_sensor for scan in problem.scans)
+            resumed = Resumption(poses, tally.met_m2() / problem.samples.total_m2)
         find = partial(
             find_reachable,
-            task.caster,
-            task.samples,
-            task.candidates,
-            task.sensor,
-            task.requirement,
-            n_threads=task.n_threads,
-            progress=task.progress,
+            problem.caster,
+            problem.samples,
+            problem.candidates,
+            problem.sensor,
+            problem.requirement,
+            n_threads=problem.n_threads,
+            progress=problem.progress,
         )
-        reachability = task.journal.step("reachable", find)
-        return cls(task, tally, reachability, [], resumed)
+        reachability = problem.journal.step("reachable", find)
+        return cls(problem, tally, reachability, [], resumed)
 
     def add(self, pose: Pose) -> None:
         """Add the view from `pose`."""
-        gain = self.tally.add(View(pose, self.task.sensor))
-        met = self.tally.met_m2() / self.task.samples.total_m2
-        self.views.append(View(pose, self.task.sensor, gain, met))
+        gain = self.tally.add(View(pose, self.problem.sensor))
+        met = self.tally.met_m2() / self.problem.samples.total_m2
+        self.views.append(View(pose, self.problem.sensor, gain, met))
 
     def scan(self, pose: Pose, noise: str, rng: np.random.Generator) -> RangeImage:
         """Add the view from `pose` and return its simulated scan."""
         self.add(pose)
-        task, view, stream = self.task, self.views[-1], rng.spawn(1)[0]
+        problem, view, stream = self.problem, self.views[-1], rng.spawn(1)[0]
         name = f"view {len(self.views)}"
-        return scan_scene(task.scene, view, noise=noise, rng=stream, caster=task.caster, name=name)
+        return scan_scene(problem.scene, view, noise=noise, rng=stream, caster=problem.caster, name=name)
 
-    def complete(self, scans: Sequence[RangeImage]) -> Knowledge:
+    def complete(self, scans: Sequence[RangeImage]) -> CompletedSurfaces:
         """Let completion of `scans`, those of all views so far, stand in for further views."""
-        task, tally = self.task, self.tally
-        knowledge = Knowledge.of(scans, task.requirement.max_sd_m, n_threads=task.n_threads)
-        self.classes = classify(task.samples, tally.met, tally.n_views > 0, knowledge)
+        problem, tally = self.problem, self.tally
+        completed = CompletedSurfaces.of(scans, problem.requirement.max_sd_m, n_threads=problem.n_threads)
+        self.classes = classify(problem.samples, tally.met, tally.n_views > 0, completed)
         shares = shares_of(
             self.classes,
-            task.samples,
+            problem.samples,
             reachable=self.reachability.including(tally.met).reachable,
-            knowledge=knowledge,
-            truth=task.scene.mesh,
+            completed=completed,
+            truth=problem.scene.mesh,
             views=len(self.views),
         )
         self.shares.append(shares)
-        return knowledge
+        return completed
 
     def why_finished(self) -> str | None:
         """Return why it is enough, or None."""
         met = self.tally.met
-        areas = self.task.samples.areas
+        areas = self.problem.samples.areas
         reachable = self.reachability.including(met).reachable
         reachable_m2 = float(areas[reachable].sum())
         if reachable_m2 == 0:
             return "no candidate can measure anything as required"
         done = met if self.classes is None else met | (reachable & (self.classes != UNKNOWN))
-        if float(areas[done].sum()) >= (self.task.target - 1e-9) * reachable_m2:
+        if float(areas[done].sum()) >= (self.problem.target - 1e-9) * reachable_m2:
             how = "met" if self.classes is None else "met, modelled or inferred"
-            return f"target {how} on the true scene: {self.task.target:g} of the reachable area"
+            return f"target {how} on the true scene: {self.problem.target:g} of the reachable area"
         return None
 
     def plan(
@@ -162,21 +163,21 @@ class Attempt:
         stations: Stations | None = None,
     ) -> Plan:
         """Return the plan."""
-        task = self.task
+        problem = self.problem
         return Plan(
             method=method,
-            sensor=task.sensor,
-            requirement=task.requirement,
-            target=task.target,
+            sensor=problem.sensor,
+            requirement=problem.requirement,
+            target=problem.target,
             seed=seed,
-            n_candidates=task.candidates.n_poses,
+            n_candidates=problem.candidates.n_poses,
             views=tuple(self.views),
-            coverage=replace(self.tally.coverage(task.scene, self.reachability), classes=self.classes),
+            coverage=replace(self.tally.coverage(problem.scene, self.reachability), classes=self.classes),
             lower_bound=bound,
             stopped_because=reason,
             stations=stations,
-            candidates=task.candidates,
+            candidates=problem.candidates,
             shares=tuple(self.shares),
             resumed_from=self.resumed_from,
-            zones=task.zones,
+            zones=problem.zones,
         )

@@ -17,7 +17,7 @@ from nbv.coverage.surface_classes import UNKNOWN
 from nbv.online.planner import RENEWED, PlannerOptions
 from nbv.plan.offline_plan import overlap_graph, plan_stations, seen_by_candidates
 from nbv.plan.plan import Plan
-from nbv.plan.problem import Attempt, Task
+from nbv.plan.problem import PlanningProblem, PlanningRun
 from scenes.checks import FloatArray
 
 _STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
@@ -25,13 +25,13 @@ _KNOWN = 0.05  # worth of meeting the requirement on surface that is known, besi
 
 
 def plan_with_completion(
-    task: Task, views: int | None, noise: str, rng: np.random.Generator | int | None
+    problem: PlanningProblem, views: int | None, noise: str, rng: np.random.Generator | int | None
 ) -> Plan:
     """Plan views until what they meet, and completion models or infers from them, reaches the target.
 
     Parameters
     ----------
-    task : Task
+    problem : PlanningProblem
         The task.
     views : int, optional
         Plan no more than so many; 200 when not given.
@@ -42,37 +42,37 @@ def plan_with_completion(
     """
     seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
-    attempt, scans, chosen = Attempt.begin(task), list(task.scans), list[int]()
-    steeply = replace(task.requirement.visibility(task.sensor), min_cosine=_STEEP)
-    seen = seen_by_candidates(task, "steeply", steeply) > 0
-    met = seen_by_candidates(task, "as-required", task.requirement.limits(task.sensor)) > 0
+    run, scans, chosen = PlanningRun.begin(problem), list(problem.scans), list[int]()
+    steeply = replace(problem.requirement.visibility(problem.sensor), min_cosine=_STEEP)
+    seen = seen_by_candidates(problem, "steeply", steeply) > 0
+    met = seen_by_candidates(problem, "as-required", problem.requirement.limits(problem.sensor)) > 0
     n_most, n_known = views or PlannerOptions().max_views, len(scans)
     if scans:
-        attempt.complete(scans)
-    while (reason := attempt.why_finished()) is None and len(chosen) < n_most:
-        if task.progress:
-            task.progress("views", len(chosen), n_most)
-        gain = seen @ _unknown_m2(attempt) + _KNOWN * (met @ _unmet_m2(attempt))
+        run.complete(scans)
+    while (reason := run.why_finished()) is None and len(chosen) < n_most:
+        if problem.progress:
+            problem.progress("views", len(chosen), n_most)
+        gain = seen @ _unknown_m2(run) + _KNOWN * (met @ _unmet_m2(run))
         if not gain.max(initial=0.0) > 0:
             reason = "no candidate sees what is left"
             break
         chosen.append(int(np.argmax(gain)))
-        scans.append(attempt.scan(task.candidates.pose(chosen[-1]), noise, rng))
+        scans.append(run.scan(problem.candidates.pose(chosen[-1]), noise, rng))
         if len(scans) >= RENEWED * n_known:
-            attempt.complete(scans)
+            run.complete(scans)
             n_known = len(scans)
-    if chosen and attempt.shares[-1].views < len(chosen):
-        attempt.complete(scans)
-    stations = plan_stations(task, overlap_graph(task, OverlapOptions()), chosen)
-    return attempt.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
+    if chosen and run.shares[-1].views < len(chosen):
+        run.complete(scans)
+    stations = plan_stations(problem, overlap_graph(problem, OverlapOptions()), chosen)
+    return run.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
 
 
-def _unknown_m2(attempt: Attempt) -> FloatArray:
+def _unknown_m2(run: PlanningRun) -> FloatArray:
     """Area of each sample that is not known yet, 0 for others."""
-    unknown = ~attempt.tally.met if attempt.classes is None else attempt.classes == UNKNOWN
-    return np.asarray(attempt.task.samples.areas * unknown)
+    unknown = ~run.tally.met if run.classes is None else run.classes == UNKNOWN
+    return np.asarray(run.problem.samples.areas * unknown)
 
 
-def _unmet_m2(attempt: Attempt) -> FloatArray:
+def _unmet_m2(run: PlanningRun) -> FloatArray:
     """Area of each sample that is not met yet, 0 for others."""
-    return np.asarray(attempt.task.samples.areas * ~attempt.tally.met)
+    return np.asarray(run.problem.samples.areas * ~run.tally.met)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
-from nbv.coverage.visibility_history import Sightings, sightings_of
+from nbv.coverage.visibility_history import VisibilityHistory, visibility_history
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.baseline_blocks import baselines_section
@@ -121,7 +121,7 @@ def _plan_view(
 ) -> Block:
     """The 3-D view of a plan."""
     caster = scene.ray_caster(n_threads)
-    seen = sightings_of(caster, coverage.samples, plan.requirement, plan.views, scans)
+    seen = visibility_history(caster, coverage.samples, plan.requirement, plan.views, scans)
     projection, before = plan.sensor.projection, plan.resumed_from.poses if plan.resumed_from else ()
     given = [scan.projection for scan in scans] or [projection] * len(before)
     poses = [view.world_from_sensor for view in plan.views]
@@ -173,7 +173,7 @@ def coverage_page(
     scene: Scene,
     coverage: Coverage,
     given: Sequence[View] | Sequence[RangeImage],
-    seen: Sightings,
+    seen: VisibilityHistory,
     sensor: Sensor,
     options: Mapping[str, Any],
     seed: int,
@@ -189,7 +189,7 @@ def coverage_page(
         By the stations.
     given : sequence of View or RangeImage
         The stations.
-    seen : Sightings
+    seen : VisibilityHistory
         What they see, one after the other.
     sensor : Sensor
         By which was reckoned what is reachable.

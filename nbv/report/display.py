@@ -14,7 +14,7 @@ from typing import Any
 from completion.pipeline import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import sightings_of
+from nbv.coverage.visibility_history import visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
@@ -131,7 +131,7 @@ def _page_of_coverage(
 ) -> Page:
     """Return the report of a coverage, with what each station adds."""
     caster, sensor = scene.ray_caster(n_threads), _sensor_of(stations)
-    seen = sightings_of(caster, coverage.samples, coverage.requirement, stations)
+    seen = visibility_history(caster, coverage.samples, coverage.requirement, stations)
     asked = {"sensor": sensor.name, "requirement": coverage.requirement.describe(), "mode": scene.mode}
     return coverage_page(
         scene,

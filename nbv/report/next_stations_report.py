@@ -37,10 +37,10 @@ def next_stations_page(
     n_threads: int | None = None,
 ) -> Page:
     """Return the report of a plan that continues scans in a place without a model."""
-    survey = coverage.survey
+    scan_map = coverage.scan_map
     poses = [view.world_from_sensor for view in plan.views]
     stations = Headline(str(len(poses)), "", "next stations" if len(poses) != 1 else "next station")
-    lost = survey.mode == "room" and survey.floor_m is None
+    lost = scan_map.mode == "room" and scan_map.floor_m is None
     return Page(
         title=title,
         kicker="Next stations",
@@ -51,7 +51,7 @@ def next_stations_page(
             Section(
                 "Where to stand next",
                 (
-                    Gallery((stations_plan(survey, plan.sensor, poses, plan.zones),), 1),
+                    Gallery((stations_plan(scan_map, plan.sensor, poses, plan.zones),), 1),
                     *stations_table(plan, infers=coverage.completion is not None),
                 ),
             ),
@@ -67,7 +67,7 @@ def next_stations_page(
                 ),
             ),
             Section("Where the unknown begins", boundary_blocks(coverage)),
-            Section("Scans so far", (scans_table(survey.scans, lettered=True),)),
+            Section("Scans so far", (scans_table(scan_map.scans, lettered=True),)),
             *((Section("Surfaces", surfaces_blocks(coverage)),) if coverage.completion else ()),
         ),
         options=options,

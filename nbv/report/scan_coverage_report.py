@@ -32,7 +32,7 @@ def scan_coverage_page(
     n_threads: int | None = None,
 ) -> Page:
     """Return the report of a coverage, with its mesh and the sensor that was reckoned with."""
-    scans = coverage.survey.scans
+    scans = coverage.scan_map.scans
     return Page(
         title=title,
         kicker="Coverage of scans",
@@ -45,7 +45,7 @@ def scan_coverage_page(
             ),
             Section(
                 "Stations",
-                (Gallery((stations_plan(coverage.survey, sensor),), 1), scans_table(scans, lettered=True)),
+                (Gallery((stations_plan(coverage.scan_map, sensor),), 1), scans_table(scans, lettered=True)),
             ),
             Section("Where the unknown begins", boundary_blocks(coverage)),
             Section("Surfaces", surfaces_blocks(coverage)),
@@ -58,7 +58,7 @@ def scan_coverage_page(
 def summary(coverage: ScanCoverage) -> str:
     """What was measured, and how well, in a sentence or two."""
     area, model = coverage.measured, coverage.completion
-    scans = count(len(coverage.survey.scans), "scan")
+    scans = count(len(coverage.scan_map.scans), "scan")
     share = f"{100 * area.met_m2 / area.total_m2:.1f} %" if area.total_m2 > 0 else "nothing"
     text = (
         f"{scans[0].upper()}{scans[1:]} measured {square_metres(area.total_m2)} m\u00b2 of surface, {share} "

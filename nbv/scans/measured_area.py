@@ -122,7 +122,7 @@ def _by_cell(
     """
     pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
     cell = grid.index_of(pixels.points)
-    inside = (cell >= 0) & zones.concern(pixels.points, _RIM_M)
+    inside = (cell >= 0) & zones.of_interest(pixels.points, _RIM_M)
     returns = grid.index_of(scan.points()[scan.valid])
     n_returns = np.bincount(returns[returns >= 0], minlength=grid.n_voxels)
     n_used = np.bincount(cell[cell >= 0], minlength=grid.n_voxels)

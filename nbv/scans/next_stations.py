@@ -7,26 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.planner import PlannerOptions, next_view
 from nbv.plan.plan import Plan, Resumption
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 
 
 def plan_next_stations(
-    survey: Survey,
+    scan_map: ScanMap,
     sensor: Sensor,
     requirement: Requirement | None = None,
     *,
     views: int = 1,
     candidates: Candidates | None = None,
     options: PlannerOptions | None = None,
-    knowledge: Knowledge | None = None,
+    completed: CompletedSurfaces | None = None,
     n_threads: int | None = None,
 ) -> Plan:
     """Plan where to scan next, by what the scans so far say of the place.
@@ -37,7 +37,7 @@ def plan_next_stations(
 
     Parameters
     ----------
-    survey : Survey
+    scan_map : ScanMap
         What is known.
     sensor : Sensor
         What scans next.
@@ -46,10 +46,10 @@ def plan_next_stations(
     views : int
         How many stations to propose at most.
     candidates : Candidates, optional
-        Where the sensor may go; the survey's own when not given.
+        Where the sensor may go; the scan map's own when not given.
     options : PlannerOptions, optional
         Clearance, stopping, weights, zones.
-    knowledge : Knowledge, optional
+    completed : CompletedSurfaces, optional
         What completion makes of the scans; it counts less than what is unknown
         (`nbv.online.planner.explore`), also for the later views, whose scans nobody has to complete.
     n_threads : int, optional
@@ -69,12 +69,12 @@ def plan_next_stations(
         raise InputError(f"views must be at least 1, got {views}")
     requirement = requirement or Requirement()
     options = options or PlannerOptions()
-    options = replace(options, on_floor=options.on_floor and survey.floor_m is not None)
-    candidates = candidates or survey.candidates(sensor, options.clearance_m)
-    sensor, voxels = check_aperture(sensor), survey.voxels
+    options = replace(options, on_floor=options.on_floor and scan_map.floor_m is not None)
+    candidates = candidates or scan_map.candidates(sensor, options.clearance_m)
+    sensor, voxels = check_aperture(sensor), scan_map.voxels
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
     planned, reason = list[View](), f"the limit of {views} views is reached"
-    here = survey.scans[-1].world_from_sensor
+    here = scan_map.scans[-1].world_from_sensor
     while len(planned) < views:
         best = next_view(
             voxels,
@@ -85,7 +85,7 @@ def plan_next_stations(
             requirement=requirement,
             options=options,
             n_threads=n_threads,
-            knowledge=knowledge,
+            completed=completed,
         )
         if isinstance(best, str):
             reason = best
@@ -104,7 +104,7 @@ def plan_next_stations(
         lower_bound=None,
         stopped_because=reason,
         candidates=candidates,
-        resumed_from=Resumption(tuple(scan.world_from_sensor for scan in survey.scans), None),
+        resumed_from=Resumption(tuple(scan.world_from_sensor for scan in scan_map.scans), None),
         zones=options.zones,
     )
 

@@ -17,8 +17,8 @@ from completion.pipeline import Completion
 from completion.result.completed_model import CompletedModel
 from completion.result.export import display_mesh
 from nbv.scans.measured_area import MeasuredArea, PixelQuality, measure_area
-from nbv.scans.scan_map import Survey
-from nbv.scans.unseen_boundary import Shadow
+from nbv.scans.scan_map import ScanMap
+from nbv.scans.unseen_boundary import UnseenBoundary
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.scan.range_image import RangeImage
@@ -55,7 +55,7 @@ class ScanCoverage:
 
     Attributes
     ----------
-    survey : Survey
+    scan_map : ScanMap
         The scans and their voxels.
     requirement : Requirement
         What counts as measured well enough.
@@ -63,7 +63,7 @@ class ScanCoverage:
         Where surface counts.
     measured : MeasuredArea
         Measured surface, as required and worse.
-    shadow : Shadow
+    unseen : UnseenBoundary
         The boundary of what is not known.
     completion : Completion or None
         Surface that was recognised and continued; None where that was not asked for.
@@ -71,11 +71,11 @@ class ScanCoverage:
         Its surfaces.
     """
 
-    survey: Survey
+    scan_map: ScanMap
     requirement: Requirement
     zones: Zones
     measured: MeasuredArea
-    shadow: Shadow
+    unseen: UnseenBoundary
     completion: Completion | None
     surfaces: tuple[RecognisedSurface, ...]
 
@@ -85,7 +85,7 @@ class ScanCoverage:
         return {
             "requirement": self.requirement.to_json(),
             **self.zones.to_json(),
-            "scans": len(self.survey.scans),
+            "scans": len(self.scan_map.scans),
             "surface": {
                 "measured_m2": self.measured.total_m2,
                 "met_m2": self.measured.met_m2,
@@ -93,15 +93,15 @@ class ScanCoverage:
                 "recognised_m2": None if model is None else model.observed_m2,
                 "inferred_m2": None if model is None else model.hypothesised_m2,
             },
-            "boundary": self.shadow.to_json(),
-            "voxel_m": self.survey.voxels.grid.voxel_m,
+            "boundary": self.unseen.to_json(),
+            "voxel_m": self.scan_map.voxels.grid.voxel_m,
             "mode": None if model is None else model.mode,
             "surfaces": [asdict(surface) for surface in self.surfaces],
         }
 
 
 def cover_by_scans(
-    survey: Survey,
+    scan_map: ScanMap,
     requirement: Requirement | None = None,
     *,
     completion: Completion | None = None,
@@ -111,29 +111,29 @@ def cover_by_scans(
 
     Parameters
     ----------
-    survey : Survey
+    scan_map : ScanMap
         The scans and their voxels.
     requirement : Requirement, optional
         What counts as measured well enough.
     completion : Completion, optional
-        What completion makes of the survey's scans; None leaves inferring out.
+        What completion makes of the map's scans; None leaves inferring out.
     zones : Zones
         Measured surface and boundary count within their region alone; what is inferred counts everywhere.
     """
-    requirement, grid = requirement or Requirement(), survey.voxels.grid
-    measured = measure_area(survey.scans, requirement, grid, zones)
+    requirement, grid = requirement or Requirement(), scan_map.voxels.grid
+    measured = measure_area(scan_map.scans, requirement, grid, zones)
     surface = None if completion is None else display_mesh(completion)
-    stood = np.array([scan.origin for scan in survey.scans])
-    shadow = Shadow.of(survey.voxels, surface, zones, stood, survey.clearance_m)
+    stood = np.array([scan.origin for scan in scan_map.scans])
+    unseen = UnseenBoundary.of(scan_map.voxels, surface, zones, stood, scan_map.clearance_m)
     surfaces: tuple[RecognisedSurface, ...] = ()
     if completion is not None:
-        surfaces = _recognised(completion, survey.scans, requirement, grid.voxel_m / 2)
+        surfaces = _recognised(completion, scan_map.scans, requirement, grid.voxel_m / 2)
     return ScanCoverage(
-        survey=survey,
+        scan_map=scan_map,
         requirement=requirement,
         zones=zones,
         measured=measured,
-        shadow=shadow,
+        unseen=unseen,
         completion=completion,
         surfaces=surfaces,
     )

@@ -34,7 +34,7 @@ _BELOW_M = 0.2  # what a scanner stands on lies at least so far below it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class ScanMap:
     """What scans say of a place.
 
     Attributes
@@ -66,7 +66,7 @@ class Survey:
         mode: Mode = "room",
         options: PlannerOptions | None = None,
         zones: Zones = EVERYWHERE,
-    ) -> Survey:
+    ) -> ScanMap:
         """Write scans into the voxels of the volume that they measured in.
 
         Parameters

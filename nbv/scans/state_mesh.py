@@ -51,20 +51,20 @@ class StateMesh:
     @classmethod
     def of(cls, coverage: ScanCoverage) -> StateMesh:
         """Return the mesh of a coverage."""
-        voxel_m = coverage.survey.voxels.grid.voxel_m
+        voxel_m = coverage.scan_map.voxels.grid.voxel_m
         parts = [
             _measured(scan, PixelQuality.of(scan, coverage.requirement, voxel_m / 2))
-            for scan in coverage.survey.scans
+            for scan in coverage.scan_map.scans
         ]
         if coverage.completion is not None:
             inferred = coverage.completion.hypothesised
             vertices = coverage.completion.world_from_reference.apply(inferred.vertices)
             parts.append(_plain(vertices, inferred.faces, INFERRED, colour=inferred.colour))
-        shadow = coverage.shadow
-        for state, here in ((SHADOW, shadow.occluded), (FRONTIER, ~shadow.occluded)):
-            chosen = here & ~shadow.explained
-            front = np.repeat(shadow.faces.outward[chosen], 2, axis=0)
-            parts.append(_plain(*shadow.triangles(chosen, voxel_m), state, front))
+        unseen = coverage.unseen
+        for state, here in ((SHADOW, unseen.occluded), (FRONTIER, ~unseen.occluded)):
+            chosen = here & ~unseen.explained
+            front = np.repeat(unseen.faces.outward[chosen], 2, axis=0)
+            parts.append(_plain(*unseen.triangles(chosen, voxel_m), state, front))
         return cls(
             _joined_meshes([part.mesh for part in parts]),
             np.concatenate([part.state for part in parts]),

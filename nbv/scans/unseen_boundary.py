@@ -24,7 +24,7 @@ _WITHIN = 0.5 * np.sqrt(3)  # voxels from its centre to its corners
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shadow:
+class UnseenBoundary:
     """Faces between known empty space and what is not known.
 
     Attributes
@@ -53,7 +53,7 @@ class Shadow:
         zones: Zones = EVERYWHERE,
         stood: FloatArray | None = None,
         clearance_m: float = 0.0,
-    ) -> Shadow:
+    ) -> UnseenBoundary:
         """Return the shadow of a map.
 
         Parameters
@@ -71,7 +71,7 @@ class Shadow:
         faces = voxels.boundary()
         label = voxels.labels[faces.voxel]
         centres = voxels.grid.centres(faces.voxel)
-        unknown = ((label == OCCPLANE) | (label == UNSEEN)) & zones.concern(centres, voxels.grid.voxel_m)
+        unknown = ((label == OCCPLANE) | (label == UNSEEN)) & zones.of_interest(centres, voxels.grid.voxel_m)
         if stood is not None and len(stood):
             around = clearance_m + 2 * voxels.grid.voxel_m
             unknown &= cKDTree(stood).query(centres)[0] > around

@@ -83,7 +83,7 @@ class Zones:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keep_out", tuple(self.keep_out))
 
-    def concern(self, points: FloatArray, tolerance_m: float = 0.0) -> BoolArray:
+    def of_interest(self, points: FloatArray, tolerance_m: float = 0.0) -> BoolArray:
         """Tell which points (n, 3) are to be measured: those in the region, or so near to it, metres."""
         if self.region is None:
             return np.ones(len(points), np.bool_)

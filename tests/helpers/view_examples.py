@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.pipeline import CompletionOptions, complete
 from nbv.cover.pipeline import CoverOptions
-from nbv.coverage.visibility_history import sightings_of
+from nbv.coverage.visibility_history import visibility_history
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.report.blocks.truth import compare
@@ -28,7 +28,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.view import View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import StateMesh
 from nbv.study.pipeline import run_study
 from nbv.study.spec import read_study
@@ -143,7 +143,7 @@ def report_page(kind):
     if kind == "plan-nbv":
         return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
     if kind == "coverage":
-        seen = sightings_of(ROOM.ray_caster(1), SHARED["samples"], plan.requirement, plan.views)
+        seen = visibility_history(ROOM.ray_caster(1), SHARED["samples"], plan.requirement, plan.views)
         return coverage_page(ROOM, plan.coverage, plan.views, seen, CAMERA, ASKED, 0, 1)
     scans = [scan_scene(ROOM, plan.views[k], rng=0, name=f"view {k + 1}") for k in (0, 1)]
     model = complete(scans, PLAIN, rng=0, n_threads=1)
@@ -157,9 +157,9 @@ def report_page(kind):
 def page_of_scans(kind):
     """The report of a scan without a model of the scene."""
     stood = View(Pose.looking_at((1.0, 1.0, 1.5), (5.0, 4.0, 1.2)), AROUND)
-    survey = Survey.of([scan_scene(ROOM, stood, rng=0, name="first")], AROUND, options=COARSE)
-    coverage = cover_by_scans(survey, completion=complete(survey.scans, PLAIN, rng=0))
+    scan_map = ScanMap.of([scan_scene(ROOM, stood, rng=0, name="first")], AROUND, options=COARSE)
+    coverage = cover_by_scans(scan_map, completion=complete(scan_map.scans, PLAIN, rng=0))
     if kind == "scan-coverage":
         return scan_coverage_page(coverage, StateMesh.of(coverage), AROUND, "one scan", ASKED, 0, 1)
-    plan = plan_next_stations(survey, AROUND, coverage.requirement, views=2, options=COARSE, n_threads=1)
+    plan = plan_next_stations(scan_map, AROUND, coverage.requirement, views=2, options=COARSE, n_threads=1)
     return next_stations_page(plan, coverage, "one scan", ASKED, 0, 1)

@@ -30,7 +30,7 @@ from nbv.report.viewer.state_view import state_view
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
@@ -44,7 +44,7 @@ _COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
 
 def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
     """Measured, inferred and unknown areas."""
-    area, shadow, model = coverage.measured, coverage.shadow, coverage.completion
+    area, unseen, model = coverage.measured, coverage.unseen, coverage.completion
     inferred = () if model is None else (
         Headline(square_metres(model.hypothesised_m2), "m\u00b2", "inferred surface", "inferred"),
     )  # fmt: skip
@@ -54,10 +54,10 @@ def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
         Headline(square_metres(area.worse_m2), "m\u00b2", "surface measured worse", states[0]),
         *inferred,
         Headline(
-            square_metres(shadow.occluded_m2), "m\u00b2", "edge of shadows (boundary, not surface)", states[1]
+            square_metres(unseen.occluded_m2), "m\u00b2", "edge of shadows (boundary, not surface)", states[1]
         ),
         Headline(
-            square_metres(shadow.frontier_m2), "m\u00b2", "edge of all fields of view (boundary)", states[2]
+            square_metres(unseen.frontier_m2), "m\u00b2", "edge of all fields of view (boundary)", states[2]
         ),
     )
 
@@ -103,7 +103,7 @@ def state_blocks(
 
 def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | None) -> tuple[Picture, ...]:
     """What was measured, inferred and hidden, from two sides."""
-    scans = list(coverage.survey.scans)
+    scans = list(coverage.scan_map.scans)
     drawn = state.mesh.face_surface != FRONTIER  # it would hide what was measured
     mesh = part_of(state.mesh, drawn)
     canvas = Canvas(mesh, state.front[drawn], n_threads)
@@ -129,19 +129,19 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
 
 
 def stations_plan(
-    survey: Survey, sensor: Sensor, poses: Sequence[Pose] = (), zones: Zones = EVERYWHERE
+    scan_map: ScanMap, sensor: Sensor, poses: Sequence[Pose] = (), zones: Zones = EVERYWHERE
 ) -> Picture:
     """The floor plan: where the scans were taken, and where the next ones are to be."""
-    outline, height = _outline(survey)
-    reach = field_length(survey.bounds)
-    projections = [scan.projection for scan in survey.scans]
+    outline, height = _outline(scan_map)
+    reach = field_length(scan_map.bounds)
+    projections = [scan.projection for scan in scan_map.scans]
     plot = FloorPlan(
         outline=outline,
-        bounds=survey.bounds,
+        bounds=scan_map.bounds,
         positions=places_of(poses),
         fields=fields_of(poses, [sensor.projection] * len(poses), reach),
-        given=places_of([scan.world_from_sensor for scan in survey.scans]),
-        given_fields=fields_of([scan.world_from_sensor for scan in survey.scans], projections, reach),
+        given=places_of([scan.world_from_sensor for scan in scan_map.scans]),
+        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], projections, reach),
         zones=zones,
     ).plot()
     caption = "Squares with letters: where the scans have been taken."
@@ -159,14 +159,14 @@ def stations_plan(
     )
 
 
-def _outline(survey: Survey) -> tuple[FloatArray, str]:
+def _outline(scan_map: ScanMap) -> tuple[FloatArray, str]:
     """Segments (k, 2, 2) around the seen voxels of a horizontal slice, and where it lies."""
-    grid = survey.voxels.grid
-    low, high = survey.bounds[:, 2]
-    level = (low + high) / 2 if survey.floor_m is None else min(survey.floor_m + _CUT_M, (low + high) / 2)
+    grid = scan_map.voxels.grid
+    low, high = scan_map.bounds[:, 2]
+    level = (low + high) / 2 if scan_map.floor_m is None else min(scan_map.floor_m + _CUT_M, (low + high) / 2)
     z = grid.origin[2] + (np.arange(grid.shape[2]) + 0.5) * grid.voxel_m
     layers = np.abs(z - level) <= max(_THICK_M, grid.voxel_m / 2)
-    seen = (survey.voxels.labels == SEEN).reshape(grid.shape)[:, :, layers].any(axis=2)
+    seen = (scan_map.voxels.labels == SEEN).reshape(grid.shape)[:, :, layers].any(axis=2)
     return _edges(seen) * grid.voxel_m + grid.origin[:2], f"{level:.2f} \u00b1 {_THICK_M:.2f} m high"
 
 
@@ -201,20 +201,20 @@ def surfaces_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
 
 def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
     """A row for each kind of boundary."""
-    shadow = coverage.shadow
+    unseen = coverage.unseen
     kinds = (
-        ("edge of a shadow", "behind it something measured hides what there is", shadow.occluded_m2),
+        ("edge of a shadow", "behind it something measured hides what there is", unseen.occluded_m2),
         (
             "of shadows, explained",
             "a recognised surface passes there, measured or inferred",
-            shadow.explained_m2,
+            unseen.explained_m2,
         ),
-        ("frontier", "no scan has looked beyond", shadow.frontier_m2),
+        ("frontier", "no scan has looked beyond", unseen.frontier_m2),
     )
     rows = tuple((Cell(name), Cell(meaning), Cell(square_metres(area))) for name, meaning, area in kinds)
     note = (
         "Areas of the boundary between space known to be empty and space of which nothing is known, within "
-        f"the volume that was measured, by voxels of {100 * coverage.survey.voxels.grid.voxel_m:.1f} cm. "
+        f"the volume that was measured, by voxels of {100 * coverage.scan_map.voxels.grid.voxel_m:.1f} cm. "
         "They are not areas of surface, and cannot be added to those: behind a square metre of shadow's edge "
         "there may be ten square metres of surface, or none."
     )

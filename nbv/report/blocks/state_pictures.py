@@ -65,7 +65,7 @@ def state_pictures(
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)
         found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
-        found[hit] = np.where(zones.concern(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
+        found[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
         image = np.zeros((*hit.shape, 4))
         for value, colour in {**colours, _OUTSIDE: _PALE}.items():
             here = found == value

@@ -14,8 +14,7 @@ from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.coverage.surface_classes import INFERRED as CLASS_INFERRED
 from nbv.coverage.surface_classes import MET as CLASS_MET
 from nbv.coverage.surface_classes import MODELLED as CLASS_MODELLED
-from nbv.coverage.visibility_history import NEVER
-from nbv.coverage.visibility_history import Sightings as Seen
+from nbv.coverage.visibility_history import NEVER, VisibilityHistory
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
@@ -38,7 +37,7 @@ _REASON_COLOURS = (3, 2, 5, 6, 1, 7, 11)  # numbers in the palette of surfaces
 def scene_view(
     scene: Scene,
     coverage: Coverage,
-    seen: Seen,
+    seen: VisibilityHistory,
     *,
     markers: tuple[Marker, ...] = (),
     lines: tuple[Lines, ...] = (),
@@ -64,7 +63,7 @@ def scene_view(
     """
     fine = fine_coverage(scene.mesh, coverage, _SAMPLES_A_FACE)
     place = np.where(
-        zones.concern(fine.corners.mean(axis=1), _AT_FACES_M), fine.sample, len(coverage.samples)
+        zones.of_interest(fine.corners.mean(axis=1), _AT_FACES_M), fine.sample, len(coverage.samples)
     )
     channels, sightings = channels_of(coverage, seen), sightings_of(seen)
     skin = _skin(scene.mesh.appearance, fine)
@@ -117,7 +116,7 @@ def near_hull(points: FloatArray, vertices: FloatArray) -> BoolArray:
     return np.asarray(depth >= -_NEAR_HULL * float(np.ptp(vertices, axis=0).max()))
 
 
-def channels_of(coverage: Coverage, seen: Seen) -> tuple[Classes | Numbers, ...]:
+def channels_of(coverage: Coverage, seen: VisibilityHistory) -> tuple[Classes | Numbers, ...]:
     """What is known of each sample, and at the end of a place outside the region."""
     limit = coverage.requirement.max_incidence_deg
     is_seen = coverage.n_views > 0
@@ -153,7 +152,7 @@ def channels_of(coverage: Coverage, seen: Seen) -> tuple[Classes | Numbers, ...]
     )
 
 
-def _state_channel(coverage: Coverage, seen: Seen) -> Classes:
+def _state_channel(coverage: Coverage, seen: VisibilityHistory) -> Classes:
     """Measured or not; with completion, the classes."""
     met, unknown = Category("measured as required", picture.MEASURED), picture.UNKNOWN
     first = np.where(seen.first_met == NEVER, 0, seen.first_met)
@@ -221,7 +220,7 @@ def _and_outside(values: FloatArray) -> FloatArray:
     return np.append(values, np.nan)
 
 
-def sightings_of(seen: Seen) -> Sightings:
+def sightings_of(seen: VisibilityHistory) -> Sightings:
     """Return sightings for the view, with a place outside the region at the end."""
     angle = np.degrees(np.arccos(np.clip(seen.cosine, 0, 1)))
     return Sightings(np.append(seen.start, seen.start[-1]), seen.view, angle)

@@ -66,7 +66,7 @@ def state_view(
     zones : Zones
         Where surface counts, and where no station may be.
     """
-    scans = coverage.survey.scans
+    scans = coverage.scan_map.scans
     given = given_markers(
         [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
     )
@@ -78,7 +78,7 @@ def state_view(
         tuple(layer for layer in layers if len(layer.faces)),
         markers=(*given, *following),
         lines=zone_lines(zones),
-        is_room=coverage.survey.mode == "room" and not single,
+        is_room=coverage.scan_map.mode == "room" and not single,
         pictures=pictures,
         camera=aside_cameras(scans[0])[0] if single else None,
         one="view" if poses else "scan",
@@ -89,7 +89,7 @@ def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
     """What was measured, as required or worse."""
     faces = _faces(state, state.mesh.face_surface <= SEEN_WORSE)
     vertices, faces, kept = thinned(state.mesh.vertices, faces, _MOST_FACES)
-    scans = coverage.survey.scans
+    scans = coverage.scan_map.scans
     value = state.state[kept][faces].max(axis=1, initial=0).astype(np.uint16)
     sightings = scan_sightings(scans, vertices[faces])
     channels = (_states(value), *quality_channels(sightings, len(scans)))

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from nbv.cover.overlap import OverlapOptions
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.distances import distances
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import CLASSES, INFERRED, MET, MODELLED, UNKNOWN, classify, shares_of
-from nbv.online.expected_gain import Experience, Prospect
+from nbv.online.expected_gain import ExpectedGain, SurfacePrior
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
-from nbv.online.region_of_interest import concern
-from nbv.online.view_evaluation import Glimpse
+from nbv.online.region_of_interest import of_interest
+from nbv.online.view_evaluation import ViewEvaluation
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
@@ -49,72 +49,74 @@ def wall():
     """The scene, its one scan from the front, and what completion makes of it."""
     scene = wall_behind_a_board()
     scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
-    return scene, scan, Knowledge.of([scan])
+    return scene, scan, CompletedSurfaces.of([scan])
 
 
 def test_knowledge_tells_measured_from_inferred_and_from_what_is_neither(wall):
-    _, _, knowledge = wall
+    _, _, completed = wall
     asked = np.array([[1.2, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -1.0, 1.0], [0.0, 0.5, 1.0], [0.0, 0.0, 3.0]])
     normals = np.tile([0.0, -1.0, 0.0], (5, 1))
-    assert knowledge.modelled(asked, normals, 0.02).tolist() == [True, False, True, False, False]
-    assert knowledge.inferred(asked, normals, 0.02).tolist() == [False, True, False, False, False]
+    assert completed.modelled(asked, normals, 0.02).tolist() == [True, False, True, False, False]
+    assert completed.inferred(asked, normals, 0.02).tolist() == [False, True, False, False, False]
     across = np.tile([1.0, 0.0, 0.0], (5, 1))  # another surface that crosses the wall is not known by it
-    assert not knowledge.modelled(asked, across, 0.02).any()
-    strict = Knowledge(knowledge.completion, 0.0)
+    assert not completed.modelled(asked, across, 0.02).any()
+    strict = CompletedSurfaces(completed.completion, 0.0)
     assert not strict.modelled(asked, normals, 0.02).any()
 
 
 def test_classes_part_the_area_and_met_comes_first(wall):
-    scene, _, knowledge = wall
+    scene, _, completed = wall
     samples = sample_surface(scene.mesh, 0.05)
     seen = np.ones(len(samples), np.bool_)
     met = samples.points[:, 0] > 1.0
-    classes = classify(samples, met, seen, knowledge)
+    classes = classify(samples, met, seen, completed)
     assert (classes[met] == MET).all()
     hidden = (np.abs(samples.points[:, 0]) < 0.35) & (np.abs(samples.points[:, 2] - 1) < 0.35)
     hidden &= np.abs(samples.points[:, 1]) < 0.01
     assert (classes[hidden] == INFERRED).mean() > 0.95
     reachable = samples.points[:, 0] > -1.0
-    shares = shares_of(classes, samples, reachable, knowledge, scene.mesh, 1)
+    shares = shares_of(classes, samples, reachable, completed, scene.mesh, 1)
     assert shares.known + shares.unknown == pytest.approx(1.0)
     for kind, name in enumerate(CLASSES):
         assert getattr(shares, name) == pytest.approx(samples.areas[classes == kind].sum() / samples.total_m2)
     known = samples.areas[reachable & (classes != UNKNOWN)].sum()
     assert shares.reached == pytest.approx(known / samples.areas[reachable].sum())
     assert shares.right_m2 == pytest.approx(shares.inferred_m2, rel=0.01)
-    never = classify(samples, np.zeros_like(met), np.zeros_like(seen), knowledge)
+    never = classify(samples, np.zeros_like(met), np.zeros_like(seen), completed)
     assert set(np.unique(never)) <= {INFERRED, UNKNOWN}  # what was never seen is not modelled
     assert MODELLED in classes
 
 
-def prospect_of(scan, knowledge, bounds, trust=None):
+def expected_gain_of(scan, completed, bounds, trust=None):
     """What lies beyond the unknown of a map with one scan, and the map."""
     voxels = VoxelMap.unknown(np.array(bounds), voxel_m=0.1).integrated(scan, SENSOR)
     sought = np.ones(voxels.grid.n_voxels, np.bool_)
-    return Prospect.of(voxels, voxels.boundary(), sought, knowledge, trust), voxels
+    return ExpectedGain.of(voxels, voxels.boundary(), sought, completed, trust), voxels
 
 
 def test_a_shadow_before_inferred_wall_promises_little_and_the_rear_of_a_board_much(wall):
-    _, scan, knowledge = wall
-    prospect, _ = prospect_of(scan, knowledge, [[-2, -3.5, 0], [2, 0.2, 2]])
+    _, scan, completed = wall
+    expected, _ = expected_gain_of(scan, completed, [[-2, -3.5, 0], [2, 0.2, 2]])
     beside = np.array([1.2, -2.0, 1.0])  # sees the shadow behind the board from the right
-    glimpse = prospect.look(beside, 30.0)
-    rays = glimpse.offsets / np.linalg.norm(glimpse.offsets, axis=1, keepdims=True)
+    evaluation = expected.look(beside, 30.0)
+    rays = evaluation.offsets / np.linalg.norm(evaluation.offsets, axis=1, keepdims=True)
     onto_wall = beside + rays * (-beside[1] / rays[:, 1])[:, None]
-    into_shadow = (glimpse.side < 0) & (np.abs(onto_wall[:, 0]) < 0.3) & (np.abs(onto_wall[:, 2] - 1) < 0.2)
+    into_shadow = (
+        (evaluation.side < 0) & (np.abs(onto_wall[:, 0]) < 0.3) & (np.abs(onto_wall[:, 2] - 1) < 0.2)
+    )
     into_shadow &= rays[:, 1] > 0
-    before_wall = glimpse.worth_m2[into_shadow].sum()
+    before_wall = evaluation.worth_m2[into_shadow].sum()
     assert before_wall < 0.1 * 0.6 * 0.4  # inferred with a confidence of well above 0.9
-    back = prospect.look(np.array([1.5, -0.3, 1.0]), 30.0)  # nearer to the wall than the board is
+    back = expected.look(np.array([1.5, -0.3, 1.0]), 30.0)  # nearer to the wall than the board is
     onto_board = back.offsets[:, 1] < 0
     assert back.worth_m2[onto_board & (back.side < 0)].sum() == pytest.approx(0.36, rel=0.35)
 
 
 def test_what_leaves_the_volume_is_worth_its_side_times_trust(wall):
-    _, scan, knowledge = wall
+    _, scan, completed = wall
     bounds = [[-2, -3.5, 0], [2, 0.2, 2]]
-    full, voxels = prospect_of(scan, knowledge, bounds)
-    none, _ = prospect_of(scan, knowledge, bounds, np.zeros(6))
+    full, voxels = expected_gain_of(scan, completed, bounds)
+    none, _ = expected_gain_of(scan, completed, bounds, np.zeros(6))
     at = np.array([0.0, -2.5, 1.0])
     hoped, gone = full.look(at, 30.0), none.look(at, 30.0)
     assert (gone.side < 0).all()
@@ -128,8 +130,10 @@ def test_experience_is_the_share_of_hopes_that_were_fulfilled():
     scene = wall_behind_a_board()
     scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
     towards = np.array([[0.0, 3.0, 0.0], [0.9, 3.0, 0.3], [0.3, 3.0, 1.6], [0.0, -3.0, 0.0], [0.2, 3.0, 0.0]])
-    hoped = Glimpse(towards, np.ones(5), np.zeros(5, np.int64), np.ones(5, bool), np.array([1, 1, 2, 3, -1]))
-    trust = Experience.none().after(scan, hoped, grid).trust
+    hoped = ViewEvaluation(
+        towards, np.ones(5), np.zeros(5, np.int64), np.ones(5, bool), np.array([1, 1, 2, 3, -1])
+    )
+    trust = SurfacePrior.none().after(scan, hoped, grid).trust
     assert trust[1] == 1.0  # both met the wall
     assert trust[2] == pytest.approx(50 / 51)  # above the wall there is nothing
     assert trust[3] == 1.0  # not looked at
@@ -147,11 +151,11 @@ def test_rays_leave_a_grid_by_the_side_they_run_into():
 def test_concern_is_the_region_once_it_is_reached():
     voxels = VoxelMap.unknown(np.array([[0.0, 0, 0], [2, 2, 2]]), voxel_m=0.5)
     region = Zones(Box(np.array([0.0, 0, 0]), np.array([0.9, 2, 2])))
-    assert concern(voxels, region).all()
+    assert of_interest(voxels, region).all()
     reached = voxels.cleared(np.array([0.3, 0.3, 0.3]), 0.6)
-    held = concern(reached, region)
+    held = of_interest(reached, region)
     assert 0 < held.sum() < len(held)
-    assert concern(reached, Zones()).all()
+    assert of_interest(reached, Zones()).all()
 
 
 def test_distances_to_large_triangles_among_small_ones_are_exact_nearby():

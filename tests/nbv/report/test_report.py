@@ -9,7 +9,7 @@ import pytest
 
 from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import sightings_of
+from nbv.coverage.visibility_history import visibility_history
 from nbv.report.blocks.station_plots import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.floor_plan import FloorPlan
@@ -75,7 +75,7 @@ def test_a_scene_with_evil_names_makes_a_harmless_report(scene, view, coverage):
         coverage.samples, coverage.requirement, coverage.best_cosine, coverage.n_views, coverage.state,
         coverage.reason, names, coverage.n_faces,
     )  # fmt: skip
-    seen = sightings_of(evil.ray_caster(1), coverage.samples, coverage.requirement, [view])
+    seen = visibility_history(evil.ray_caster(1), coverage.samples, coverage.requirement, [view])
     arguments = ([view], seen, view.sensor, {"plan": EVIL}, 0, 1)
     page = coverage_page(evil, named, *arguments)
     html = page.to_html()

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from nbv.commands.plan import lines_of, summary_of
-from nbv.coverage.completed_surfaces import Knowledge
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline
@@ -28,7 +28,7 @@ from nbv.report.pictures.picture import UNKNOWN as UNKNOWN_COLOUR
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scans.next_stations import plan_next_stations
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
@@ -219,13 +219,15 @@ def test_next_stations_know_what_completion_makes_of_the_scans():
         Pose.looking_at(np.array(eye), np.array(target))
         for eye, target in (((0.6, 0.6, 1.6), (5.0, 4.0, 0.8)), ((5.2, 0.8, 1.6), (1.0, 4.0, 0.6)))
     ]
-    survey = Survey.of([scan_scene(ROOM, pose, SENSOR, rng=0) for pose in poses], SENSOR, options=COARSE)
+    scan_map = ScanMap.of([scan_scene(ROOM, pose, SENSOR, rng=0) for pose in poses], SENSOR, options=COARSE)
     fixed = {"views": 2, "candidates": CANDIDATES, "options": COARSE, "n_threads": 1}
-    knowledge = Knowledge.of(survey.scans, n_threads=1)
-    plain, knowing = (plan_next_stations(survey, SENSOR, knowledge=one, **fixed) for one in (None, knowledge))
+    completed = CompletedSurfaces.of(scan_map.scans, n_threads=1)
+    plain, knowing = (
+        plan_next_stations(scan_map, SENSOR, completed=one, **fixed) for one in (None, completed)
+    )
     assert plain.views[0].predicted_gain_m2 != knowing.views[0].predicted_gain_m2
     assert len(knowing.views) == 2
-    again = plan_next_stations(survey, SENSOR, knowledge=knowledge, **{**fixed, "n_threads": 2})
+    again = plan_next_stations(scan_map, SENSOR, completed=completed, **{**fixed, "n_threads": 2})
     assert [view.to_json() for view in again.views] == [view.to_json() for view in knowing.views]
     notes = [stations_table(knowing, infers=infers)[-1].text for infers in (False, True)]
     assert "likely to be news" not in notes[0]

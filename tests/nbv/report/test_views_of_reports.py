@@ -10,7 +10,7 @@ from completion.extension.provenance import Provenance
 from completion.pipeline import CompletionOptions, complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import sightings_of
+from nbv.coverage.visibility_history import visibility_history
 from nbv.plan.tour import Leg, Tour
 from nbv.report.blocks.station_plots import fields_of, outline_of
 from nbv.report.blocks.station_tables import place_cells, scans_table
@@ -29,7 +29,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.view import View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
-from nbv.scans.scan_map import Survey
+from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import SHADOW, StateMesh
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import Box, Zones
@@ -62,7 +62,7 @@ def coverage():
 
 @pytest.fixture(scope="module")
 def seen(coverage):
-    return sightings_of(ROOM.ray_caster(1), SAMPLES, coverage.requirement, VIEWS)
+    return visibility_history(ROOM.ray_caster(1), SAMPLES, coverage.requirement, VIEWS)
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +173,10 @@ def test_incidence_on_measured_surface_is_that_of_the_scan(completion):
 
 def test_scans_without_a_model_show_what_is_measured_and_where_the_unknown_begins():
     scans = [scan_scene(ROOM, View(Pose.looking_at((1, 1, 1.5), (5, 4, 1.2)), AROUND), rng=0, name="first")]
-    survey = Survey.of(scans, AROUND, options=COARSE)
-    coverage = cover_by_scans(survey, completion=complete(survey.scans, PLAIN, rng=0))
+    scan_map = ScanMap.of(scans, AROUND, options=COARSE)
+    coverage = cover_by_scans(scan_map, completion=complete(scan_map.scans, PLAIN, rng=0))
     state = StateMesh.of(coverage)
-    plan = plan_next_stations(survey, AROUND, coverage.requirement, views=1, options=COARSE, n_threads=1)
+    plan = plan_next_stations(scan_map, AROUND, coverage.requirement, views=1, options=COARSE, n_threads=1)
     poses = [view.world_from_sensor for view in plan.views]
     view = state_view(coverage, state, (), poses=poses, sensor=AROUND)
     assert [layer.key for layer in view.layers] == ["measured", "inferred", "unseen", "frontier"]

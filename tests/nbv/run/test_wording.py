@@ -5,7 +5,7 @@ import pytest
 
 from nbv.commands.plan import lines_of
 from nbv.cover.cover import LowerBound
-from nbv.coverage.visibility_history import sightings_of
+from nbv.coverage.visibility_history import visibility_history
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -34,7 +34,7 @@ def test_reports_of_one_view_speak_of_one_view(room, one_view):
     page = plan_page(room, one_view, one_view.coverage, {}, 0, 1)
     assert page.summary.startswith("1 view with panorama, planned knowing the scene, measures ")
     view = one_view.views[0]
-    seen = sightings_of(room.ray_caster(1), one_view.coverage.samples, one_view.requirement, [view])
+    seen = visibility_history(room.ray_caster(1), one_view.coverage.samples, one_view.requirement, [view])
     page = coverage_page(room, one_view.coverage, [view], seen, view.sensor, {}, 0, 1)
     assert page.summary.startswith("1 station measures ")
 

@@ -14,9 +14,9 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scans.measured_area import measure_area
 from nbv.scans.scan_coverage import cover_by_scans
-from nbv.scans.scan_map import Survey, with_known_noise
+from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.state_mesh import FRONTIER, INFERRED, MEASURED, SEEN_WORSE, SHADOW, StateMesh
-from nbv.scans.unseen_boundary import Shadow
+from nbv.scans.unseen_boundary import UnseenBoundary
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.voxel_grid import VoxelGrid
@@ -46,9 +46,9 @@ def room_scans(noise="none"):
 
 @pytest.fixture(scope="module")
 def coverage():
-    survey = Survey.of(room_scans()[:2], SENSOR)
-    model = complete(survey.scans, CompletionOptions(texture=False), rng=0, n_threads=2)
-    return cover_by_scans(survey, AT_60, completion=model)
+    scan_map = ScanMap.of(room_scans()[:2], SENSOR)
+    model = complete(scan_map.scans, CompletionOptions(texture=False), rng=0, n_threads=2)
+    return cover_by_scans(scan_map, AT_60, completion=model)
 
 
 @pytest.mark.parametrize("noise", ["none", "gaussian-5mm"])
@@ -106,20 +106,20 @@ def test_the_edge_of_a_shadow_is_a_frustum():
     scan = scan_scene(before_wall(near, far, half), EAST, SENSOR, rng=0)
     volume = np.array([[0.0, -1.2, -1.2], [3.1, 1.2, 1.2]])
     voxels = VoxelMap.unknown(volume, voxel_m=0.04).integrated(scan, SENSOR)
-    shadow = Shadow.of(voxels)
-    beyond = shadow.faces.centres[:, 0] > near + 0.1
-    beside = np.abs(shadow.faces.centres[:, 1:]).max(axis=1) < 0.7
+    unseen = UnseenBoundary.of(voxels)
+    beyond = unseen.faces.centres[:, 0] > near + 0.1
+    beside = np.abs(unseen.faces.centres[:, 1:]).max(axis=1) < 0.7
     slant = np.hypot(far - near, half * (far / near - 1))
     frustum = 4 * slant * half * (1 + far / near)
-    found = shadow.area_m2(shadow.occluded & beyond & beside)
+    found = unseen.area_m2(unseen.occluded & beyond & beside)
     assert found == pytest.approx(frustum, rel=0.15)
 
 
 def test_what_a_surface_explains_is_taken_from_the_shadow(coverage):
-    bare = Shadow.of(
-        coverage.survey.voxels, stood=np.array([s.origin for s in coverage.survey.scans]), clearance_m=0.3
+    bare = UnseenBoundary.of(
+        coverage.scan_map.voxels, stood=np.array([s.origin for s in coverage.scan_map.scans]), clearance_m=0.3
     )
-    explained = coverage.shadow
+    explained = coverage.unseen
     assert explained.explained_m2 > 0
     assert explained.occluded_m2 + explained.explained_m2 == pytest.approx(bare.occluded_m2)
     assert bare.explained_m2 == 0
@@ -127,13 +127,13 @@ def test_what_a_surface_explains_is_taken_from_the_shadow(coverage):
 
 
 def test_space_around_the_sensor_leaves_no_frontier():
-    survey = Survey.of(room_scans()[:1], SENSOR)
-    origin = survey.scans[0].origin
-    with_ball = Shadow.of(survey.voxels)
-    without = Shadow.of(survey.voxels, stood=origin[None], clearance_m=survey.clearance_m)
+    scan_map = ScanMap.of(room_scans()[:1], SENSOR)
+    origin = scan_map.scans[0].origin
+    with_ball = UnseenBoundary.of(scan_map.voxels)
+    without = UnseenBoundary.of(scan_map.voxels, stood=origin[None], clearance_m=scan_map.clearance_m)
     assert without.frontier_m2 < with_ball.frontier_m2
     distance = np.linalg.norm(without.faces.centres - origin, axis=1)
-    assert distance.min() > survey.clearance_m
+    assert distance.min() > scan_map.clearance_m
 
 
 def test_noise_that_nobody_knows_is_read_off_the_scan():
@@ -159,7 +159,7 @@ def test_coverage_json_keeps_surface_and_boundary_apart(coverage):
 
 
 def test_without_completion_nothing_is_inferred():
-    bare = cover_by_scans(Survey.of(room_scans()[:1], SENSOR), AT_60).to_json()
+    bare = cover_by_scans(ScanMap.of(room_scans()[:1], SENSOR), AT_60).to_json()
     assert bare["surface"]["inferred_m2"] is None
     assert bare["surfaces"] == []
 
@@ -169,11 +169,11 @@ def test_the_state_mesh_holds_each_state_and_its_areas(coverage):
     areas = np.bincount(state.mesh.face_surface, state.mesh.face_areas(), 5)
     assert (areas > 0).all()
     assert areas[INFERRED] == pytest.approx(coverage.completion.hypothesised_m2)
-    unexplained = ~coverage.shadow.explained
-    side = coverage.survey.voxels.grid.voxel_m
+    unexplained = ~coverage.unseen.explained
+    side = coverage.scan_map.voxels.grid.voxel_m
     n_faces = [
-        (coverage.shadow.occluded & unexplained).sum(),
-        (~coverage.shadow.occluded & unexplained).sum(),
+        (coverage.unseen.occluded & unexplained).sum(),
+        (~coverage.unseen.occluded & unexplained).sum(),
     ]
     assert areas[[SHADOW, FRONTIER]] == pytest.approx(np.array(n_faces) * side**2)
     has_normal = state.cosine > 0  # pixels without one are as their neighbours are

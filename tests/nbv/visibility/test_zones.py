@@ -51,7 +51,7 @@ def test_distance_to_a_box_is_that_to_its_nearest_point():
 
 def test_everywhere_concerns_all_and_allows_all():
     points = np.random.default_rng(0).normal(size=(50, 3))
-    assert EVERYWHERE.concern(points).all()
+    assert EVERYWHERE.of_interest(points).all()
     assert EVERYWHERE.allow(points).all()
     assert EVERYWHERE.to_json() == {"region": None, "keep_out": []}
 

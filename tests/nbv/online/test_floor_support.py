@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Footing: tripods stand on seen floor, not on tables, not over what no scan has seen."""
+"""Floor support: tripods stand on seen floor, not on tables, not over what no scan has seen."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from nbv.online.floor_support import has_footing
+from nbv.online.floor_support import has_floor_support
 from nbv.online.occupancy import SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
@@ -34,17 +34,17 @@ def test_a_tripod_stands_on_seen_floor_alone():
         "outside": (9.0, 1.0, 1.0),
         "in the box": (2.2, 2.0, 0.5),
     }
-    found = has_footing(seen_from_corner(), np.array(list(asked.values())))
+    found = has_floor_support(seen_from_corner(), np.array(list(asked.values())))
     assert dict(zip(asked, found.tolist(), strict=True)) == {name: name == "floor" for name in asked}
 
 
 def test_nothing_stands_before_any_floor_is_seen():
     blank = VoxelMap.unknown(ROOM.mesh.bounds(), voxel_m=0.1)
-    assert not has_footing(blank, np.array([[1.0, 1.0, 1.0]])).any()
+    assert not has_floor_support(blank, np.array([[1.0, 1.0, 1.0]])).any()
     up = Pose.looking_at((1.0, 1.0, 1.0), (1.0, 1.0, 2.7))
     looked_up = blank.integrated(scan_scene(ROOM, up, SENSOR), SENSOR)
     assert (looked_up.labels == SEEN).any()
-    assert not has_footing(looked_up, np.array([[1.0, 1.0, 1.5]])).any()
+    assert not has_floor_support(looked_up, np.array([[1.0, 1.0, 1.5]])).any()
 
 
 def test_with_footing_the_planner_keeps_off_the_table_and_without_it_need_not():

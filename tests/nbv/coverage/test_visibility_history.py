@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Sightings agree with the coverage that the same views reach, step by step."""
+"""Visibility histories agree with the coverage that the same views reach, step by step."""
 
 import numpy as np
 import pytest
 
 from nbv.coverage.coverage import MET
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
-from nbv.coverage.visibility_history import NEVER, sightings_of
+from nbv.coverage.visibility_history import NEVER, visibility_history
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View
@@ -27,7 +27,7 @@ CANDIDATES = Candidates(np.array([[0.5, 0.5, 1.5]]), np.array([[1.0, 0.5, 0.0]])
 
 
 def seen_by(k, views=VIEWS, before=()):
-    return sightings_of(ROOM.ray_caster(1), SAMPLES, Requirement(k=k), views, before)
+    return visibility_history(ROOM.ray_caster(1), SAMPLES, Requirement(k=k), views, before)
 
 
 @pytest.mark.parametrize("k", [1, 2])
