@@ -14,6 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = {
+    "plot_architecture": ["--docs", "{out}"],
     "plot_scanner": ["--docs", "{out}", "--scale", "0.15"],
     "plot_textures": ["--docs", "{out}", "--quick"],
     "plot_fitting_metrics": ["--docs", "{out}", "--trials", "4", "--workers", "2"],
