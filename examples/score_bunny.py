@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.online.gain import GainOptions
 from nbv.online.planner import PlannerOptions, explore
+from nbv.online.targets import GainOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.measurement import CoverageTally
-from nbv.online.gain import GainOptions
 from nbv.online.planner import PlannerOptions
+from nbv.online.targets import GainOptions
 from nbv.plan.plan import Plan
 from nbv.plan.planning import plan_views
 from nbv.run.wording import count

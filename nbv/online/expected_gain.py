@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Prospect: what a view into unknown space is expected to meet there, and how much of it would be news.
+"""Expected gain: how much new surface a view into unknown space is expected to find.
 
-A shadow hides surface that completion infers, the rear of the body that casts it, and perhaps things that
-nothing tells of. A ray that enters unknown space is followed to what is known: where it meets inferred
-surface, that surface may yet be missing (an opening); where it meets measured surface from its front,
-nothing new is there; where it meets measured surface from the rear, or nothing, unknown surface lies before
-it.
+A ray that enters unknown space is followed until it meets what is known. Inferred surface may be missing (an
+opening): it is new with the probability that it is not there. Measured surface met from its front tells
+nothing new. Where a ray meets measured surface from the rear, or meets nothing, unknown surface lies before.
 """
 
 from __future__ import annotations
@@ -17,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.completed_surfaces import CompletedSurfaces
-from nbv.online.accumulator import cell_directions
-from nbv.online.occupancy import EMPTY, SEEN, BoundaryFaces, VoxelMap
-from nbv.online.view_evaluation import ViewEvaluation
+from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
+from nbv.online.view_evaluation import ViewEvaluation, cell_directions
 from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
@@ -34,36 +31,35 @@ _FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfacePrior:
-    """How often surface was found where nothing was known, by side of the volume, the latest look first.
+    """How likely a ray that meets nothing known is to meet surface before it leaves the volume.
 
     Attributes
     ----------
     trust : (6,) float
-        For each side (+x, +y, +z, -x, -y, -z) the probability that a ray which would leave by it meets
-        surface before.
+        That probability for each side (+x, +y, +z, -x, -y, -z) by which the ray would leave.
     """
 
     trust: FloatArray
 
     @classmethod
     def none(cls) -> SurfacePrior:
-        """Return that of somebody who trusts that the volume is closed on every side."""
+        """Return the prior before any look: the volume is closed on every side."""
         return cls(np.ones(6))
 
-    def after(self, scan: RangeImage, hoped: ViewEvaluation, grid: VoxelGrid) -> SurfacePrior:
-        """Return the experience after a scan of which so much was hoped."""
-        pixels = scan.pixels(scan.origin + hoped.offsets)
-        seen = np.flatnonzero((hoped.side >= 0) & np.isfinite(pixels).all(axis=1))
+    def after(self, scan: RangeImage, predicted: ViewEvaluation, grid: VoxelGrid) -> SurfacePrior:
+        """Return the prior updated by a scan whose rays into the unknown were `predicted`."""
+        pixels = scan.pixels(scan.origin + predicted.offsets)
+        seen = np.flatnonzero((predicted.side >= 0) & np.isfinite(pixels).all(axis=1))
         row, column = np.rint(pixels[seen]).astype(np.int64).T
         met = grid.index_of(scan.points()[row, column]) >= 0
-        n_looked = np.bincount(hoped.side[seen], minlength=6)
-        n_met = np.bincount(hoped.side[seen], met, minlength=6)
+        n_looked = np.bincount(predicted.side[seen], minlength=6)
+        n_met = np.bincount(predicted.side[seen], met, minlength=6)
         return SurfacePrior((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedGain:
-    """What is known beyond the faces of unknown space.
+    """Unknown space and what is known behind it, prepared for rays.
 
     Attributes
     ----------
@@ -102,13 +98,24 @@ class ExpectedGain:
     def of(
         cls,
         voxels: VoxelMap,
-        border: BoundaryFaces,
+        boundary: RayCaster,
+        entered: NDArray[np.int64],
+        *,
         worth_entering: BoolArray,
         completed: CompletedSurfaces,
-        trust: FloatArray | None = None,
+        trust: FloatArray,
     ) -> ExpectedGain:
-        """Return the prospect of a map, its boundary, and what completion makes of the same scans."""
-        trust = SurfacePrior.none().trust if trust is None else trust
+        """Return what views into the unknown space of a map may bring.
+
+        Parameters
+        ----------
+        voxels : VoxelMap
+            The map.
+        boundary, entered, worth_entering, trust
+            See the attributes.
+        completed : CompletedSurfaces
+            What completion makes of the scans that the map was made of.
+        """
         faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)
         measured, measured_faces = completed.measured()
@@ -125,8 +132,6 @@ class ExpectedGain:
         normal = np.cross(b - a, c - a)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         caster = RayCaster(vertices, triangles, n_threads=1) if len(triangles) else None
-        boundary = RayCaster(*border.triangles(voxels.grid.voxel_m), n_threads=1)
-        entered = np.repeat(border.voxel, 2)
         return cls(
             boundary=boundary,
             entered=entered,
@@ -140,10 +145,10 @@ class ExpectedGain:
         )
 
     def look(self, position: FloatArray, max_range_m: float) -> ViewEvaluation:
-        """Look from a position (3,) in all directions, as far as the sensor reaches.
+        """Evaluate a position (3,), world coordinates in metres, in all directions within the range.
 
-        Worth is the area that is likely to be news: that of the ray's cell of the cube map on the surface
-        which it meets, or else on the side of the volume by which it leaves.
+        The worth of a ray is the area that its cell of the cube map cuts out of the surface that it meets,
+        or of the side by which it leaves the volume, times the probability that surface there is new.
         """
         rays, solid_angles = _directions()
         hits = self.boundary.first_hit(position[None], rays)
@@ -187,7 +192,7 @@ class ExpectedGain:
 
 
 def _loose(voxels: VoxelMap, completed: CompletedSurfaces) -> BoolArray:
-    """Seen voxels (n_voxels,) whose surface is not all on completed surface, which tells its place better."""
+    """Seen voxels (n_voxels,) with surface off the completed surfaces; those tell the place of the rest."""
     surfels = voxels.surfels
     known = completed.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
     loose: BoolArray = np.asarray(voxels.labels == SEEN)

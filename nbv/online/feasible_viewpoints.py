@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Standpoints: the candidates that are known to be free, with something to stand on."""
+"""Feasible viewpoints: the candidates in space that is known to be free, above floor that was seen."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nbv.online.floor_support import has_floor_support
-from nbv.online.occupancy import VoxelMap
+from nbv.online.occupancy import EMPTY, VoxelMap
+from nbv.online.surfels import UPWARD
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
+from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
+
+_LEVEL = 1.5  # voxels by which a patch of floor may lie off the floor's level
 
 
 def feasible_viewpoints(
@@ -49,3 +53,51 @@ def feasible_viewpoints(
     if not zones.allow(here.translation[None]).all():
         return free
     return replace(free, positions=np.vstack([free.positions, here.translation]))
+
+
+def has_floor_support(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
+    """Tell below which positions (p, 3) everything is known to be empty, down to seen floor.
+
+    The floor is the height at which the largest area of seen surface faces upwards: one level for the whole
+    volume, so that no tripod stands on a table. Stairs and split levels are not known.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        What is known.
+    positions : (p, 3) float
+        Where the sensor would be, world coordinates in metres.
+    """
+    cell = voxels.grid.index_of(positions)
+    floor = _floor_voxels(voxels)
+    known = np.isin(_first_below(voxels)[cell], floor)
+    return np.asarray((cell >= 0) & known)
+
+
+def _floor_voxels(voxels: VoxelMap) -> NDArray[np.int64]:
+    """Voxels that hold seen floor."""
+    surfels, level = voxels.surfels, floor_level(voxels)
+    if level is None:
+        return np.zeros(0, np.int64)
+    at_level = np.abs(surfels.points[:, 2] - level) <= _LEVEL * voxels.grid.voxel_m
+    floor: NDArray[np.int64] = surfels.voxels[(surfels.sides == UPWARD) & at_level]
+    return floor
+
+
+def floor_level(voxels: VoxelMap) -> float | None:
+    """Height at which the largest area of seen surface faces upwards, metres; None where none does."""
+    surfels = voxels.surfels
+    upward = surfels.sides == UPWARD
+    if not upward.any():
+        return None
+    height = surfels.points[upward, 2]
+    layer = np.floor((height - voxels.grid.origin[2]) / voxels.grid.voxel_m).astype(np.int64)
+    area = np.bincount(layer, surfels.areas[upward])
+    return float(np.median(height[layer == int(np.argmax(area))]))
+
+
+def _first_below(voxels: VoxelMap) -> NDArray[np.int64]:
+    """For each voxel the number of the first that is not empty, itself or straight below; -1 for none."""
+    solid = (voxels.labels != EMPTY).reshape(voxels.grid.shape)
+    number = np.where(solid, np.arange(voxels.grid.n_voxels).reshape(solid.shape), -1)
+    return np.maximum.accumulate(number, axis=2).ravel()

@@ -9,6 +9,7 @@ frontier. Seen beats empty, empty beats occluded, so that thin surfaces stay and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,6 +123,32 @@ class VoxelMap:
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
         return replace(self, labels=labels, surfels=surfels, votes=votes)._with_occplane()
+
+    def with_scan(self, scan: RangeImage, sensor: Sensor | None, clearance_m: float) -> VoxelMap:
+        """Return the map after one more scan; within a room, the place where the sensor stands is free too.
+
+        Parameters
+        ----------
+        scan, sensor
+            As for `integrated`.
+        clearance_m : float
+            Radius in metres of the free space that a standing sensor proves, beside a voxel.
+        """
+        voxels = self.integrated(scan, sensor)
+        if self.outside_is_empty:
+            return voxels
+        return voxels.cleared(scan.origin, clearance_m + self.grid.voxel_m)
+
+    def with_given(self, scans: Sequence[RangeImage], sensor: Sensor, clearance_m: float) -> VoxelMap:
+        """Return the map after scans that were taken before, by `sensor` or by other instruments.
+
+        Pixels without return of other instruments say nothing: nobody knows what they would have met, and
+        how far away.
+        """
+        voxels = self
+        for scan in scans:
+            voxels = voxels.with_scan(scan, sensor if scan.sensor == sensor.name else None, clearance_m)
+        return voxels
 
     def _voted(self, hit: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int16]:
         """Return the votes after a scan that ended in the voxels `hit` and went through those `before`."""

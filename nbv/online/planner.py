@@ -6,10 +6,9 @@ badly seen, scores every candidate view by how much of that it would see, and go
 largest. References:
 
 * N. A. Massios and R. B. Fisher, "A best next view selection algorithm incorporating a quality criterion",
-BMVC 1998;
+  BMVC 1998;
 * F. J. Sanchiz and R. B. Fisher, "A next-best-view algorithm for 3D scene recovery with 5 degrees of
-freedom",
-  BMVC 1999.
+  freedom", BMVC 1999.
 
 Their idea is followed, not their weights and thresholds.
 """
@@ -17,7 +16,7 @@ Their idea is followed, not their weights and thresholds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -26,20 +25,21 @@ from numpy.typing import NDArray
 from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.expected_gain import ExpectedGain, SurfacePrior
 from nbv.online.feasible_viewpoints import feasible_viewpoints
-from nbv.online.gain import BestView, GainOptions, best_view, find_targets
-from nbv.online.learning import learn, recall
+from nbv.online.gain import BestView, best_view
 from nbv.online.occupancy import VoxelMap
-from nbv.online.region_of_interest import of_interest
+from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 
 RENEWED = 1.04  # growth of the number of scans after which they are completed anew: each of the first 25
+_NOTHING_IN_SIGHT = "no candidate in known free space sees what is left to see"
 Progress = Callable[[str, int, int], None]
 
 
@@ -106,6 +106,65 @@ class Exploration:
     stopped_because: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerState:
+    """What the planner knows, on which it decides.
+
+    Attributes
+    ----------
+    voxels : VoxelMap
+        What the scans say of the volume.
+    attempts : (2, n_voxels) int32
+        How many chosen views should have settled a voxel's badly seen surface (0) and unknown faces (1).
+    prior : SurfacePrior
+        How likely a ray into unknown space is to meet surface.
+    completed : CompletedSurfaces or None
+        What completion makes of the scans; None without completion.
+    """
+
+    voxels: VoxelMap
+    attempts: NDArray[np.int32]
+    prior: SurfacePrior
+    completed: CompletedSurfaces | None = None
+
+    @classmethod
+    def of(cls, voxels: VoxelMap, completed: CompletedSurfaces | None = None) -> PlannerState:
+        """Return the state before any view was chosen."""
+        attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
+        return cls(voxels, attempts, SurfacePrior.none(), completed)
+
+    def after_scan(
+        self, scan: RangeImage, sensor: Sensor, clearance_m: float, chosen: BestView | None
+    ) -> PlannerState:
+        """Return the state after a scan from the view that was `chosen`, None where nothing chose it."""
+        voxels = self.voxels.with_scan(scan, sensor, clearance_m)
+        if chosen is None:
+            return replace(self, voxels=voxels)
+        return replace(self, voxels=voxels, prior=self.prior.after(scan, chosen.sees, voxels.grid))
+
+    def after_choice(self, chosen: BestView, times: int = 1) -> PlannerState:
+        """Return the state in which `chosen` has tried `times` more to settle what it sees."""
+        attempts = self.attempts.copy()
+        np.add.at(attempts, (chosen.sees.is_unknown.astype(np.int64), chosen.sees.voxel), times)
+        return replace(self, attempts=attempts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """The next view, or the reason why no further view pays: exactly one of the two.
+
+    Attributes
+    ----------
+    view : BestView or None
+        Where to scan next.
+    reason : str or None
+        Why to stop.
+    """
+
+    view: BestView | None = None
+    reason: str | None = None
+
+
 def explore(
     scan: Callable[[Pose], RangeImage],
     volume: FloatArray,
@@ -134,7 +193,7 @@ def explore(
     start : Pose or None
         The first view; None to choose it like the others, by what the `given` scans say.
     candidates : Candidates
-        Where the sensor may go; positions not yet known to be free, or without footing, are left out.
+        Where the sensor may go; positions not yet known to be free, or without floor below, are left out.
     sensor : Sensor
         What scans.
     requirement : Requirement, optional
@@ -146,8 +205,8 @@ def explore(
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
     infer : callable, optional
-        Completes all scans so far. What it knows counts less than what is unknown: badly seen surface that is
-        modelled well, and shadows in which nothing but inferred surface is expected.
+        Completes all scans so far. Badly seen surface that it models well, and shadows in which nothing but
+        inferred surface is expected, then count less than what is unknown.
     finished : callable, optional
         Asked after every scan; a text stops the exploration and is its reason. A simulated study puts its own
         stopping rule here; the planner itself decides by its voxels alone.
@@ -166,98 +225,112 @@ def explore(
     if start is None and not given:
         raise InputError("without a scan that is given, exploring needs a pose to start from")
     requirement, options = requirement or Requirement(), options or PlannerOptions()
+
+    # What the scans that were taken before say of the volume.
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
-    voxels = recall(voxels, given, sensor, options.clearance_m)
-    attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
+    state = PlannerState.of(voxels.with_given(given, sensor, options.clearance_m))
+    scans, n_completed = list(given), 0
     steps = [] if start is None else [Step(start, None)]
-    scans, completed, n_known = list(given), None, 0
-    best: BestView | None = None
-    prior = SurfacePrior.none()
+    chosen: BestView | None = None
     while True:
+        # Scan from the last view, and learn from the scan.
         if steps:
             scans.append(scan(steps[-1].world_from_sensor))
-            voxels = learn(voxels, scans[-1], sensor, options.clearance_m)
-            if best is not None:
-                prior = prior.after(scans[-1], best.sees, voxels.grid)
-        if infer is not None and len(scans) >= RENEWED * n_known:
-            completed, n_known = infer(scans), len(scans)
+            state = state.after_scan(scans[-1], sensor, options.clearance_m, chosen)
+
+        # Complete the scans anew where there are enough new ones.
+        if infer is not None and len(scans) >= RENEWED * n_completed:
+            state, n_completed = replace(state, completed=infer(scans)), len(scans)
+
+        # Stop where the caller has enough, or the views are spent.
         if progress is not None:
             progress("views", len(steps), options.max_views)
         reason = finished() if finished is not None else None
         if reason is None and len(steps) >= options.max_views:
             reason = f"the limit of {options.max_views} views is reached"
         if reason is not None:
-            return Exploration(tuple(steps), voxels, reason)
+            return Exploration(tuple(steps), state.voxels, reason)
+
+        # Choose the next view; stop where none pays.
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
-        choose = partial(
-            next_view,
-            voxels,
-            attempts,
-            candidates,
-            here,
-            sensor,
-            requirement,
-            options,
-            n_threads,
-            completed,
-            prior.trust,
-        )
-        chosen = journal.step(f"view-{len(steps) + 1:04d}", choose)
-        if isinstance(chosen, str):
-            return Exploration(tuple(steps), voxels, chosen)
-        best = chosen
-        _count_attempts(attempts, best)
-        steps.append(Step(best.pose, best.gain_m2))
+        decide = partial(
+            next_view, state, candidates, here, sensor=sensor, requirement=requirement, options=options,
+            n_threads=n_threads,
+        )  # fmt: skip
+        decision = journal.step(f"view-{len(steps) + 1:04d}", decide)
+        if decision.view is None:
+            return Exploration(tuple(steps), state.voxels, decision.reason or "")
+        chosen = decision.view
+        state = state.after_choice(chosen)
+        steps.append(Step(chosen.pose, chosen.gain_m2))
 
 
 def next_view(
-    voxels: VoxelMap,
-    attempts: NDArray[np.int32],
+    state: PlannerState,
     candidates: Candidates,
     here: Pose,
+    *,
     sensor: Sensor,
     requirement: Requirement,
     options: PlannerOptions,
-    n_threads: int | None,
-    completed: CompletedSurfaces | None = None,
-    trust: FloatArray | None = None,
-) -> BestView | str:
-    """Return the view with the largest gain, or why no further view pays."""
-    faces = voxels.boundary()
+    n_threads: int | None = None,
+) -> Decision:
+    """Return the candidate view with the largest gain, or why none pays.
+
+    Parameters
+    ----------
+    state : PlannerState
+        What is known.
+    candidates : Candidates
+        Where the sensor may go.
+    here : Pose
+        Where it stands now.
+    sensor : Sensor
+        What scans next.
+    requirement : Requirement
+        What counts as seen well; its incidence counts here.
+    options : PlannerOptions
+        Clearance, stopping, weights, zones.
+    n_threads : int, optional
+        Threads; the result does not depend on it.
+    """
+    # What is worth seeing: unknown faces and badly seen surface in the region of interest.
+    voxels, gain = state.voxels, options.gain
+    faces, wanted = voxels.boundary(), voxels_of_interest(voxels, options.zones)
     targets = find_targets(
-        voxels,
-        faces,
-        required_cosine=requirement.min_cosine,
-        attempts=attempts,
-        options=options.gain,
-        completed=completed,
-    )
-    of_concern = of_interest(voxels, options.zones)
-    targets = targets.some(of_concern[targets.voxel])
+        voxels, faces, required_cosine=requirement.min_cosine, attempts=state.attempts, options=gain,
+        completed=state.completed,
+    )  # fmt: skip
+    targets = targets.some(wanted[targets.voxel])
     if not len(targets):
-        return "requirement met: nothing is unknown or badly seen"
+        return Decision(reason="requirement met: nothing is unknown or badly seen")
+
+    # Where the sensor can stand.
     free = feasible_viewpoints(
         candidates, voxels, here, options.clearance_m, on_floor=options.on_floor, zones=options.zones
     )
-    wanted, n_most = _wanted_cosine(requirement, options.gain), options.gain.max_targets
-    sought = of_concern & (attempts[1] < options.gain.max_attempts)
-    expected = None if completed is None else ExpectedGain.of(voxels, faces, sought, completed, trust)
+    if not free.n_poses:
+        return Decision(reason=_NOTHING_IN_SIGHT)
+
+    # What views into unknown space are expected to bring, where completion says what lies around it.
+    boundary, expected = RayCaster(*faces.triangles(voxels.grid.voxel_m), n_threads=1), None
+    if state.completed is not None:
+        sought = wanted & (state.attempts[1] < gain.max_attempts)
+        expected = ExpectedGain.of(
+            voxels, boundary, np.repeat(faces.voxel, 2), worth_entering=sought, completed=state.completed,
+            trust=state.prior.trust,
+        )  # fmt: skip
+
+    # The best of all candidates, if it is worth a scan.
     best = best_view(
-        voxels,
-        faces,
-        targets=targets,
-        candidates=free,
-        sensor=sensor,
-        required_cosine=wanted,
-        expected=expected,
-        n_most=n_most,
-        n_threads=n_threads,
-    )
+        boundary, targets, free, sensor=sensor, required_cosine=_wanted_cosine(requirement, gain),
+        expected=expected, n_most=gain.max_targets, n_threads=n_threads,
+    )  # fmt: skip
     if best is None:
-        return "no candidate in known free space sees what is left to see"
+        return Decision(reason=_NOTHING_IN_SIGHT)
     if best.gain_m2 < (epsilon := _epsilon_m2(options, voxels)):
-        return f"marginal gain {best.gain_m2:.3g} m2 is below {epsilon:.3g} m2"
-    return best
+        return Decision(reason=f"marginal gain {best.gain_m2:.3g} m2 is below {epsilon:.3g} m2")
+    return Decision(view=best)
 
 
 def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
@@ -269,8 +342,3 @@ def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
 def _epsilon_m2(options: PlannerOptions, voxels: VoxelMap) -> float:
     """Gain below which no further view pays."""
     return options.epsilon_m2 if options.epsilon_m2 is not None else voxels.grid.voxel_m**2
-
-
-def _count_attempts(attempts: NDArray[np.int32], best: BestView) -> None:
-    """Remember what the chosen view should settle, so that it is not sought for ever."""
-    np.add.at(attempts, (best.sees.is_unknown.astype(np.int64), best.sees.voxel), 1)

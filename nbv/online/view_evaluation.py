@@ -1,19 +1,30 @@
 # SPDX-License-Identifier: MIT
-"""Glimpse: what a position sees of what is worth seeing, in all directions at once."""
+"""View evaluation: what a position sees in all directions at once, and which direction sees most of it.
+
+After Sanchiz and Fisher (1999): all directions of a position are scored by one cast. What it sees fills a
+spherical accumulator, over which the sensor's aperture slides.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.visibility.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray
+
+_CELLS = 16  # cells of the accumulator along a cube edge: 6 x 16 x 16, about 5.6 deg each
+_REFINED = 8  # best poses of the accumulator whose gain is counted exactly
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEvaluation:
-    """What a position sees of the targets, in any direction.
+    """What a position sees of the targets in all directions.
 
     Attributes
     ----------
@@ -46,3 +57,87 @@ class ViewEvaluation:
             np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self)
         ]
         return ViewEvaluation(*parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accumulator:
+    """What each position sees, by direction, over which the aperture slides.
+
+    Attributes
+    ----------
+    candidates : Candidates
+        The positions and their directions.
+    sensor : Sensor
+        Its aperture.
+    offsets : tuple of (k, 3) float
+        For each position what it sees in any direction, from there, metres along the world's axes.
+    cells : (sum of k,) int
+        Cell of the accumulator in which each of them is seen.
+    apertures : (n_cells, n_directions) csr or None
+        1 where a cell lies in the aperture of a direction; None where each position has its own directions.
+    """
+
+    candidates: Candidates
+    sensor: Sensor
+    offsets: tuple[FloatArray, ...]
+    cells: NDArray[np.int64]
+    apertures: csr_array | None
+
+    @classmethod
+    def of(cls, offsets: Sequence[FloatArray], candidates: Candidates, sensor: Sensor) -> Accumulator:
+        """Return the accumulator of what each position sees."""
+        cells = cell_of(np.concatenate(offsets))
+        if candidates.directions.ndim == 3:
+            return cls(candidates, sensor, tuple(offsets), cells, None)
+        middles = cell_directions()
+        inside = [sensor.sees(middles @ rotation) for rotation in candidates.rotations()]
+        apertures = csr_array(np.array(inside, dtype=np.float64).T)
+        return cls(candidates, sensor, tuple(offsets), cells, apertures)
+
+    def best(self, worth: Sequence[FloatArray]) -> int | None:
+        """Return the number of the pose that sees the largest worth, the first of equals; None without any.
+
+        Parameters
+        ----------
+        worth : sequence of (k,) float
+            For each position what each that it sees is worth from there.
+        """
+        best, most = None, 0.0
+        for number in self._promising(worth):
+            i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
+            gain = float(worth[i][self.sensor.sees(self.offsets[i] @ pose.rotation)].sum())
+            if gain > most:
+                best, most = number, gain
+        return best
+
+    def _promising(self, worth: Sequence[FloatArray]) -> list[int]:
+        """Numbers of the few poses that see most by whole cells; of all where directions differ."""
+        if self.apertures is None:
+            return list(range(self.candidates.n_poses))
+        ends = np.cumsum([0] + [len(offsets) for offsets in self.offsets])
+        shape = (len(self.offsets), 6 * _CELLS**2)
+        gains = csr_array((np.concatenate(worth), self.cells, ends), shape=shape) @ self.apertures
+        numbers = np.argsort(-gains.toarray().ravel(), kind="stable")[:_REFINED]
+        return sorted(numbers.tolist())
+
+
+def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
+    """Cell (n,) of the spherical accumulator, a cube map, that each direction (n, 3) falls into."""
+    axis = np.argmax(np.abs(offsets), axis=1)
+    rows = np.arange(len(offsets))
+    length = offsets[rows, axis]
+    side = axis + 3 * (length < 0)
+    u, v = offsets[rows, (axis + 1) % 3] / np.abs(length), offsets[rows, (axis + 2) % 3] / np.abs(length)
+    i, j = (np.clip((c + 1) / 2 * _CELLS, 0, _CELLS - 1).astype(np.int64) for c in (u, v))
+    return np.asarray((side * _CELLS + i) * _CELLS + j, dtype=np.int64)
+
+
+def cell_directions(n: int = _CELLS) -> FloatArray:
+    """Unit directions (6 n^2, 3) of the middles of a cube map's cells; by default the accumulator's."""
+    side, i, j = np.unravel_index(np.arange(6 * n**2), (6, n, n))
+    rows, axis = np.arange(len(side)), side % 3
+    directions = np.zeros((len(side), 3))
+    directions[rows, axis] = np.where(side < 3, 1.0, -1.0)
+    directions[rows, (axis + 1) % 3] = (i + 0.5) / n * 2 - 1
+    directions[rows, (axis + 2) % 3] = (j + 0.5) / n * 2 - 1
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))

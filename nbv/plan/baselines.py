@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.coverage.measurement import CoverageTally
-from nbv.online.accumulator import Accumulator
+from nbv.online.view_evaluation import Accumulator
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement

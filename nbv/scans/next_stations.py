@@ -5,10 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from nbv.coverage.completed_surfaces import CompletedSurfaces
-from nbv.online.planner import PlannerOptions, next_view
+from nbv.online.planner import PlannerOptions, PlannerState, next_view
 from nbv.plan.plan import Plan, Resumption
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
@@ -71,27 +69,19 @@ def plan_next_stations(
     options = options or PlannerOptions()
     options = replace(options, on_floor=options.on_floor and scan_map.floor_m is not None)
     candidates = candidates or scan_map.candidates(sensor, options.clearance_m)
-    sensor, voxels = check_aperture(sensor), scan_map.voxels
-    attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
+    sensor, state = check_aperture(sensor), PlannerState.of(scan_map.voxels, completed)
     planned, reason = list[View](), f"the limit of {views} views is reached"
     here = scan_map.scans[-1].world_from_sensor
     while len(planned) < views:
-        best = next_view(
-            voxels,
-            attempts,
-            candidates=candidates,
-            here=here,
-            sensor=sensor,
-            requirement=requirement,
-            options=options,
+        decision = next_view(
+            state, candidates, here, sensor=sensor, requirement=requirement, options=options,
             n_threads=n_threads,
-            completed=completed,
-        )
-        if isinstance(best, str):
-            reason = best
+        )  # fmt: skip
+        if decision.view is None:
+            reason = decision.reason or reason
             break
-        attempts[best.sees.is_unknown.astype(np.int64), best.sees.voxel] = options.gain.max_attempts
-        planned.append(View(best.pose, sensor, predicted_gain_m2=best.gain_m2))
+        state = state.after_choice(decision.view, times=options.gain.max_attempts)
+        planned.append(View(decision.view.pose, sensor, predicted_gain_m2=decision.view.gain_m2))
     return Plan(
         method="nbv",
         sensor=sensor,

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.observe.noise_estimate import estimate_noise
-from nbv.online.floor_support import floor_level
-from nbv.online.learning import recall
+from nbv.online.feasible_viewpoints import floor_level
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.scanning.sensors.sensor import Sensor
@@ -92,7 +91,7 @@ class ScanMap:
         outside = mode == "object"
         volume = _volume(scans, options.clearance_m, zones, from_outside=outside)
         blank = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
-        voxels = recall(blank, scans, sensor, options.clearance_m)
+        voxels = blank.with_given(scans, sensor, options.clearance_m)
         level = floor_level(voxels)
         standing = min(float(scan.origin[2]) for scan in scans) - _BELOW_M
         has_floor = level is not None and level <= standing and not outside

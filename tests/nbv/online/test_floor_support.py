@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nbv.online.floor_support import has_floor_support
+from nbv.online.feasible_viewpoints import has_floor_support
 from nbv.online.occupancy import SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views

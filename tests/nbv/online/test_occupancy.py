@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nbv.online.accumulator import cell_directions, cell_of
-from nbv.online.gain import GainOptions, best_view, find_targets
+from nbv.online.gain import best_view
 from nbv.online.image_normals import image_normals
 from nbv.online.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
 from nbv.online.surfels import Surfels
+from nbv.online.targets import GainOptions, find_targets
+from nbv.online.view_evaluation import cell_directions, cell_of
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.viewpoints import Candidates
@@ -18,6 +19,7 @@ from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
 SENSOR = PinholeSensor(fov_deg=90, width=200, height=200, max_range_m=20)
@@ -191,13 +193,17 @@ def test_boundary_of_one_empty_voxel_is_a_cube():
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(6 * 0.25)
 
 
+def targets_of(voxels: VoxelMap, attempts, options: GainOptions):
+    return find_targets(voxels, voxels.boundary(), required_cosine=0.5, attempts=attempts, options=options)
+
+
 def gain_from(voxels: VoxelMap, position: tuple[float, float, float], options: GainOptions) -> float:
-    faces = voxels.boundary()
+    boundary = RayCaster(*voxels.boundary().triangles(voxels.grid.voxel_m))
     attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
-    targets = find_targets(voxels, faces, 0.5, attempts, options)
+    targets = targets_of(voxels, attempts, options)
     wide = PinholeSensor(fov_deg=150, width=9, height=9, max_range_m=20)
     candidates = Candidates(np.array([position]), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
-    best = best_view(voxels, faces, targets, candidates, wide, 0.5)
+    best = best_view(boundary, targets, candidates, sensor=wide, required_cosine=0.5)
     return 0.0 if best is None else best.gain_m2
 
 
@@ -231,11 +237,10 @@ def test_unknown_gain_counts_the_faces_of_the_shadow():
 
 def test_targets_that_views_did_not_settle_are_given_up():
     voxels = seen_once(squares((1.0, 0.3), (2.5, 4.0)))
-    faces = voxels.boundary()
     attempts = np.full((2, voxels.grid.n_voxels), 2, np.int32)
-    assert len(find_targets(voxels, faces, 0.5, attempts, GainOptions(max_attempts=2))) == 0
-    assert len(find_targets(voxels, faces, 0.5, attempts, GainOptions(max_attempts=3))) > 0
-    fresh = find_targets(voxels, faces, 0.5, attempts * 0, GainOptions())
+    assert len(targets_of(voxels, attempts, GainOptions(max_attempts=2))) == 0
+    assert len(targets_of(voxels, attempts, GainOptions(max_attempts=3))) > 0
+    fresh = targets_of(voxels, attempts * 0, GainOptions())
     thin = fresh.thinned(100)
     assert 50 < len(thin) <= 100
     assert thin.worth_m2.sum() == pytest.approx(fresh.worth_m2.sum(), rel=0.2)

@@ -14,7 +14,7 @@ from nbv.coverage.surface_classes import CLASSES, INFERRED, MET, MODELLED, UNKNO
 from nbv.online.expected_gain import ExpectedGain, SurfacePrior
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
-from nbv.online.region_of_interest import of_interest
+from nbv.online.targets import voxels_of_interest
 from nbv.online.view_evaluation import ViewEvaluation
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
@@ -27,6 +27,7 @@ from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
 from scenes.world.building import Finish, SceneBuilder
 from scenes.world.builtin import builtin_scene
 
@@ -91,7 +92,10 @@ def expected_gain_of(scan, completed, bounds, trust=None):
     """What lies beyond the unknown of a map with one scan, and the map."""
     voxels = VoxelMap.unknown(np.array(bounds), voxel_m=0.1).integrated(scan, SENSOR)
     sought = np.ones(voxels.grid.n_voxels, np.bool_)
-    return ExpectedGain.of(voxels, voxels.boundary(), sought, completed, trust), voxels
+    faces, trust = voxels.boundary(), SurfacePrior.none().trust if trust is None else trust
+    boundary = RayCaster(*faces.triangles(0.1), n_threads=1)
+    more = {"worth_entering": sought, "completed": completed, "trust": trust}
+    return ExpectedGain.of(voxels, boundary, np.repeat(faces.voxel, 2), **more), voxels
 
 
 def test_a_shadow_before_inferred_wall_promises_little_and_the_rear_of_a_board_much(wall):
@@ -125,7 +129,7 @@ def test_what_leaves_the_volume_is_worth_its_side_times_trust(wall):
     assert 0.3 * floor_m2 < hoped.worth_m2[hoped.side == 5].sum() < 1.1 * floor_m2
 
 
-def test_experience_is_the_share_of_hopes_that_were_fulfilled():
+def test_the_prior_is_the_share_of_rays_that_met_surface():
     grid = VoxelGrid.around(np.array([[-2.0, -4, 0], [2, 2, 2]]), 0.1)
     scene = wall_behind_a_board()
     scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
@@ -148,14 +152,14 @@ def test_rays_leave_a_grid_by_the_side_they_run_into():
     assert side.tolist() == [0, 4, 0, 5]
 
 
-def test_concern_is_the_region_once_it_is_reached():
+def test_the_region_is_of_interest_once_it_is_reached():
     voxels = VoxelMap.unknown(np.array([[0.0, 0, 0], [2, 2, 2]]), voxel_m=0.5)
     region = Zones(Box(np.array([0.0, 0, 0]), np.array([0.9, 2, 2])))
-    assert of_interest(voxels, region).all()
+    assert voxels_of_interest(voxels, region).all()
     reached = voxels.cleared(np.array([0.3, 0.3, 0.3]), 0.6)
-    held = of_interest(reached, region)
+    held = voxels_of_interest(reached, region)
     assert 0 < held.sum() < len(held)
-    assert of_interest(reached, Zones()).all()
+    assert voxels_of_interest(reached, Zones()).all()
 
 
 def test_distances_to_large_triangles_among_small_ones_are_exact_nearby():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import nbv
-from nbv.online.gain import GainOptions
 from nbv.online.planner import PlannerOptions, explore
+from nbv.online.targets import GainOptions
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: MIT
+"""Targets: unknown faces and badly seen surface, what each is worth, and which voxels matter at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.online.occupancy import EMPTY, OCCPLANE, SEEN, UNSEEN, BoundaryFaces, VoxelMap
+from nbv.visibility.zones import Zones
+from scenes.checks import BoolArray, FloatArray, InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainOptions:
+    """Weights of the gain.
+
+    Parameters
+    ----------
+    occplane_weight : float
+        w_v, for unknown faces; with completion a `ExpectedGain` says what they are worth instead.
+    quality_weight : float
+        w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
+    modelled_weight : float
+        By what w_q is multiplied where completion knows the surface well enough without a better view.
+    angle_margin_deg : float
+        By how many degrees a predicted view must be better than required: voxels know normals roughly.
+    max_attempts : int
+        A target that this many views should have settled, and did not, no longer counts.
+    max_targets : int
+        Candidates are compared by at most so many targets; above, every k-th stands for its neighbours.
+
+    Raises
+    ------
+    InputError
+        Negative weights or margin, both weights 0, counts below 1.
+    """
+
+    occplane_weight: float = 1.0
+    quality_weight: float = 1.0
+    modelled_weight: float = 0.05
+    angle_margin_deg: float = 2.0
+    max_attempts: int = 2
+    max_targets: int = 2000
+
+    def __post_init__(self) -> None:
+        least = min(self.occplane_weight, self.quality_weight, self.modelled_weight, self.angle_margin_deg)
+        if least < 0:
+            raise InputError(f"weights and margin of the gain must not be negative, got {self}")
+        if self.occplane_weight == 0 and self.quality_weight == 0:
+            raise InputError("with both weights 0 no view has any gain; give one a positive weight")
+        if min(self.max_attempts, self.max_targets) < 1:
+            raise InputError(f"max_attempts and max_targets must be at least 1, got {self}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets:
+    """What is worth seeing.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) float
+        Where a view must look, in free space just before the target; and the target's normal.
+    worth_m2 : (n,) float
+        Weighted area.
+    voxel : (n,) int64
+        Voxel of the target.
+    is_unknown : (n,) bool
+        Unknown face (its worth is foreshortened) or badly seen surface (all or nothing).
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    worth_m2: FloatArray
+    voxel: NDArray[np.int64]
+    is_unknown: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def some(self, chosen: BoolArray | NDArray[np.int64] | slice, times_worth: int = 1) -> Targets:
+        """Return the chosen targets, each worth so many times as much."""
+        worth = self.worth_m2[chosen] * times_worth
+        return Targets(
+            self.points[chosen], self.normals[chosen], worth, self.voxel[chosen], self.is_unknown[chosen]
+        )
+
+    def thinned(self, n_most: int) -> Targets:
+        """Return at most about `n_most` targets: every k-th, worth k times as much."""
+        k = -(-len(self) // n_most)
+        return self if k <= 1 else self.some(slice(k // 2, None, k), k)
+
+
+def find_targets(
+    voxels: VoxelMap,
+    faces: BoundaryFaces,
+    *,
+    required_cosine: float,
+    attempts: NDArray[np.int32],
+    options: GainOptions,
+    completed: CompletedSurfaces | None = None,
+) -> Targets:
+    """List unknown faces of the map's boundary and surface that was seen worse than required.
+
+    Parameters
+    ----------
+    voxels, faces : VoxelMap, BoundaryFaces
+        The map and its boundary.
+    required_cosine : float
+        Surfels of lower quality are targets.
+    attempts : (2, n_voxels) int
+        How many views should have settled a voxel's badly seen surface (0) and unknown faces (1).
+    options : GainOptions
+        Weights.
+    completed : CompletedSurfaces, optional
+        What completion makes of the scans: badly seen surface that it knows is worth little.
+    """
+    side = voxels.grid.voxel_m
+    label = voxels.labels[faces.voxel]
+    unknown = ((label == OCCPLANE) | (label == UNSEEN)) & (attempts[1, faces.voxel] < options.max_attempts)
+    surfels = voxels.surfels
+    poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
+    worse = np.full(len(surfels.keys), options.quality_weight)
+    if completed is not None:
+        known = completed.modelled(surfels.points, surfels.normals, side / 2)
+        worse[known] *= options.modelled_weight
+    before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
+    before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
+    slope = voxels.towards_empty(faces.voxel[unknown])
+    flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
+    worth = [
+        options.occplane_weight * side**2 * flatter,
+        worse[poor] * surfels.areas[poor],
+    ]
+    targets = Targets(
+        points=np.concatenate([before_faces, before_surface]),
+        normals=np.concatenate([slope, surfels.normals[poor]]),
+        worth_m2=np.concatenate(worth),
+        voxel=np.concatenate([faces.voxel[unknown], surfels.voxels[poor]]),
+        is_unknown=np.repeat([True, False], [len(before_faces), len(before_surface)]),
+    )
+    return targets.some(targets.worth_m2 > 0)
+
+
+def voxels_of_interest(voxels: VoxelMap, zones: Zones) -> BoolArray:
+    """Tell which voxels (n_voxels,) are to be known: all until known space has reached the region."""
+    everywhere = np.ones(voxels.grid.n_voxels, np.bool_)
+    if zones.region is None:
+        return everywhere
+    known = np.flatnonzero((voxels.labels == EMPTY) | (voxels.labels == SEEN))
+    if not zones.region.holds(voxels.grid.centres(known)).any():
+        return everywhere
+    return zones.of_interest(voxels.grid.centres(), voxels.grid.voxel_m)
+
+
+def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Move surface points along their normals until they lie in an empty voxel, by one to two voxels."""
+    lifted = points + normals * voxels.grid.voxel_m * 2
+    for sides in (1.75, 1.5, 1.25, 1.0):
+        nearer = points + normals * voxels.grid.voxel_m * sides
+        cell = voxels.grid.index_of(nearer)
+        free = np.where(cell >= 0, voxels.labels[cell] == EMPTY, voxels.outside_is_empty)
+        lifted[free] = nearer[free]
+    return lifted
