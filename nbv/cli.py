@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from typing import Annotated, Literal
 
 import typer
@@ -24,10 +23,7 @@ from nbv.commands.options.options import (
     with_shared,
 )
 from nbv.commands.options.views_cli import coverage, plan
-from nbv.commands.process.guardian import guarded, title_of
-from nbv.commands.process.headroom import settle
 from nbv.commands.process.run import Shared
-from nbv.commands.process.starvation import NOT_ENOUGH, is_starved
 
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
@@ -286,21 +282,9 @@ def info(
 
 
 def main() -> None:
-    """Run `unseen` in a process of its own, watched by this one."""
-    guarded(_run)
-
-
-def _run() -> None:
+    """Run `unseen`."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads are ours; each of its own reserves memory
-    try:
-        settle()
-        app()
-    except Exception as error:
-        if not is_starved(error):
-            raise
-        said = str(error) if isinstance(error, MemoryError) and error.args else NOT_ENOUGH
-        typer.echo(f"{title_of(sys.argv)}: {' '.join(said.split())}", err=True)
-        sys.exit(1)
+    app()
 
 
 if __name__ == "__main__":

@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nbv.commands.process.headroom import reserve
 from nbv.commands.process.interruption import interruptible
 from nbv.commands.process.progress import Progress, progress_bars
-from nbv.commands.process.starvation import NOT_ENOUGH, is_starved
 
 if TYPE_CHECKING:
     from nbv.run.manifest import Stopwatch
     from scenes.run.journal import FileJournal
     from scenes.run.staged_outputs import Stage
 
+_NOT_ENOUGH = "not enough memory for this input; use a smaller one, coarser options, or a larger limit"
 _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
 
 
@@ -180,7 +179,7 @@ def running(
             held.enter_context(limits(**shared.limits))
             held.enter_context(interruptible(command))
             if shared.max_memory is not None:
-                reserve(shared.threads or os.cpu_count() or 1)
+                _take_linear_algebra_buffers()
                 held.enter_context(memory_limit(shared.max_memory, enforced=True))
             if writes:
                 held.enter_context(locked(folder, name))
@@ -197,10 +196,16 @@ def running(
             )
     except (InputError, FitError, OSError) as error:
         _fail(command, str(error))
-    except Exception as error:
-        if not is_starved(error):
-            raise
-        _fail(command, NOT_ENOUGH)
+    except MemoryError:
+        _fail(command, _NOT_ENOUGH)
+
+
+def _take_linear_algebra_buffers() -> None:
+    """Have numpy and scipy take their 32 MB each for matrix products before a limit could refuse them."""
+    import numpy as np
+    from scipy.linalg import inv
+
+    inv(np.eye(64) @ np.eye(64))  # OpenBLAS keeps its buffers; scipy's waits for ever for one it does not get
 
 
 def _fail(command: str, message: str) -> None:
