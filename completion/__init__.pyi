@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-from .boundary.cues import Cue as Cue
+from .boundary.continuation import Cue as Cue
 from .edits.edit import Anchor as Anchor
 from .edits.edit import Edit as Edit
 from .edits.file import read_edits as read_edits
 from .evidence.evidence import Label as Label
 from .extension.patch import Patch as Patch
-from .extension.provenance import Provenance as Provenance
+from .extension.patch import Provenance as Provenance
 from .fitting import FitError as FitError
 from .fitting import SurfaceFit as SurfaceFit
 from .fitting import fit as fit
@@ -14,8 +14,8 @@ from .fitting import fit_plane as fit_plane
 from .fitting import inflated as inflated
 from .fitting import select as select
 from .observe.tolerance import EvidenceOptions as EvidenceOptions
+from .options import CompletionOptions as CompletionOptions
 from .pipeline import Completion as Completion
-from .pipeline import CompletionOptions as CompletionOptions
 from .pipeline import complete as complete
 from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification

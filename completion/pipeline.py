@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TypeVar
@@ -13,26 +13,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.boundary_pixels import find_rim
-from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.boundary_pixels import find_boundary_pixels
+from completion.boundary.continuation import Cue
 from completion.edits.application import apply_edits
-from completion.edits.edit import Edit
-from completion.extension.adjacency import survey
-from completion.extension.extent import Mode, limit, with_ends
-from completion.extension.patch import Patch, extend
+from completion.evidence.evidence import Scans
+from completion.extension.adjacency import find_adjacency
+from completion.extension.extent import find_extent, with_ends
+from completion.extension.patch import Patch
+from completion.extension.pipeline import extend
 from completion.merging.pipeline import MergedSurface, merge
 from completion.observe.observation import Observation, observe
-from completion.observe.tolerance import EvidenceOptions
+from completion.options import CompletionOptions
 from completion.result.audit import audit
 from completion.result.completed_model import CompletedModel, hypothesised_mesh
 from completion.result.export import export_completion, save_completion
 from completion.result.verification import Verification
 from completion.segmentation.pipeline import segment
-from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import texture_patch
-from completion.texturing.problem import TexturingOptions
-from scenes.checks import InputError, check_options
+from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.memory import require, threads
 from scenes.scan.range_image import RangeImage
@@ -42,49 +41,6 @@ _BYTES_KEPT = 350  # of every pixel, to the end: points, normals, regions, surfa
 _BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CompletionOptions:
-    """Options of `complete`.
-
-    Attributes
-    ----------
-    mode : "conservative", "standard" or "bold"
-        How probable inferred area must be (`LEAST_CONFIDENCE`); conservative area also lies in the hull of
-        what was measured.
-    sigma_m : float, optional
-        Range noise in metres; when None it is read off each scan.
-    registration_m : float
-        Error of the poses when there are several scans, metres.
-    texture : bool
-        Whether hypothesised area is textured.
-    max_sd_m : float
-        A surface is continued only as far as its predicted standard deviation stays below this, metres.
-    cues : tuple of Cue
-        What is made use of; all that is known.
-    edits : tuple of Edit
-        What a person says of the surfaces.
-    segmentation, evidence, texturing : options
-        Of the stages.
-    """
-
-    mode: Mode = "standard"
-    sigma_m: float | None = None
-    registration_m: float = 0.005
-    texture: bool = True
-    max_sd_m: float = 0.02
-    cues: tuple[Cue, ...] = ALL_CUES
-    edits: tuple[Edit, ...] = ()
-    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
-    evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
-    texturing: TexturingOptions = field(default_factory=TexturingOptions)
-
-    def __post_init__(self) -> None:
-        if self.mode not in ("conservative", "standard", "bold"):
-            raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
-        lengths = ("sigma_m", "registration_m", "max_sd_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
 
 class Completion(CompletedModel):
@@ -183,104 +139,85 @@ def complete(
         No scans, an unknown mode, edits that fit no surface of these scans, or more pixels than fit into
         memory.
     """
+    # 1. Observe: the points, rays and range noise of each scan, in the sensor frame of the first.
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
         raise InputError("nothing to complete: give at least one scan")
+    _require_memory(scans)
     seed = int(np.random.default_rng(rng).integers(2**63))
-    tell = progress or (lambda _stage, _done, _total: None)
-    world_from_reference = scans[0].world_from_sensor
-    evidence = replace(options.evidence, registration_m=options.registration_m if len(scans) > 1 else 0.0)
-
-    largest, together = (f(scan.ranges.size for scan in scans) for f in (max, sum))
-    require(
-        _BYTES_KEPT * together,
-        f"completing {len(scans)} scans of {together:,} pixels",
-        "complete fewer of them at once, smaller ones, or give more memory",
-    )
+    tolerance, world_from_reference = options.tolerance(len(scans)), scans[0].world_from_sensor
+    reference_from_world = world_from_reference.inverse()
+    largest = max(scan.ranges.size for scan in scans)
     with threads(_BYTES_A_PIXEL * largest, n_threads) as pool:
-        observations = _each(
-            pool,
-            tell,
+        steps = _Steps(pool, progress or (lambda _stage, _done, _total: None), journal)
+        observations = steps.each(
             "noise and normals",
-            lambda scan: observe(scan, world_from_reference.inverse(), options.sigma_m),
+            lambda scan: observe(scan, reference_from_world, options.sigma_m),
             scans,
+            kept=False,
         )
-        regions = _each(
-            pool,
-            tell,
-            stage="segment",
-            work=lambda seen: segment(seen, options.segmentation),
-            items=observations,
-            journal=journal,
-        )
-        scales = [np.hypot(seen.sigma, options.segmentation.flatness_m) for seen in observations]
+
+        # 2. Segment: cut each scan into regions on planes and cylinders.
+        regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
+
+        # 3. Merge: join the regions that are one surface, then as a person says.
         across = Cue.MERGING in options.cues
-        found = journal.step("merge", lambda: merge(observations, regions, evidence, across=across))
-        edited = apply_edits(found, options.edits, observations, world_from_reference, evidence.flatness_m)
+        merged = journal.step("merge", lambda: merge(observations, regions, tolerance, across=across))
+        edited = apply_edits(
+            merged,
+            options.edits,
+            observations=observations,
+            world_from_reference=world_from_reference,
+            flatness_m=tolerance.flatness_m,
+        )
         surfaces = [one.surface for one in edited]
-        owners = number_pixels(surfaces, observations)
+        seen = Scans(tuple(observations), tuple(number_pixels(surfaces, observations)), tolerance)
 
-        rims = [find_rim(surface.fit, surface.masks, observations, evidence) for surface in surfaces]
-        surroundings = survey(surfaces, rims, owners, observations, scales)
+        # 4. Bound: where each surface was seen to end, and which surfaces meet and enclose one another.
+        boundaries = [find_boundary_pixels(one.fit, one.masks, observations, tolerance) for one in surfaces]
+        adjacency = find_adjacency(surfaces, boundaries, seen)
 
-        def continued(index: int) -> Patch:
-            limits = limit(
-                index,
-                surfaces,
-                rims=rims,
-                surroundings=surroundings,
-                observations=observations,
-                cues=options.cues,
-            )
-            verdict = edited[index].verdict
+        # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
+        def extended(index: int) -> Patch:
+            extent = find_extent(index, surfaces, boundaries, adjacency, seen.observations, cues=options.cues)
             return extend(
                 surfaces[index],
-                rims[index],
-                limits=with_ends(limits, verdict.ends),
-                observations=observations,
-                owners=owners,
-                owner=index + 1,
-                options=evidence,
-                mode=options.mode,
-                max_sd_m=options.max_sd_m,
-                verdict=verdict,
-                cues=options.cues,
+                boundaries[index],
+                with_ends(extent, edited[index].edits.ends),
+                scans=seen,
+                number=index + 1,
+                edits=edited[index].edits,
+                rules=options.extension_rules(),
             )
 
-        patches = _each(
-            pool, tell, stage="extend", work=continued, items=range(len(surfaces)), journal=journal
-        )
+        patches = steps.each("extend", extended, range(len(surfaces)))
 
+        # 6. Texture: continue the colour of each surface over its inferred part.
         def textured(index: int) -> ChartTexture | None:
             return texture_patch(patches[index], observations, options.texturing, seed + index)
 
-        textures: list[ChartTexture | None] = []
-        if options.texture:
-            textures = _each(
-                pool, tell, stage="texture", work=textured, items=range(len(patches)), journal=journal
-            )
+        textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
+
+    # 7. Audit: cast every measured beam against all inferred area.
     mesh = hypothesised_mesh(patches, textures)
-    tell("audit", 0, 1)
-    result = audit(
+    steps.tell("audit", 0, 1)
+    audited = audit(
         mesh.vertices,
         mesh.faces,
         mesh.sd,
-        [seen.scan for seen in observations],
-        [seen.sigma for seen in observations],
-        n_sigma=evidence.n_sigma,
-        flatness_m=evidence.flatness_m,
-        registration_m=evidence.registration_m,
-        max_tolerance_m=evidence.max_tolerance_m,
+        [one.scan for one in observations],
+        [one.sigma for one in observations],
+        tolerance=tolerance,
         n_threads=n_threads,
     )
-    tell("audit", 1, 1)
+    steps.tell("audit", 1, 1)
     return Completion(
-        observations=tuple(observations),
+        observations=seen.observations,
         patches=tuple(patches),
         textures=tuple(textures),
         hypothesised=mesh,
-        audit=result,
-        owners=tuple(owners),
+        audit=audited,
+        owners=seen.owners,
         mode=options.mode,
         edits=options.edits,
         world_from_reference=world_from_reference,
@@ -290,7 +227,20 @@ def complete(
 def number_pixels(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
 ) -> list[NDArray[np.int32]]:
-    """For each scan the number of the surface that each pixel belongs to, from 1; 0 for none."""
+    """Number the pixels by the surface that they belong to.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        All surfaces.
+    observations : sequence of Observation
+        All scans.
+
+    Returns
+    -------
+    list of (rows, columns) int32
+        For each scan the number of each pixel's surface, from 1; 0 for none.
+    """
     owners = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
     for number, surface in enumerate(surfaces, start=1):
         for owner, mask in zip(owners, surface.masks, strict=True):
@@ -298,23 +248,36 @@ def number_pixels(
     return owners
 
 
-def _each(
-    pool: ThreadPoolExecutor,
-    tell: Progress,
-    stage: str,
-    work: Callable[[_In], _Out],
-    items: Iterable[_In],
-    journal: Journal = NO_JOURNAL,
-) -> list[_Out]:
-    """Apply `work` to every item on the pool, in order; tell the progress, and the journal what comes."""
+def _require_memory(scans: Sequence[RangeImage]) -> None:
+    n_pixels = sum(scan.ranges.size for scan in scans)
+    require(
+        _BYTES_KEPT * n_pixels,
+        f"completing {len(scans)} scans of {n_pixels:,} pixels",
+        "complete fewer of them at once, smaller ones, or give more memory",
+    )
 
-    def step(number: int, item: _In) -> _Out:
-        return journal.step(f"{stage}-{number:04d}", lambda: work(item))
 
-    jobs = [pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
-    tell(stage, 0, len(jobs))
-    results = []
-    for done, job in enumerate(jobs, start=1):
-        results.append(job.result())
-        tell(stage, done, len(jobs))
-    return results
+@dataclass(frozen=True, slots=True, eq=False)
+class _Steps:
+    """Runs the stages on threads; tells their progress, and the journal what they came to."""
+
+    pool: ThreadPoolExecutor
+    tell: Progress
+    journal: Journal
+
+    def each(
+        self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In], *, kept: bool = True
+    ) -> list[_Out]:
+        """Apply `work` to every item, in order; without `kept` the journal is not told."""
+        journal = self.journal if kept else NO_JOURNAL
+
+        def step(number: int, item: _In) -> _Out:
+            return journal.step(f"{stage}-{number:04d}", lambda: work(item))
+
+        jobs = [self.pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
+        self.tell(stage, 0, len(jobs))
+        results = []
+        for done, job in enumerate(jobs, start=1):
+            results.append(job.result())
+            self.tell(stage, done, len(jobs))
+        return results

@@ -55,10 +55,8 @@ def places_in(seed: int) -> list[Places]:
 
 def _places(patch: Patch, charts: tuple[TrueChart, ...], world: Pose, rng: np.random.Generator) -> Places:
     evidence = patch.evidence
-    given = prospects(
-        patch.grid, patch.shadows, patch.labelling, patch.limits, evidence.observed, evidence.open
-    )
-    hidden = patch.shadows.piece >= 0
+    given = prospects(patch.grid, patch.shadows, patch.labelling, patch.limits, evidence)
+    hidden = patch.shadows.region >= 0
     occluded = np.flatnonzero(evidence.labels[hidden] == Label.OCCLUDED)
     chosen = np.sort(rng.permutation(occluded)[:MOST_PLACES])
     points = patch.grid.centres()[np.flatnonzero(hidden)[chosen]]

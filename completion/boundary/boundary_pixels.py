@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rim: the boundary pixels of a surface's regions, each told apart by what its neighbour saw."""
+"""Boundary pixels of a surface's regions, told apart by what their neighbours saw."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
-from completion.observe.tolerance import EvidenceOptions, ray_tolerance
+from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
+_NEAR = 2.0  # steps between pixels, from a side
+_RAGGED = 0.005  # of the rectangle: how far a side that is seen whole may differ from a line
 _STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-class Rim(IntEnum):
+class BoundaryKind(IntEnum):
     """Why a region ends at a boundary pixel (Dell'Acqua & Fisher 2002: true and false boundaries)."""
 
     CONTIGUOUS = 0  # the neighbour lies on the surface too, but on another one as well: a crease
@@ -31,7 +33,7 @@ class Rim(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RimPoints:
+class BoundaryPixels:
     """Places half way between the last pixel of a region and the next.
 
     Attributes
@@ -42,32 +44,32 @@ class RimPoints:
         Way along the chart from the last pixel to the next, metres: what `uv` may be off by, half to
         either side.
     kind : (n,) int8
-        A `Rim`.
+        A `BoundaryKind`.
     """
 
     uv: FloatArray
     step: FloatArray
     kind: NDArray[np.int8]
 
-    def only(self, keep: BoolArray) -> RimPoints:
+    def only(self, keep: BoolArray) -> BoundaryPixels:
         """Return the points that `keep` (n,) marks."""
-        return RimPoints(self.uv[keep], self.step[keep], self.kind[keep])
+        return BoundaryPixels(self.uv[keep], self.step[keep], self.kind[keep])
 
-    def recharted(self, chart: Surface, other: Surface) -> RimPoints:
+    def recharted(self, chart: Surface, other: Surface) -> BoundaryPixels:
         """Return the points in another chart of the same surface."""
         ends = [other.to_uv(chart.from_uv(self.uv + sign * self.step / 2)) for sign in (-1.0, 1.0)]
         step = ends[1] - ends[0]
         if np.isfinite(other.period):
             step[:, 0] -= other.period * np.rint(step[:, 0] / other.period)
-        return RimPoints(other.to_uv(chart.from_uv(self.uv)), step, self.kind)
+        return BoundaryPixels(other.to_uv(chart.from_uv(self.uv)), step, self.kind)
 
 
-def find_rim(
+def find_boundary_pixels(
     fit: SurfaceFit,
     masks: Sequence[BoolArray],
     observations: Sequence[Observation],
-    options: EvidenceOptions,
-) -> RimPoints:
+    tolerance: Tolerance,
+) -> BoundaryPixels:
     """Classify every boundary pixel of a surface, in all scans.
 
     A range is compared with the surface's own along the neighbouring ray, never with the range of the last
@@ -81,34 +83,69 @@ def find_rim(
         Its pixels in each scan.
     observations : sequence of Observation
         The scans.
-    options : EvidenceOptions
-        Tolerances along the ray.
+    tolerance : Tolerance
+        Along the ray.
     """
     parts = [
-        _rim_of(fit, mask, seen, step, options)
+        _pixels_beside(fit, mask, seen, step, tolerance)
         for mask, seen in zip(masks, observations, strict=True)
         for step in _STEPS
         if mask.any()
     ]
-    return RimPoints(
+    return BoundaryPixels(
         np.concatenate([part.uv for part in parts]) if parts else np.zeros((0, 2)),
         np.concatenate([part.step for part in parts]) if parts else np.zeros((0, 2)),
         np.concatenate([part.kind for part in parts]) if parts else np.zeros(0, np.int8),
     )
 
 
-def _rim_of(
+def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Find the sides along most of which the surface was seen to end.
+
+    It ends where the neighbouring beam went past it, or brought nothing back: a wall before the open sky, or
+    beyond the scanner's range. At a single pixel that says nothing, for something dark may stand there. Where
+    most of a straight side is so, the hidden part of that side ends there too.
+
+    Parameters
+    ----------
+    rim : RimPoints
+        Of the surface, in its chart.
+    low, high : (2,) float
+        The rectangle of what was measured, chart coordinates in metres.
+
+    Returns
+    -------
+    (2, 2) float
+        Where the low and the high side (rows) along u and v (columns) end, metres; NaN where they were not
+        seen to.
+    """
+    result = np.full((2, 2), np.nan)
+    size = np.linalg.norm(boundary.step, axis=1)
+    ends = np.isin(boundary.kind, (BoundaryKind.OWN_EDGE, BoundaryKind.NO_RETURN)) & (size > 0)
+    for row, side in enumerate((low, high)):
+        for axis in (0, 1):
+            slack = _NEAR * size + _RAGGED * (high - low)[axis]
+            near = ends & (np.abs(boundary.uv[:, axis] - side[axis]) <= slack)
+            if near.any():
+                pixel = float(np.quantile(size[near], 0.75))
+                along = np.unique(np.floor(boundary.uv[near, 1 - axis] / pixel))
+                if len(along) * pixel > (high - low)[1 - axis] / 2:
+                    result[row, axis] = np.median(boundary.uv[near, axis])
+    return result
+
+
+def _pixels_beside(
     fit: SurfaceFit,
     mask: BoolArray,
     seen: Observation,
     step: tuple[int, int],
-    options: EvidenceOptions,
-) -> RimPoints:
+    tolerance: Tolerance,
+) -> BoundaryPixels:
     chart = fit.surface
     last = np.argwhere(mask & ~_shifted(mask, step))
     beyond = last + step
     inside = ((beyond >= 0) & (beyond < mask.shape)).all(axis=1)
-    kind = np.full(len(last), Rim.FRAME, np.int8)
+    kind = np.full(len(last), BoundaryKind.FRAME, np.int8)
     uv, way = chart.to_uv(seen.points[tuple(last.T)]), np.zeros((len(last), 2))
     p, q = last[inside], beyond[inside]
     ray_p, ray_q = seen.rays[tuple(p.T)], seen.rays[tuple(q.T)]
@@ -117,33 +154,37 @@ def _rim_of(
     meets = np.isfinite(here) & np.isfinite(there)
     on_p = origin + np.where(meets, here, 0.0)[:, None] * ray_p
     on_q = origin + np.where(meets, there, 0.0)[:, None] * ray_q
-    kind[inside] = _kinds(fit, seen, pixel=q, reach=there, points=on_q, rays=ray_q, options=options)
-    kind[inside] = np.where(meets, kind[inside], Rim.LIMB)
+    kind[inside] = _kinds(fit, seen, pixel=q, expected=there, points=on_q, rays=ray_q, tolerance=tolerance)
+    kind[inside] = np.where(meets, kind[inside], BoundaryKind.LIMB)
     from_, to = chart.to_uv(on_p), chart.to_uv(on_q)
     jump = to - from_
     if np.isfinite(chart.period):
         jump[:, 0] -= chart.period * np.rint(jump[:, 0] / chart.period)
     uv[inside] = np.where(meets[:, None], from_ + jump / 2, uv[inside])
     way[inside] = np.where(meets[:, None], jump, 0.0)
-    return RimPoints(uv, way, kind)
+    return BoundaryPixels(uv, way, kind)
 
 
 def _kinds(
     fit: SurfaceFit,
     seen: Observation,
     pixel: NDArray[np.int64],
-    reach: FloatArray,
+    expected: FloatArray,
     points: FloatArray,
     rays: FloatArray,
-    options: EvidenceOptions,
+    tolerance: Tolerance,
 ) -> NDArray[np.int8]:
-    """What the beams of `pixel` (n, 2) say of the surface that their rays meet at range `reach` (n,)."""
+    """What the beams of `pixel` (n, 2) say of a surface that their rays meet at the range `expected` (n,)."""
     measured, sigma = seen.scan.ranges[tuple(pixel.T)], np.nan_to_num(seen.sigma[tuple(pixel.T)])
     cosine = np.abs(np.einsum("ij,ij->i", rays, fit.surface.normal(points)))
-    tolerance = ray_tolerance(sigma, fit.standard_deviation(points), cosine, options)
-    beyond = measured - np.where(np.isfinite(reach), reach, 0.0)
-    word = np.select([beyond > tolerance, beyond < -tolerance], [Rim.OWN_EDGE, Rim.OCCLUDED], Rim.CONTIGUOUS)
-    return np.where(np.isfinite(measured), word, Rim.NO_RETURN).astype(np.int8)
+    allowed = tolerance.along_ray(sigma, fit.standard_deviation(points), cosine)
+    beyond = measured - np.where(np.isfinite(expected), expected, 0.0)
+    kind = np.select(
+        [beyond > allowed, beyond < -allowed],
+        [BoundaryKind.OWN_EDGE, BoundaryKind.OCCLUDED],
+        BoundaryKind.CONTIGUOUS,
+    )
+    return np.where(np.isfinite(measured), kind, BoundaryKind.NO_RETURN).astype(np.int8)
 
 
 def _shifted(mask: BoolArray, step: tuple[int, int]) -> BoolArray:

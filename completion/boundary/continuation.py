@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
-from completion.boundary.cues import ALL_CUES, Cue
 from completion.boundary.curves import Circle, Line
 from completion.boundary.edges import Edge
 from completion.evidence.chart_grid import ChartGrid
@@ -19,9 +19,25 @@ _CORNER = 10.0  # cells of edge beside a seen corner that may be too few to fit 
 _SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
 
 
+class Cue(StrEnum):
+    """A piece of knowledge about surfaces (Dell'Acqua & Fisher 2002)."""
+
+    MERGING = "merging"  # parts that an occluder cut apart are one surface
+    INTERSECTION = "intersection"  # it ends where it was seen to meet another surface
+    COLLINEAR = "collinear"  # an edge seen on both sides of an occluder goes on between
+    CONVERGENT = "convergent"  # an edge that vanishes behind an occluder goes on
+    CIRCULAR = "circular"  # so does an arc
+    CLOSURE = "closure"  # at a seen corner an edge turns by a right angle
+    ARCHITECTURAL = "architectural"  # walls and floors go on to where another one ends them
+    FULL_TURN = "full-turn"  # a cylinder closes around its back
+
+
+ALL_CUES = tuple(Cue)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
-    """A hidden stretch of an edge.
+class ContinuedEdge:
+    """The hidden part of an edge, as far as it was followed.
 
     Attributes
     ----------
@@ -49,7 +65,7 @@ class Stretch:
     provenance: Cue
 
     def progress(self, uv: FloatArray) -> FloatArray:
-        """How far (...,) points lie along the hidden stretch, metres; negative before it."""
+        """How far points (..., 2) lie along the hidden part, metres (...,); negative before it."""
         sign = 1.0 if self.end >= self.start else -1.0
         way = sign * (self.curve.along(uv) - self.start)
         if np.isfinite(self.curve.length):
@@ -59,7 +75,7 @@ class Stretch:
 
 def continue_edges(
     edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
-) -> list[Stretch]:
+) -> list[ContinuedEdge]:
     """Follow every edge from the ends of its runs through the hidden cells, until it leaves them.
 
     Parameters
@@ -73,48 +89,50 @@ def continue_edges(
     cues : collection of Cue
         Which ways of going on are followed.
     """
-    stretches = []
+    continued = []
     for edge in edges:
         followed = []
         for run in range(len(edge.runs)):
             for sign in (-1.0, 1.0):
-                stretch = _follow(
+                found = _follow(
                     edge, run, sign=sign, grid=grid, hidden=hidden, lead=_LEAD * float(grid.cell.max())
                 )
-                followed += _turn(edge, run, sign, grid, hidden) if stretch is None else [stretch]
-        stretches += _paired(followed, float(grid.cell.max()))
-    return [stretch for stretch in stretches if stretch.provenance in cues]
+                followed += _turn(edge, run, sign, grid, hidden) if found is None else [found]
+        continued += _paired(followed, float(grid.cell.max()))
+    return [one for one in continued if one.provenance in cues]
 
 
-def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[Stretch]:
-    """From a corner that was seen, the hidden stretches at right angles behind too little edge to fit."""
+def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[ContinuedEdge]:
+    """From a seen corner, hidden edges at right angles of which too little was seen to fit a line."""
     if isinstance(edge.curve, Circle):
         return []
     corner = edge.curve.at(edge.runs[run][int(sign > 0)])
     reach = _CORNER * float(grid.cell.max())
-    found = []
+    turned = []
     for turn in (-1.0, 1.0):
         line = Line(corner, turn * edge.curve.normal)
         back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
         side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
-        stretch = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=reach)
-        if stretch is not None:
-            found.append(replace(stretch, provenance=Cue.CLOSURE))
-    return found
+        found = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=reach)
+        if found is not None:
+            turned.append(replace(found, provenance=Cue.CLOSURE))
+    return turned
 
 
 def _follow(
     edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray, lead: float
-) -> Stretch | None:
-    """The hidden stretch that begins no farther than `lead` beyond one end of a run; None without one."""
+) -> ContinuedEdge | None:
+    """The hidden part that begins no farther than `lead` beyond one end of a run; None without one."""
     low, high = edge.runs[run]
     start = float(high if sign > 0 else low)
     step = float(grid.cell.min()) / 2
     furthest = float(np.linalg.norm(grid.cell * np.array(grid.shape[::-1])))
     furthest = min(furthest, edge.curve.length - (high - low))
     ahead: FloatArray = step * np.arange(1.0, max(int(furthest / step), 1) + 1)
-    open_ = _inside(edge.curve.at(start + sign * ahead), grid, hidden)
+    index, cell = grid.cells_at(edge.curve.at(start + sign * ahead))
+    open_ = np.zeros(len(ahead), dtype=np.bool_)
+    open_[index] = hidden.ravel()[cell]
     first = int(np.argmax(open_))
     if not open_[first] or ahead[first] > lead:
         return None
@@ -128,7 +146,7 @@ def _follow(
     met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
     begin = start + sign * float(ahead[first])
     side = float(edge.sides[run])
-    return Stretch(
+    return ContinuedEdge(
         curve=edge.curve,
         start=begin,
         end=end,
@@ -147,17 +165,6 @@ def _cue(edge: Edge, met: int | None) -> Cue:
     return Cue.CONVERGENT if met is None else Cue.COLLINEAR
 
 
-def _inside(uv: FloatArray, grid: ChartGrid, hidden: BoolArray) -> BoolArray:
-    column = np.floor((uv[:, 0] - grid.corner[0]) / grid.cell[0]).astype(np.int64)
-    row = np.floor((uv[:, 1] - grid.corner[1]) / grid.cell[1]).astype(np.int64)
-    if grid.wraps:
-        column %= grid.shape[1]
-    within = (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
-    inside = np.zeros(len(uv), dtype=np.bool_)
-    inside[within] = hidden[row[within], column[within]]
-    return inside
-
-
 def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
     """Number of the other run, with the surface on the same side, that begins or ends near `end`."""
     for other in np.flatnonzero(edge.sides == edge.sides[run]):
@@ -170,15 +177,15 @@ def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
     return None
 
 
-def _paired(stretches: list[Stretch], cell: float) -> list[Stretch]:
-    """Stretches of one edge, those that were followed from both ends kept once."""
-    kept: list[Stretch] = []
-    for stretch in stretches:
+def _paired(continued: list[ContinuedEdge], cell: float) -> list[ContinuedEdge]:
+    """The continuations of one edge, those that were followed from both ends kept once."""
+    kept: list[ContinuedEdge] = []
+    for found in continued:
         twin = any(
-            (other.two_sided and stretch.two_sided and other.side == stretch.side)
-            and abs(other.end - stretch.start) <= 2 * _LEAD * 2 * cell
+            (other.two_sided and found.two_sided and other.side == found.side)
+            and abs(other.end - found.start) <= 2 * _LEAD * 2 * cell
             for other in kept
         )
         if not twin:
-            kept.append(stretch)
+            kept.append(found)
     return kept

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.boundary.boundary_pixels import RimPoints
+from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.curves import Circle, Line, fit_circle
 from scenes.checks import BoolArray, FloatArray
 
@@ -47,13 +47,13 @@ class Edge:
     is_crease: bool = False
 
 
-def edge_along(line: Line, rim: RimPoints) -> tuple[Edge, BoolArray]:
+def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
     """Return the stretches of a known line along which rim points (n,) lie, and which points those are."""
-    members = _in_runs(line, rim, _agrees(line, rim) & (np.linalg.norm(rim.step, axis=1) > 0))
-    return replace(_edge(line, rim.only(members)), is_crease=True), members
+    members = _in_runs(line, boundary, _agrees(line, boundary) & (np.linalg.norm(boundary.step, axis=1) > 0))
+    return replace(_edge(line, boundary.only(members)), is_crease=True), members
 
 
-def find_edges(rim: RimPoints) -> list[Edge]:
+def find_edges(boundary: BoundaryPixels) -> list[Edge]:
     """Fit lines and circles to points of one kind, the best supported first.
 
     A point constrains the curve to half a pixel's step to either side; what a point may be off by across a
@@ -61,51 +61,51 @@ def find_edges(rim: RimPoints) -> list[Edge]:
     circles; lines are found by voting (Hough) and refined by weighted least squares until the points that
     agree no longer change.
     """
-    size = np.linalg.norm(rim.step, axis=1)
-    rim, size = rim.only(size > 0), size[size > 0]
+    size = np.linalg.norm(boundary.step, axis=1)
+    boundary, size = boundary.only(size > 0), size[size > 0]
     edges: list[Edge] = []
     left = np.ones(len(size), dtype=np.bool_)
-    for chain in _chains(rim.uv, size):
-        circle = _circle_of(rim.only(chain))
+    for chain in _chains(boundary.uv, size):
+        circle = _circle_of(boundary.only(chain))
         if circle is not None:
-            agrees = _agrees(circle, rim) & left
-            edges.append(_edge(circle, rim.only(agrees)))
+            agrees = _agrees(circle, boundary) & left
+            edges.append(_edge(circle, boundary.only(agrees)))
             left &= ~agrees
     while left.sum() >= _MIN_POINTS and len(edges) < _MAX_EDGES:
-        found = _best_line(rim, left)
+        found = _best_line(boundary, left)
         if found is None:
             break
         line, members = found
-        edges.append(_edge(line, rim.only(members)))
+        edges.append(_edge(line, boundary.only(members)))
         left &= ~members
     return [edge for edge in edges if len(edge.runs)]
 
 
-def _best_line(rim: RimPoints, left: BoolArray) -> tuple[Line, BoolArray] | None:
+def _best_line(boundary: BoundaryPixels, left: BoolArray) -> tuple[Line, BoolArray] | None:
     """The line that most of the points `left` agree with, in runs, and those points."""
     vote = left.copy()
     for _ in range(_MAX_EDGES):
         if vote.sum() < _MIN_POINTS:
             return None
-        line, width = _voted(rim, vote)
+        line, width = _voted(boundary, vote)
         for reach in (2.0 * width, width, 0.0, 0.0):
-            members = (_agrees(line, rim) | (np.abs(line.across(rim.uv)) <= reach)) & left
+            members = (_agrees(line, boundary) | (np.abs(line.across(boundary.uv)) <= reach)) & left
             if members.sum() < _MIN_POINTS:
                 break
-            line = _line_of(rim.only(members))
-        members = _in_runs(line, rim, _agrees(line, rim) & left)
+            line = _line_of(boundary.only(members))
+        members = _in_runs(line, boundary, _agrees(line, boundary) & left)
         if members.any():
             return line, members
-        vote &= ~_agrees(line, rim) & (np.abs(line.across(rim.uv)) > width)
+        vote &= ~_agrees(line, boundary) & (np.abs(line.across(boundary.uv)) > width)
     return None
 
 
-def _voted(rim: RimPoints, vote: BoolArray) -> tuple[Line, float]:
+def _voted(boundary: BoundaryPixels, vote: BoolArray) -> tuple[Line, float]:
     """The line with the most votes, and how wide its slot is.
 
     Every point votes for an offset in each direction (Duda & Hart 1972).
     """
-    uv, step = rim.uv[vote], rim.step[vote]
+    uv, step = boundary.uv[vote], boundary.step[vote]
     centre = uv.mean(axis=0)
     angle = np.arange(_N_DIRECTIONS) * np.pi / _N_DIRECTIONS
     normals = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
@@ -124,11 +124,11 @@ def _voted(rim: RimPoints, vote: BoolArray) -> tuple[Line, float]:
     return Line(centre + middle * normals[direction], along), width
 
 
-def _line_of(rim: RimPoints) -> Line:
+def _line_of(boundary: BoundaryPixels) -> Line:
     """The line by least squares across it, points weighted by what a pixel's step says about them."""
-    line = _weighted_line(rim.uv, np.ones(len(rim.uv)))
+    line = _weighted_line(boundary.uv, np.ones(len(boundary.uv)))
     for _ in range(2):
-        line = _weighted_line(rim.uv, 1 / np.square(_slack(line, rim)))
+        line = _weighted_line(boundary.uv, 1 / np.square(_slack(line, boundary)))
     return line
 
 
@@ -139,31 +139,31 @@ def _weighted_line(uv: FloatArray, weight: FloatArray) -> Line:
     return Line(mean, vectors[:, 1])
 
 
-def _slack(curve: Line | Circle, rim: RimPoints) -> FloatArray:
+def _slack(curve: Line | Circle, boundary: BoundaryPixels) -> FloatArray:
     """How far (n,) points may lie from the curve: half their step across it, and a little for noise."""
-    across = np.abs(np.einsum("ij,ij->i", rim.step, curve.towards(rim.uv)))
-    return np.asarray(0.6 * across + 0.15 * np.linalg.norm(rim.step, axis=1), dtype=np.float64)
+    across = np.abs(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
+    return np.asarray(0.6 * across + 0.15 * np.linalg.norm(boundary.step, axis=1), dtype=np.float64)
 
 
-def _agrees(curve: Line | Circle, rim: RimPoints) -> BoolArray:
-    return np.asarray(np.abs(curve.across(rim.uv)) <= _slack(curve, rim), dtype=np.bool_)
+def _agrees(curve: Line | Circle, boundary: BoundaryPixels) -> BoolArray:
+    return np.asarray(np.abs(curve.across(boundary.uv)) <= _slack(curve, boundary), dtype=np.bool_)
 
 
-def _in_runs(line: Line, rim: RimPoints, members: BoolArray) -> BoolArray:
+def _in_runs(line: Line, boundary: BoundaryPixels, members: BoolArray) -> BoolArray:
     """Those of the members that stand in a run of at least `_MIN_POINTS`, over three steps long."""
     index = np.flatnonzero(members)
     kept = np.zeros(len(members), dtype=np.bool_)
-    for run in _runs(line.along(rim.uv[index]), _gaps(rim.only(members))):
+    for run in _runs(line.along(boundary.uv[index]), _gaps(boundary.only(members))):
         chosen = index[run]
         if len(chosen) < _MIN_POINTS:
             continue
-        step = float(np.median(np.linalg.norm(rim.step[chosen], axis=1)))
-        kept[chosen] = np.ptp(line.along(rim.uv[chosen])) > 3 * step
+        step = float(np.median(np.linalg.norm(boundary.step[chosen], axis=1)))
+        kept[chosen] = np.ptp(line.along(boundary.uv[chosen])) > 3 * step
     return kept
 
 
-def _gaps(rim: RimPoints) -> FloatArray:
-    return np.asarray(_GAP * np.linalg.norm(rim.step, axis=1), dtype=np.float64)
+def _gaps(boundary: BoundaryPixels) -> FloatArray:
+    return np.asarray(_GAP * np.linalg.norm(boundary.step, axis=1), dtype=np.float64)
 
 
 def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
@@ -175,29 +175,29 @@ def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
     return np.split(order, np.flatnonzero(wide) + 1)
 
 
-def _edge(curve: Line | Circle, rim: RimPoints) -> Edge:
+def _edge(curve: Line | Circle, boundary: BoundaryPixels) -> Edge:
     """The edge whose points are `rim`; the surface lies where their steps come from."""
-    side = -np.sign(np.einsum("ij,ij->i", rim.step, curve.towards(rim.uv)))
+    side = -np.sign(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
     runs, sides = [], []
     for sign in (-1.0, 1.0):
-        spans = _spans(curve, rim.only(side == sign))
+        spans = _spans(curve, boundary.only(side == sign))
         runs += spans
         sides += [sign] * len(spans)
-    rms = float(np.sqrt(np.mean(np.square(curve.across(rim.uv))))) if len(rim.uv) else 0.0
-    deviation = rms * float(np.sqrt(2 / max(len(rim.uv), 2)))
+    rms = float(np.sqrt(np.mean(np.square(curve.across(boundary.uv))))) if len(boundary.uv) else 0.0
+    deviation = rms * float(np.sqrt(2 / max(len(boundary.uv), 2)))
     return Edge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation)
 
 
-def _spans(curve: Line | Circle, rim: RimPoints) -> list[tuple[float, float]]:
+def _spans(curve: Line | Circle, boundary: BoundaryPixels) -> list[tuple[float, float]]:
     """First and last arc length of each run of points."""
-    along = curve.along(rim.uv)
+    along = curve.along(boundary.uv)
     spans = [
         (float(along[run].min()), float(along[run].max()))
-        for run in _runs(along, _gaps(rim))
+        for run in _runs(along, _gaps(boundary))
         if len(run) >= _MIN_POINTS
     ]
     if isinstance(curve, Circle) and len(spans) > 1:
-        return _across_seam(spans, curve.length, float(_gaps(rim).max()))
+        return _across_seam(spans, curve.length, float(_gaps(boundary).max()))
     return spans
 
 
@@ -220,14 +220,14 @@ def _chains(uv: FloatArray, size: FloatArray) -> list[BoolArray]:
     return [part == number for number in np.flatnonzero(counts >= 2 * _MIN_POINTS)]
 
 
-def _circle_of(rim: RimPoints) -> Circle | None:
+def _circle_of(boundary: BoundaryPixels) -> Circle | None:
     """The circle through a chain, if nearly all its points agree with it and it is plainly no line."""
-    line = _line_of(rim)
-    if np.mean(_agrees(line, rim)) > 0.6:
+    line = _line_of(boundary)
+    if np.mean(_agrees(line, boundary)) > 0.6:
         return None
-    circle = fit_circle(rim.uv)
-    if circle is None or np.mean(_agrees(circle, rim)) < 0.9:
+    circle = fit_circle(boundary.uv)
+    if circle is None or np.mean(_agrees(circle, boundary)) < 0.9:
         return None
-    angle = np.sort(circle.along(rim.uv)) / circle.radius
+    angle = np.sort(circle.along(boundary.uv)) / circle.radius
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     return circle if 2 * np.pi - gaps.max() >= _MIN_ARC else None

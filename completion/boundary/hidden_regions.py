@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from completion.boundary.continuation import Stretch
+from completion.boundary.continuation import ContinuedEdge
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 
@@ -38,13 +38,13 @@ class Borders:
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]
-    stretch: NDArray[np.int32]
+    edge: NDArray[np.int32]
     cost: FloatArray
     length: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shadows:
+class HiddenRegions:
     """The hidden zone in pieces.
 
     Attributes
@@ -59,20 +59,20 @@ class Shadows:
         Length of each piece's outline on measured surface and on cells that beams passed, metres.
     """
 
-    piece: NDArray[np.int32]
-    n_pieces: int
+    region: NDArray[np.int32]
+    n_regions: int
     borders: Borders
     beside_measured: FloatArray
     beside_open: FloatArray
 
 
-def divide(
+def divide_hidden(
     grid: ChartGrid,
     hidden: BoolArray,
     measured: BoolArray,
     open_: BoolArray,
-    stretches: Sequence[Stretch],
-) -> Shadows:
+    continued: Sequence[ContinuedEdge],
+) -> HiddenRegions:
     """Divide the hidden cells along the continued edges.
 
     Parameters
@@ -93,15 +93,15 @@ def divide(
     length = np.concatenate([np.full(a.size, side) for a, _, side in sides])
     flat = hidden.ravel()
     inner = flat[first] & flat[second]
-    borders = _borders(grid, first[inner], second[inner], length[inner], stretches)
-    piece = _pieces(flat, first[inner], second[inner], borders.first, borders.second)
-    n_pieces = int(piece.max(initial=-1)) + 1
-    beside = np.zeros((2, n_pieces))
+    borders = _borders(grid, first[inner], second[inner], length[inner], continued)
+    region = _pieces(flat, first[inner], second[inner], borders.first, borders.second)
+    n_regions = int(region.max(initial=-1)) + 1
+    beside = np.zeros((2, n_regions))
     for row, what in enumerate((measured.ravel(), open_.ravel())):
         for a, b in ((first, second), (second, first)):
             touching = flat[a] & what[b] & ~flat[b]
-            beside[row] += np.bincount(piece[a[touching]], length[touching], minlength=n_pieces)
-    return Shadows(piece.reshape(grid.shape), n_pieces, borders, beside[0], beside[1])
+            beside[row] += np.bincount(region[a[touching]], length[touching], minlength=n_regions)
+    return HiddenRegions(region.reshape(grid.shape), n_regions, borders, beside[0], beside[1])
 
 
 def _borders(
@@ -109,21 +109,21 @@ def _borders(
     first: NDArray[np.int64],
     second: NDArray[np.int64],
     length: FloatArray,
-    stretches: Sequence[Stretch],
+    continued: Sequence[ContinuedEdge],
 ) -> Borders:
     """Pairs of cells on different sides of a stretch."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
     owner = np.full(len(first), -1, np.int32)
-    for number, stretch in enumerate(stretches):
-        side = stretch.curve.across(centres) >= 0
+    for number, edge in enumerate(continued):
+        side = edge.curve.across(centres) >= 0
         parted = np.flatnonzero(side[first] != side[second])
         middle = (centres[first[parted]] + centres[second[parted]]) / 2
-        progress = stretch.progress(middle)
-        within = (progress >= -slack) & (progress <= abs(stretch.end - stretch.start) + slack)
+        progress = edge.progress(middle)
+        within = (progress >= -slack) & (progress <= abs(edge.end - edge.start) + slack)
         parted, progress = parted[within], progress[within]
-        surface = np.where(side[first[parted]] == (stretch.side > 0), 0, 1)
+        surface = np.where(side[first[parted]] == (edge.side > 0), 0, 1)
         owner[parted[owner[parted] < 0]] = number
         cost[parted, surface] = 1 - GOES_ON
     at = np.flatnonzero(owner >= 0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from completion.boundary.hidden_regions import Shadows
+from completion.boundary.hidden_regions import HiddenRegions
 from scenes.checks import BoolArray, FloatArray
 
 _UNITS = 10_000  # capacities are whole numbers
@@ -34,7 +34,7 @@ class Labelling:
     margin: FloatArray
 
 
-def label_pieces(shadows: Shadows) -> Labelling:
+def label_regions(regions: HiddenRegions) -> Labelling:
     """Choose the pieces that are surface by a minimum cut (Boykov, Veksler & Zabih 2001).
 
     A boundary of the surface costs its length times its improbability: 1 along the outline of a shadow, for
@@ -42,14 +42,14 @@ def label_pieces(shadows: Shadows) -> Labelling:
     continued edge, if the surface is on that side of it on which it was seen. A piece that touches neither
     measured nor open cells is no surface.
     """
-    n = shadows.n_pieces
+    n = regions.n_regions
     if not n:
         return Labelling(np.zeros(0, dtype=np.bool_), np.zeros(0))
-    graph = _Graph.of(shadows)
+    graph = _Graph.of(regions)
     is_surface, least = graph.cut(None, keep=True)
     forced = np.array([[least, least]] * n)
-    for piece in range(n):
-        forced[piece, int(is_surface[piece])] = graph.cut(piece, keep=not is_surface[piece])[1]
+    for region in range(n):
+        forced[region, int(is_surface[region])] = graph.cut(region, keep=not is_surface[region])[1]
     outline = np.maximum(graph.outline, 1e-9)
     return Labelling(is_surface, np.clip((forced[:, 1] - forced[:, 0]) / outline, -1.0, 1.0))
 
@@ -65,23 +65,23 @@ class _Graph:
     outline: FloatArray
 
     @classmethod
-    def of(cls, shadows: Shadows) -> _Graph:
-        n, borders = shadows.n_pieces, shadows.borders
-        piece = shadows.piece.ravel()
-        a, b = piece[borders.first].astype(np.int64), piece[borders.second].astype(np.int64)
+    def of(cls, regions: HiddenRegions) -> _Graph:
+        n, borders = regions.n_regions, regions.borders
+        region = regions.region.ravel()
+        a, b = region[borders.first].astype(np.int64), region[borders.second].astype(np.int64)
         apart = a != b
         a, b, cost, length = a[apart], b[apart], borders.cost[apart], borders.length[apart]
         pair, index = np.unique(np.append(a * n + b, b * n + a), return_inverse=True)
         between = np.bincount(index, np.append(*cost.T) * np.tile(length, 2), minlength=len(pair))
         shared = np.bincount(index, np.tile(length, 2), minlength=len(pair))
         every = np.arange(n)
-        outline = shadows.beside_measured + shadows.beside_open
+        outline = regions.beside_measured + regions.beside_open
         outline = outline + np.bincount(pair // n, shared, minlength=n)
         return cls(
             n,
             np.concatenate([pair // n, np.full(n, n), every]),
             np.concatenate([pair % n, every, np.full(n, n + 1)]),
-            np.concatenate([between, shadows.beside_measured, shadows.beside_open]),
+            np.concatenate([between, regions.beside_measured, regions.beside_open]),
             outline,
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from shapely import Polygon
 
 from completion.edits.edit import Anchor, Edit
-from completion.edits.surface_edits import Verdict, Wish, outline_uv
+from completion.edits.surface_edits import SurfaceEdits, Wish, outline_uv
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.refitting import refit
@@ -25,11 +25,11 @@ _INNER = 0.9  # of a merged surface on the inner side of an end that one of its 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edited:
+class EditedSurface:
     """A surface with what a person says of it; working frame."""
 
     surface: MergedSurface
-    verdict: Verdict = field(default_factory=Verdict)
+    edits: SurfaceEdits = field(default_factory=SurfaceEdits)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ def apply_edits(
     observations: Sequence[Observation],
     world_from_reference: Pose,
     flatness_m: float,
-) -> list[Edited]:
+) -> list[EditedSurface]:
     """Join and part surfaces as a person says, in the order of the edits, and note the rest for each.
 
     Parameters
@@ -75,7 +75,7 @@ def apply_edits(
         off its surface.
     """
     place = _Place(observations, world_from_reference.inverse(), flatness_m)
-    edited = [Edited(surface) for surface in surfaces]
+    edited = [EditedSurface(surface) for surface in surfaces]
     for edit in edits:
         found = [_find(edited, anchor, edit, place) for anchor in edit.surfaces]
         numbers = list(dict.fromkeys(found))
@@ -99,7 +99,7 @@ def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) ->
     return np.asarray(observations[largest].points[row, column], dtype=np.float64)
 
 
-def _find(edited: Sequence[Edited], anchor: Anchor, edit: Edit, place: _Place) -> int:
+def _find(edited: Sequence[EditedSurface], anchor: Anchor, edit: Edit, place: _Place) -> int:
     """Index of the surface that was measured at an anchor."""
     point = place.reference_from_world.apply(anchor.point)
     away = [
@@ -119,7 +119,7 @@ def _find(edited: Sequence[Edited], anchor: Anchor, edit: Edit, place: _Place) -
     return nearest
 
 
-def _merged(parts: Sequence[Edited], edit: Edit, place: _Place) -> Edited:
+def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> EditedSurface:
     """All parts as one surface, fitted anew to all their pixels from the largest one."""
     if len(parts) < 2:
         raise InputError(f"{edit.source}: all that it names is one surface already")
@@ -129,22 +129,22 @@ def _merged(parts: Sequence[Edited], edit: Edit, place: _Place) -> Edited:
     )
     n_parts = sum(part.surface.n_parts for part in parts)
     surface = _refitted(MergedSurface(largest.fit, masks, n_parts), edit, place)
-    verdicts = [part.verdict for part in parts]
-    actions = tuple(action for verdict in verdicts for action in verdict.actions)
+    verdicts = [part.edits for part in parts]
+    actions = tuple(action for edits in verdicts for action in edits.actions)
     points = surface.points(place.observations)
-    ends = [end for verdict in verdicts for end in verdict.ends]
-    return Edited(
+    ends = [end for edits in verdicts for end in edits.ends]
+    return EditedSurface(
         surface,
-        Verdict(
+        SurfaceEdits(
             (*actions, "merge"),
             tuple(end for end in ends if np.mean(end.distance(points) > 0) > _INNER),
-            tuple(wish for verdict in verdicts for wish in verdict.wishes),
-            tuple(outline for verdict in verdicts for outline in verdict.openings),
+            tuple(wish for edits in verdicts for wish in edits.wishes),
+            tuple(outline for edits in verdicts for outline in edits.openings),
         ),
     )
 
 
-def _split(whole: Edited, edit: Edit, place: _Place) -> list[Edited]:
+def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurface]:
     """The surface as two, each fitted to its own pixels, that end where it is cut."""
     cut = _cut(whole.surface, edit, place)
     parts = []
@@ -160,9 +160,9 @@ def _split(whole: Edited, edit: Edit, place: _Place) -> list[Edited]:
                 f"of it; a part takes {_FEWEST}"
             )
         part = _refitted(MergedSurface(whole.surface.fit, masks, 1), edit, place)
-        verdict = whole.verdict
-        noted = replace(verdict, actions=(*verdict.actions, "split"), ends=(*verdict.ends, side))
-        parts.append(Edited(part, noted))
+        edits = whole.edits
+        noted = replace(edits, actions=(*edits.actions, "split"), ends=(*edits.ends, side))
+        parts.append(EditedSurface(part, noted))
     return parts
 
 
@@ -175,16 +175,16 @@ def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurfac
     return replace(surface, fit=fit)
 
 
-def _noted(one: Edited, edit: Edit, place: _Place) -> Edited:
+def _noted(one: EditedSurface, edit: Edit, place: _Place) -> EditedSurface:
     """The surface with an edit that says how it is to be continued."""
-    verdict = replace(one.verdict, actions=(*one.verdict.actions, edit.action))
+    edits = replace(one.edits, actions=(*one.edits.actions, edit.action))
     if edit.action == "end":
-        return replace(one, verdict=replace(verdict, ends=(*verdict.ends, _cut(one.surface, edit, place))))
+        return replace(one, edits=replace(edits, ends=(*edits.ends, _cut(one.surface, edit, place))))
     outline = None if edit.outline is None else _on_surface(one.surface, edit.outline, edit, place)
     if edit.action == "opening" and outline is not None:
-        return replace(one, verdict=replace(verdict, openings=(*verdict.openings, outline)))
+        return replace(one, edits=replace(edits, openings=(*edits.openings, outline)))
     wish = Wish(edit.action == "accept", outline)
-    return replace(one, verdict=replace(verdict, wishes=(*verdict.wishes, wish)))
+    return replace(one, edits=replace(edits, wishes=(*edits.wishes, wish)))
 
 
 def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:

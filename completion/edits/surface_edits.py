@@ -26,7 +26,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
+class SurfaceEdits:
     """What a person says of one surface; working frame, metres.
 
     Attributes

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
 
@@ -69,11 +69,21 @@ class ChartGrid:
         """Points (rows * columns, 3) at the cell centres."""
         return self.surface.from_uv(self.centres_uv().reshape(-1, 2))
 
+    def within(self, low: FloatArray, high: FloatArray) -> BoolArray:
+        """Cells (rows, columns) in the rectangle from `low` to `high` (2,), all of u if it wraps."""
+        uv = self.centres_uv()
+        half = self.cell * (0.5 - 1e-6)  # cells that only touch it are outside, however they are rounded
+        axes = [1] if self.wraps else [0, 1]
+        inside = (uv >= low - half) & (uv <= high + half)
+        return np.asarray(inside[..., axes].all(axis=-1), dtype=np.bool_)
+
     def cells_of(self, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Indices of the points that fall into the grid, and the flat cell that each falls into."""
-        uv = self.surface.to_uv(points)
-        column = np.floor((uv[:, 0] - self.corner[0]) / self.cell[0]).astype(np.int64)
-        row = np.floor((uv[:, 1] - self.corner[1]) / self.cell[1]).astype(np.int64)
+        """Indices of the points (n, 3) that fall into the grid, and the flat cell that each falls into."""
+        return self.cells_at(self.surface.to_uv(points))
+
+    def cells_at(self, uv: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Indices of the places (n, 2) of the chart that fall into the grid, and the flat cell of each."""
+        column, row = np.floor((uv - self.corner) / self.cell).astype(np.int64).T
         if self.wraps:
             column %= self.shape[1]
         inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])

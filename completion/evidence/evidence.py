@@ -3,27 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
+from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.free_space import free_cells
 from completion.observe.observation import Observation
-from completion.observe.tolerance import EvidenceOptions, ray_tolerance
+from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Surface
 
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
-_STRAY_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
+_NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
 class Label(IntEnum):
-    """What the scans say of a place, weakest first; the strongest word of all scans counts."""
+    """What the scans say of a place, weakest first; the strongest label of all scans counts."""
 
     OUT = 0  # in no scan's field of view
     NO_RETURN = 1  # looked at without an echo, or too obliquely to tell: evidence of nothing
@@ -51,11 +51,11 @@ class Evidence:
     occluder : (rows, columns) int32
         Number of the surface that stands before each occluded cell, 0 for none known.
     through : (rows, columns) bool
-        Cells that some beam seems to have passed: the pixel at their centre measured farther. Too little for
-        a veto, but nothing that a surface hides behind.
+        Cells that some beam seems to have passed: the pixel at their centre measured farther. That is too
+        little for a veto, but the surface is not hidden there.
     limb : (rows, columns) bool
-        Cells so oblique to some scan that its beams may have met what lies behind as well: what they say
-        of free space there is no word on whether the surface goes on.
+        Cells so oblique to some scan that its beams may have met what lies behind as well. Free space there
+        does not tell whether the surface goes on.
     """
 
     labels: NDArray[np.int8]
@@ -71,6 +71,39 @@ class Evidence:
     def open(self) -> BoolArray:
         """Cells that beams passed, by a veto or seemingly, the limb apart."""
         return np.asarray(((self.labels == Label.FREE) | self.through) & ~self.limb, dtype=np.bool_)
+
+    def rings_passed(self) -> BoolArray:
+        """Tell at which rows (rows,) of a cylinder's chart beams say that it is not there, or has ended.
+
+        A pipe or a column has one cross-section along its axis. Where beams passed more of a ring than was
+        measured of it, the pipe is not there, and its hidden back is not either; nor are rings beyond, unless
+        some part of it was measured again.
+        """
+        passed = np.count_nonzero(self.labels == Label.FREE, axis=1)
+        measured = np.count_nonzero(self.own, axis=1)
+        part, n_parts = connected_parts(passed <= measured)
+        is_measured = np.bincount(part, measured, minlength=n_parts + 1) > 0
+        is_measured[0] = False
+        return np.asarray(~is_measured[part], dtype=np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scans:
+    """All scans, and what is needed to hold a surface against them.
+
+    Attributes
+    ----------
+    observations : tuple of Observation
+        The scans, working frame.
+    owners : tuple of (rows, columns) int32
+        For each scan the number of the surface that each pixel belongs to, from 1; 0 for none.
+    tolerance : Tolerance
+        Along the ray.
+    """
+
+    observations: tuple[Observation, ...]
+    owners: tuple[NDArray[np.int32], ...]
+    tolerance: Tolerance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,91 +131,96 @@ class PointLabels:
     through: BoolArray
 
 
-def weigh(
-    grid: ChartGrid,
-    spread: FloatArray,
-    observations: Sequence[Observation],
-    owners: Sequence[NDArray[np.int32]],
-    owner: int,
-    options: EvidenceOptions,
-) -> Evidence:
-    """Label the cells of a grid from all scans.
+def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:
+    """Label the cells of a grid from all scans; a beam that went through a cell is a veto.
 
     Parameters
     ----------
     grid : ChartGrid
         The cells.
-    spread : (rows * columns,) float
-        Predicted standard deviation of the surface along its normal at each cell, metres.
-    observations : sequence of Observation
+    predicted_sd : (rows * columns,) float
+        Standard deviation of the surface along its normal at each cell, metres.
+    scans : Scans
         All scans.
-    owners : sequence of (rows, columns) int32
-        For each scan, the surface that each pixel belongs to, 0 for none.
     owner : int
-        This surface's number in `owners`.
-    options : EvidenceOptions
-        Tolerances.
+        This surface's number in `scans.owners`.
     """
-    centres = grid.centres()
-    n_cells = len(centres)
-    labels = np.full(n_cells, Label.OUT, np.int8)
+    surface, centres, n_cells = grid.surface, grid.centres(), len(predicted_sd)
+    labels, occluder = np.full(n_cells, Label.OUT, np.int8), np.zeros(n_cells, np.int32)
     pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
-    own = np.zeros(n_cells, dtype=np.bool_)
-    observed, through, limb = (np.zeros(n_cells, dtype=np.bool_) for _ in range(3))
-    footprint, occluder = np.full(n_cells, np.inf), np.zeros(n_cells, np.int32)
-    for index, observation in enumerate(observations):
-        found = label_points(grid.surface, centres, spread, observation, options)
-        said, seen_by, sure = found.label, found.pixel, found.sure
-        belongs = np.zeros(n_cells, dtype=np.bool_)
-        visible = said == Label.VISIBLE
-        owned_by = owners[index].ravel()[seen_by[visible]]
-        belongs[visible] = (owned_by == owner) | ((owned_by == 0) & sure[visible])
-        said[visible & ~sure & ~belongs] = Label.NO_RETURN
-        size = np.where(
-            belongs, np.square(_range_to(observation, centres)) / np.maximum(found.cosine, 1e-3), np.inf
-        )
-        better = belongs & (size < footprint)
-        footprint[better], pixel[better], scan[better] = size[better], seen_by[better], index
-        observed |= belongs
+    observed, own, through, limb = np.zeros((4, n_cells), dtype=np.bool_)
+    footprint = np.full(n_cells, np.inf)
+    for index, (seen, owners) in enumerate(zip(scans.observations, scans.owners, strict=True)):
+        # 1. Label the cells' centres by the pixels that see them.
+        found = label_points(surface, centres, predicted_sd, seen, scans.tolerance)
+        label, visible = found.label, found.label == Label.VISIBLE
+
+        # 2. A cell is measured by the surface's own pixels, or surely by pixels of no surface.
+        owned_by = owners.ravel()[found.pixel[visible]]
+        measured = np.zeros(n_cells, dtype=np.bool_)
+        measured[visible] = (owned_by == owner) | ((owned_by == 0) & found.sure[visible])
+        label[visible & ~found.sure & ~measured] = Label.NO_RETURN
+        observed |= measured
         own[visible] |= owned_by == owner
-        through |= found.through & sure & (found.cosine > limb_cosine(grid.surface, observation, centres))
-        limb |= found.cosine < limb_cosine(grid.surface, observation, centres, _LIMB_PIXELS)
-        hides = said == Label.OCCLUDED
-        occluder[hides] = owners[index].ravel()[seen_by[hides]]
-        labels = np.maximum(labels, said)
-    observed &= _beside(own, grid) | own
-    vetoed = free_cells(grid, spread, observations, options)
+
+        # 3. Of several pixels that measured a cell, keep the one with the smallest footprint.
+        size = np.square(_range_to(seen, centres)) / np.maximum(found.cosine, 1e-3)
+        better = measured & (size < footprint)
+        footprint[better], pixel[better], scan[better] = size[better], found.pixel[better], index
+
+        # 4. Note cells that beams seem to have passed, and those too oblique to tell.
+        through |= found.through & found.sure & (found.cosine > limb_cosine(surface, seen, centres))
+        limb |= found.cosine < limb_cosine(surface, seen, centres, _LIMB_PIXELS)
+
+        # 5. Keep the strongest label of all scans, and what stands before a hidden cell.
+        hidden = label == Label.OCCLUDED
+        occluder[hidden] = owners.ravel()[found.pixel[hidden]]
+        labels = np.maximum(labels, label)
+
+    # 6. Drop measured cells far from the surface's own pixels: they are of something else on its plane.
+    near = binary_dilation(own.reshape(grid.shape), np.ones((3, 3)), iterations=_NEAR_CELLS)
+    observed &= near.ravel() | own
+
+    # 7. Veto: nothing is where beams went through, but what was measured.
+    vetoed = free_cells(grid, predicted_sd, scans.observations, scans.tolerance)
     labels[vetoed & ~observed] = Label.FREE
-    shape = grid.shape
     return Evidence(
-        labels=labels.reshape(shape),
-        observed=observed.reshape(shape),
-        own=own.reshape(shape),
-        pixel=pixel.reshape(shape),
-        scan=scan.reshape(shape),
-        occluder=occluder.reshape(shape),
-        through=(through & ~observed).reshape(shape),
-        limb=(limb & ~observed).reshape(shape),
+        labels=labels.reshape(grid.shape),
+        observed=observed.reshape(grid.shape),
+        own=own.reshape(grid.shape),
+        pixel=pixel.reshape(grid.shape),
+        scan=scan.reshape(grid.shape),
+        occluder=occluder.reshape(grid.shape),
+        through=(through & ~observed).reshape(grid.shape),
+        limb=(limb & ~observed).reshape(grid.shape),
     )
-
-
-def _beside(own: BoolArray, grid: ChartGrid) -> BoolArray:
-    """Cells that hang together with its own ones: stray returns on the plane of a surface are none of it."""
-    near = binary_dilation(own.reshape(grid.shape), np.ones((3, 3)), iterations=_STRAY_CELLS)
-    return np.asarray(near.ravel(), dtype=np.bool_)
 
 
 def label_points(
     surface: Surface,
     points: FloatArray,
-    spread: FloatArray,
+    predicted_sd: FloatArray,
     observation: Observation,
-    options: EvidenceOptions,
+    tolerance: Tolerance,
 ) -> PointLabels:
-    """Label points of a surface by one scan."""
+    """Label points of a surface by one scan.
+
+    Parameters
+    ----------
+    surface : Surface
+        On which they lie, working frame.
+    points : (n, 3) float
+        Working frame, metres.
+    predicted_sd : (n,) float
+        Standard deviation of the surface along its normal at each, metres.
+    observation : Observation
+        The scan.
+    tolerance : Tolerance
+        Along the ray.
+    """
     scan = observation.scan
     n = len(points)
-    said, pixels = np.full(n, Label.OUT, np.int8), np.full(n, -1, np.int64)
+    labels, pixels = np.full(n, Label.OUT, np.int8), np.full(n, -1, np.int64)
     cosines, is_sure, goes_through = np.ones(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     position = scan.pixels(points)
     inside = np.flatnonzero(np.isfinite(position[:, 0] + position[:, 1]))
@@ -195,17 +233,15 @@ def label_points(
     measured = scan.ranges.ravel()[pixel]
     sigma = np.nan_to_num(observation.sigma.ravel()[pixel])
     oblique = distance * scan.projection.pixel_angle * _tangent(cosine) / 2
-    tolerance = ray_tolerance(sigma, spread[inside], cosine, options) + oblique
+    allowed = tolerance.along_ray(sigma, predicted_sd[inside], cosine) + oblique
     behind = distance - measured  # positive where something stands before the surface
-    word = np.where(
-        behind > tolerance, Label.OCCLUDED, np.where(behind < -tolerance, Label.FREE, Label.VISIBLE)
-    )
+    label = np.where(behind > allowed, Label.OCCLUDED, np.where(behind < -allowed, Label.FREE, Label.VISIBLE))
     # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
-    said[inside] = np.where(~np.isfinite(measured) | (word == Label.FREE), Label.NO_RETURN, word)
+    labels[inside] = np.where(~np.isfinite(measured) | (label == Label.FREE), Label.NO_RETURN, label)
     pixels[inside], cosines[inside] = pixel, cosine
-    is_sure[inside] = tolerance <= options.max_tolerance_m
-    goes_through[inside] = np.isfinite(measured) & (word == Label.FREE)
-    return PointLabels(said, pixels, cosines, is_sure, goes_through)
+    is_sure[inside] = allowed <= tolerance.max_m
+    goes_through[inside] = np.isfinite(measured) & (label == Label.FREE)
+    return PointLabels(labels, pixels, cosines, is_sure, goes_through)
 
 
 def limb_cosine(

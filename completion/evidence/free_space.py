@@ -10,13 +10,13 @@ from scipy.ndimage import convolve1d
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.observe.observation import Observation
-from completion.observe.tolerance import EvidenceOptions, ray_tolerance
+from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 
 def free_cells(
-    grid: ChartGrid, spread: FloatArray, observations: Sequence[Observation], options: EvidenceOptions
+    grid: ChartGrid, predicted_sd: FloatArray, observations: Sequence[Observation], tolerance: Tolerance
 ) -> BoolArray:
     """Tell for each cell, flat, whether observed beams went through it.
 
@@ -42,8 +42,8 @@ def free_cells(
             index, cell = grid.cells_of(points)
             hit = through[index]
             cosine = np.abs(np.einsum("ij,ij->i", rays[hit], face.normal(points[index])))
-            tolerance = ray_tolerance(sigma[hit], spread[cell], cosine, options)
-            beyond = (measured[hit] - reach[hit] > tolerance) & (tolerance <= options.max_tolerance_m)
+            allowed = tolerance.along_ray(sigma[hit], predicted_sd[cell], cosine)
+            beyond = (measured[hit] - reach[hit] > allowed) & (allowed <= tolerance.max_m)
             count += np.bincount(cell[beyond], minlength=count.size).reshape(grid.shape)
     vetoed = count > 0
     if noisy:

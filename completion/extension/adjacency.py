@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Surroundings: which surfaces enclose the room, which meet, and how surely things stand on each."""
+"""Adjacency: which surfaces enclose the room, which meet, and how surely things stand on each."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.boundary_pixels import Rim, RimPoints
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
+from completion.evidence.evidence import Scans
 from completion.extension.enclosure import find_enclosing
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
@@ -22,8 +23,8 @@ _MEETING_PAIRS = 8  # of neighbouring pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
-    """What n surfaces are to each other.
+class Adjacency:
+    """How n surfaces lie to each other.
 
     Attributes
     ----------
@@ -40,37 +41,27 @@ class Surroundings:
     standing: FloatArray
 
 
-def survey(
-    surfaces: Sequence[MergedSurface],
-    rims: Sequence[RimPoints],
-    owners: Sequence[NDArray[np.int32]],
-    observations: Sequence[Observation],
-    scales: Sequence[FloatArray],
-) -> Surroundings:
-    """Find what surfaces are to each other.
+def find_adjacency(
+    surfaces: Sequence[MergedSurface], boundaries: Sequence[BoundaryPixels], scans: Scans
+) -> Adjacency:
+    """Find which surfaces enclose the room, which meet, and how surely things stand on each.
 
     Parameters
     ----------
     surfaces : sequence of MergedSurface
         All surfaces, working frame.
-    rims : sequence of RimPoints
-        The rim of each, in its own chart.
-    owners : sequence of (rows, columns) int32
-        For each scan the surface that each pixel belongs to, from 1; 0 for none.
-    observations : sequence of Observation
-        The scans.
-    scales : sequence of (rows, columns) float
-        For each scan how far ranges may stray from an ideal surface, metres.
+    boundaries : sequence of BoundaryPixels
+        The boundary pixels of each, in its own chart.
+    scans : Scans
+        All scans, with the surface that each pixel belongs to.
     """
-    encloses = find_enclosing(surfaces, observations, _typical(scales))
-    meets = _meets(owners, surfaces, observations, scales)
-    return Surroundings(encloses, meets, _standing(surfaces, rims, encloses, meets))
-
-
-def _typical(scales: Sequence[FloatArray]) -> float:
-    known = [scale[np.isfinite(scale)] for scale in scales]
-    together = np.concatenate(known) if known else np.zeros(0)
-    return float(np.median(together)) if len(together) else 0.0
+    observations, flatness_m = scans.observations, scans.tolerance.flatness_m
+    scales = [np.hypot(seen.sigma, flatness_m) for seen in observations]  # of ranges about an ideal surface
+    known = np.concatenate([scale[np.isfinite(scale)] for scale in scales])
+    typical = float(np.median(known)) if len(known) else 0.0
+    encloses = find_enclosing(surfaces, observations, typical)
+    meets = _meets(scans.owners, surfaces, observations, scales)
+    return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets))
 
 
 def is_upright(surface: Surface, base: Plane) -> bool:
@@ -83,7 +74,10 @@ def is_upright(surface: Surface, base: Plane) -> bool:
 
 
 def _standing(
-    surfaces: Sequence[MergedSurface], rims: Sequence[RimPoints], encloses: BoolArray, meets: BoolArray
+    surfaces: Sequence[MergedSurface],
+    boundaries: Sequence[BoundaryPixels],
+    encloses: BoolArray,
+    meets: BoolArray,
 ) -> FloatArray:
     """Of the n surfaces whose end on its side was seen k end on the plane: (k + a) / (n + a + b)."""
     standing = np.zeros(len(surfaces))
@@ -96,19 +90,19 @@ def _standing(
             for other in range(len(surfaces))
             if not encloses[other]
             and is_upright(surfaces[other].fit.surface, plane)
-            and (meets[number, other] or _ends_above(surfaces[other], rims[other], plane))
+            and (meets[number, other] or _ends_above(surfaces[other], boundaries[other], plane))
         ]
         standing[number] = (sum(ending) + _STANDING[0]) / (len(ending) + sum(_STANDING))
     return standing
 
 
-def _ends_above(surface: MergedSurface, rim: RimPoints, base: Plane) -> bool:
-    """Tell whether the rim nearest to a plane is mostly the surface's own edge."""
-    height = base.distance(surface.fit.surface.from_uv(rim.uv))
+def _ends_above(surface: MergedSurface, boundary: BoundaryPixels, base: Plane) -> bool:
+    """Tell whether the boundary nearest to a plane is mostly the surface's own edge."""
+    height = base.distance(surface.fit.surface.from_uv(boundary.uv))
     if not len(height):
         return False
-    lowest = rim.kind[height <= height.min() + 0.05 * np.ptp(height)]
-    return bool(np.mean(lowest == Rim.OWN_EDGE) > 0.5)
+    lowest = boundary.kind[height <= height.min() + 0.05 * np.ptp(height)]
+    return bool(np.mean(lowest == BoundaryKind.OWN_EDGE) > 0.5)
 
 
 def _meets(
@@ -128,11 +122,11 @@ def _meets(
             first, second = a[rows, columns], b[rows, columns]
             p = observation.points[rows, columns]
             q = observation.points[rows + step[0], columns + step[1]]
-            reach = 3 * scale[rows, columns] + 2 * np.linalg.norm(p - q, axis=1)
+            slack = 3 * scale[rows, columns] + 2 * np.linalg.norm(p - q, axis=1)
             for i, j in {(int(i), int(j)) for i, j in zip(first, second, strict=True)}:
                 pair = (first == i) & (second == j)
-                near = np.abs(surfaces[j - 1].fit.surface.distance(p[pair])) <= reach[pair]
-                near &= np.abs(surfaces[i - 1].fit.surface.distance(q[pair])) <= reach[pair]
+                near = np.abs(surfaces[j - 1].fit.surface.distance(p[pair])) <= slack[pair]
+                near &= np.abs(surfaces[i - 1].fit.surface.distance(q[pair])) <= slack[pair]
                 gap = np.linalg.norm(p[pair] - q[pair], axis=1)
                 near &= gap <= np.quantile(gap, 0.9)
                 meetings[i, j] += int(near.sum())

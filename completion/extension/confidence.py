@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.boundary.hidden_regions import Shadows
+from completion.boundary.hidden_regions import HiddenRegions
 from completion.boundary.labelling import Labelling
 from completion.evidence.chart_grid import ChartGrid
-from completion.extension.extent import Limits
+from completion.evidence.evidence import Evidence
+from completion.extension.extent import Extent
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -60,29 +61,26 @@ class Prospects:
         An `Onward`.
     distance : (n,) float
         In its units.
-    reaches : (n,) float
+    end_probability : (n,) float
         Probability that the surface goes on past them anyway, to what it stands on.
     """
 
     base: FloatArray
     onward: NDArray[np.int8]
     distance: FloatArray
-    reaches: FloatArray
+    end_probability: FloatArray
 
     def probability(self, persistence: FloatArray = PERSISTENCE) -> FloatArray:
         """Probability (n,) that the surface is there."""
         start, length = persistence[self.onward].T
         goes_on = start * np.exp(-self.distance / length)
-        return np.asarray(self.base * (self.reaches + (1 - self.reaches) * goes_on), dtype=np.float64)
+        return np.asarray(
+            self.base * (self.end_probability + (1 - self.end_probability) * goes_on), dtype=np.float64
+        )
 
 
 def estimate(
-    grid: ChartGrid,
-    shadows: Shadows,
-    labelling: Labelling,
-    limits: Limits,
-    observed: BoolArray,
-    open_: BoolArray,
+    grid: ChartGrid, regions: HiddenRegions, labelling: Labelling, extent: Extent, evidence: Evidence
 ) -> FloatArray:
     """Probability (rows, columns) that the surface is at each cell; 1 where it was measured.
 
@@ -90,68 +88,64 @@ def estimate(
     ----------
     grid : ChartGrid
         The cells.
-    shadows : Shadows
-        Hidden cells in pieces.
+    regions : HiddenRegions
+        Hidden cells.
     labelling : Labelling
-        Which pieces are surface.
-    limits : Limits
+        Which regions are surface.
+    extent : Extent
         What bounds the surface.
-    observed, open_ : (rows, columns) bool
+    evidence : Evidence
         Where the surface was measured, and where beams passed.
     """
-    result = np.where(observed, 1.0, 0.0)
-    if observed.any() and shadows.n_pieces:
-        found = prospects(grid, shadows, labelling=labelling, limits=limits, observed=observed, open_=open_)
-        result[shadows.piece >= 0] = found.probability()
+    result = np.where(evidence.observed, 1.0, 0.0)
+    if evidence.observed.any() and regions.n_regions:
+        found = prospects(grid, regions, labelling, extent, evidence)
+        result[regions.region >= 0] = found.probability()
     return result
 
 
 def prospects(
-    grid: ChartGrid,
-    shadows: Shadows,
-    labelling: Labelling,
-    limits: Limits,
-    observed: BoolArray,
-    open_: BoolArray,
+    grid: ChartGrid, regions: HiddenRegions, labelling: Labelling, extent: Extent, evidence: Evidence
 ) -> Prospects:
-    """Return what the probability depends on at each hidden cell, in the order of `shadows.piece`.
+    """Return what the probability depends on at each hidden cell, in the order of `regions.region`.
 
-    With a probability that is the piece's margin the labelling holds. Otherwise the boundary between surface
-    and opening lies anywhere between measured and open cells, as far from the latter as an opening may reach
-    of which that much was seen: with probability s / (s + e) for e more (Gott 1993). Either way the surface
-    goes on for a distance with the persistence of its kind.
+    With a probability that is the region's margin the labelling holds. Otherwise the boundary between surface
+    and opening lies anywhere between measured and open cells: an opening seen over a length s goes on for e
+    more with probability s / (s + e) (Gott 1993). Either way the surface goes on for a distance with the
+    persistence of its kind.
     """
-    inside = shadows.piece >= 0
-    number = shadows.piece[inside]
+    observed, open_ = evidence.observed, evidence.open
+    inside = regions.region >= 0
+    number = regions.region[inside]
     d = distance_to(observed, grid)[0][inside]
     e, s = (values[inside] for values in distance_to(open_, grid))
     ended = e / (s + e)  # the opening, before it comes here
     apart = (d + e) / (s + d + e)
-    measured, beside_open = shadows.beside_measured[number] > 0, shadows.beside_open[number] > 0
+    measured, beside_open = regions.beside_measured[number] > 0, regions.beside_open[number] > 0
     between = np.where(measured, ended / np.maximum(apart, 1e-12), ended)
     anywhere = np.where(measured & ~beside_open, 1.0, between)
     held = np.abs(labelling.margin[number])
     base = held * labelling.is_surface[number] + (1 - held) * anywhere
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
-    return Prospects(base, *_onward(grid.centres_uv()[inside], near, limits))
+    return Prospects(base, *_onward(grid.centres_uv()[inside], near, extent))
 
 
 def _onward(
-    uv: FloatArray, near: FloatArray, limits: Limits
+    uv: FloatArray, near: FloatArray, extent: Extent
 ) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
-    """How the surface goes on to places (n, 2), how far it is, and whether it reaches past them anyway."""
+    """How the surface goes on to places (n, 2), how far it is, and how probably it goes on to its end."""
     nothing = np.zeros(len(uv))
-    if isinstance(limits.chart, Cylinder):
+    if isinstance(extent.chart, Cylinder):
         return np.full(len(uv), Onward.CYLINDER, np.int8), near, nothing
-    size = np.maximum(limits.own_high - limits.own_low, 1e-9)
-    past = np.stack([limits.own_low - uv, uv - limits.own_high])  # side, place, axis
+    size = np.maximum(extent.own_high - extent.own_low, 1e-9)
+    past = np.stack([extent.own_low - uv, uv - extent.own_high])  # side, place, axis
     is_out = (past > 0).any(axis=(0, 2))
     beyond = (np.maximum(past, 0.0) / size).max(axis=(0, 2))
-    reaches = np.where(past > 0, limits.reaches[:, None, :], 1.0).min(axis=(0, 2))
-    if not limits.encloses:
+    end_probability = np.where(past > 0, extent.end_probability[:, None, :], 1.0).min(axis=(0, 2))
+    if not extent.encloses:
         onward = np.where(is_out, Onward.OBJECT_BEYOND, Onward.OBJECT_WITHIN)
-        return onward.astype(np.int8), np.where(is_out, beyond, near), np.where(is_out, reaches, 0.0)
-    to_end = is_out & (reaches > 0)
+        return onward.astype(np.int8), np.where(is_out, beyond, near), np.where(is_out, end_probability, 0.0)
+    to_end = is_out & (end_probability > 0)
     onward = np.select([to_end, is_out], [Onward.WALL_TO_END, Onward.WALL_BEYOND], Onward.WALL_WITHIN)
     return onward.astype(np.int8), np.where(is_out & ~to_end, beyond, near), nothing
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Limits: how far a surface may be continued, from other surfaces and its own straight extent."""
+"""Extent: how far a surface may be continued, from other surfaces and its own straight boundary."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from completion.boundary.boundary_pixels import RimPoints
-from completion.boundary.cues import ALL_CUES, Cue
-from completion.boundary.sides import ended_sides
-from completion.extension.adjacency import Surroundings, is_upright
-from completion.extension.alignment import aligned_chart, facing_chart
+from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides
+from completion.boundary.continuation import ALL_CUES, Cue
+from completion.evidence.chart_grid import ChartGrid
+from completion.extension.adjacency import Adjacency, is_upright
+from completion.extension.bounds import aligned_chart, closed_sides, enclosing_cuts, facing_chart
+from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
@@ -24,10 +24,13 @@ from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 Mode = Literal["conservative", "standard", "bold"]
 
 _FULL_TURN_ARC = np.radians(90.0)
+_RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
+_OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
+_MOST_POINTS = 50_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Limits:
+class Extent:
     """Where one surface may be continued.
 
     Attributes
@@ -45,7 +48,7 @@ class Limits:
     ends : (2, 2) float
         Chart coordinates at which enclosing planes close the low and the high sides, -inf and inf where none
         does, metres.
-    reaches : (2, 2) float
+    end_probability : (2, 2) float
         Probability that the surface goes on to each of them.
     ended : (2, 2) bool
         Sides of that rectangle at which the surface was seen to end.
@@ -53,7 +56,7 @@ class Limits:
         Whether a cylinder may be closed around its back.
     encloses : bool
         Whether the surface is a plane that bounds all that was measured, as walls and floors do.
-    said : (2, 2) bool
+    by_edit : (2, 2) bool
         Which of its ends a person set.
     """
 
@@ -64,42 +67,43 @@ class Limits:
     own_low: FloatArray
     own_high: FloatArray
     ends: FloatArray
-    reaches: FloatArray
+    end_probability: FloatArray
     ended: BoolArray
     full_turn: bool
     encloses: bool
-    said: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
+    by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
 
-        On each side it reaches to where the surface may end; without such an end, and where it was not seen
-        to end, walls and floors may go on as far again as they are long, cylinders as far again along their
-        axis, other planes as far again as they are long in that direction.
+        On each side it goes to where the surface may end. Without such an end, and where the surface was not
+        seen to end, walls and floors may go on by their diagonal, cylinders by their length along the axis,
+        and other planes by their size in that direction.
         """
         size = self.own_high - self.own_low
         further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else size
         if self.encloses:
             further = np.full(2, np.linalg.norm(size))
-        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low - further * ~self.ended[0])
-        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high + further * ~self.ended[1])
+        low = np.where(self.end_probability[0] > 0, self.ends[0], self.own_low - further * ~self.ended[0])
+        high = np.where(self.end_probability[1] > 0, self.ends[1], self.own_high + further * ~self.ended[1])
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
     def known_window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the measured rectangle, widened to where it is known to end."""
-        low = np.where(self.reaches[0] > 0, self.ends[0], self.own_low)
-        high = np.where(self.reaches[1] > 0, self.ends[1], self.own_high)
+        low = np.where(self.end_probability[0] > 0, self.ends[0], self.own_low)
+        high = np.where(self.end_probability[1] > 0, self.ends[1], self.own_high)
         return low, high
 
 
-def limit(
+def find_extent(
     index: int,
     surfaces: Sequence[MergedSurface],
-    rims: Sequence[RimPoints],
-    surroundings: Surroundings,
+    boundaries: Sequence[BoundaryPixels],
+    adjacency: Adjacency,
     observations: Sequence[Observation],
+    *,
     cues: Collection[Cue] = ALL_CUES,
-) -> Limits:
+) -> Extent:
     """Bound the continuation of surface `index`.
 
     It ends at surfaces that enclose the room. A cylinder may run around its back where at least 90 degrees of
@@ -109,138 +113,133 @@ def limit(
     ----------
     index : int
         Which surface.
-    surfaces, rims : sequences
-        All surfaces and their rims.
-    surroundings : Surroundings
-        What they are to each other.
+    surfaces, boundaries : sequences
+        All surfaces, working frame, and the boundary pixels of each.
+    adjacency : Adjacency
+        Which surfaces enclose, and which meet.
     observations : sequence of Observation
         The scans.
     cues : collection of Cue
         Whether creases, enclosing planes and full turns are made use of.
+
+    Raises
+    ------
+    TypeError
+        The surface is neither a plane nor a cylinder.
     """
-    surface, enclosing = surfaces[index], surroundings.encloses
-    points = surface.points(observations)
-    thinned = points[:: max(1, len(points) // 50_000)]
-    cuts = _cuts(index, surfaces, enclosing, thinned) if Cue.ARCHITECTURAL in cues else []
+    merged, encloses = surfaces[index], adjacency.encloses
+    surface, points = merged.fit.surface, merged.points(observations)
+    points = points[:: max(1, len(points) // _MOST_POINTS)]
+
+    # 1. Neighbours: what it ends at, and what it meets in a crease.
+    cuts = enclosing_cuts(index, surfaces, encloses, points) if Cue.ARCHITECTURAL in cues else []
     neighbours = [
-        surface.fit.surface
-        for other, surface in enumerate(surfaces)
-        if Cue.INTERSECTION in cues and surroundings.meets[index, other] and not enclosing[other]
+        other.fit.surface
+        for number, other in enumerate(surfaces)
+        if Cue.INTERSECTION in cues and adjacency.meets[index, number] and not encloses[number]
     ]
+
+    # 2. Chart: along the directions that bound it; a cylinder with its seam at the back.
     full_turn = False
-    if isinstance(surface.fit.surface, Cylinder):
-        chart: Surface = facing_chart(surface.fit.surface, thinned)
-        arc = observed_arc(surface.fit.surface, thinned)
-        known = surface.fit.parameter_deviations()["radius"] < 0.05 * surface.fit.surface.radius
-        full_turn = (
-            Cue.FULL_TURN in cues and not surface.fit.surface.concave and arc >= _FULL_TURN_ARC and known
-        )
-    elif isinstance(surface.fit.surface, Plane):
-        plane = surface.fit.surface
-        planes = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
-        chart = aligned_chart(plane, planes, thinned, rims[index])
+    if isinstance(surface, Cylinder):
+        chart: Surface = facing_chart(surface, points)
+        full_turn = Cue.FULL_TURN in cues and _may_close(surface, merged.fit, points)
+    elif isinstance(surface, Plane):
+        straight = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
+        chart = aligned_chart(surface, straight, points, boundaries[index])
     else:
-        raise TypeError(f"no limits are known for a {type(surface.fit.surface).__name__}")
-    uv = chart.to_uv(thinned)
-    own_low, own_high = np.quantile(uv, 0.002, axis=0), np.quantile(uv, 0.998, axis=0)
-    sides = ended_sides(rims[index].recharted(surface.fit.surface, chart), own_low, own_high)
+        raise TypeError(f"no limits are known for a {type(surface).__name__}")
+
+    # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
+    low, high = np.quantile(chart.to_uv(points), (_OUTLYING, 1 - _OUTLYING), axis=0)
+    sides = ended_sides(boundaries[index].recharted(surface, chart), low, high)
     ended = np.isfinite(sides)
-    own_low = np.where(ended[0], np.minimum(own_low, sides[0]), own_low)
-    own_high = np.where(ended[1], np.maximum(own_high, sides[1]), own_high)
-    ending = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
-    ends, which = _ends(chart, [plane for _, plane in ending], own_low, own_high)
-    stands = [
-        surroundings.standing[number] * is_upright(surface.fit.surface, plane) for number, plane in ending
-    ]
-    runs_on = enclosing[index] or isinstance(chart, Cylinder)
-    reaches = np.where(np.isfinite(ends), 1.0 if runs_on else np.array([*stands, 0.0])[which], 0.0)
-    enclosures = tuple(
-        (number, other.fit.surface)
-        for number, other in enumerate(surfaces, start=1)
-        if number != index + 1 and enclosing[number - 1]
-    )
-    return Limits(
+    low = np.where(ended[0], np.minimum(low, sides[0]), low)
+    high = np.where(ended[1], np.maximum(high, sides[1]), high)
+
+    # 4. Ends: where enclosing planes close the sides, and how probably it goes on to them.
+    closing = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
+    ends, which = closed_sides(chart, [plane for _, plane in closing], low, high)
+    stands = [adjacency.standing[number] * is_upright(surface, plane) for number, plane in closing]
+    goes_on = encloses[index] or isinstance(chart, Cylinder)
+    probability = np.where(np.isfinite(ends), 1.0 if goes_on else np.array([*stands, 0.0])[which], 0.0)
+    return Extent(
         chart=chart,
-        enclosures=enclosures,
+        enclosures=tuple(
+            (number + 1, other.fit.surface)
+            for number, other in enumerate(surfaces)
+            if number != index and encloses[number]
+        ),
         cuts=tuple(cut for _, cut in cuts),
         neighbours=tuple(neighbours),
-        own_low=own_low,
-        own_high=own_high,
+        own_low=low,
+        own_high=high,
         ends=ends,
-        reaches=reaches,
+        end_probability=probability,
         ended=ended,
         full_turn=full_turn,
-        encloses=bool(enclosing[index]) and isinstance(chart, Plane),
+        encloses=bool(encloses[index]) and isinstance(chart, Plane),
     )
 
 
-def with_ends(limits: Limits, planes: Sequence[Plane]) -> Limits:
-    """Return the limits of a surface that goes on to `planes` and ends there, because a person says so.
+def _may_close(cylinder: Cylinder, fit: SurfaceFit, points: FloatArray) -> bool:
+    """Tell whether a cylinder may be closed around its back: seen from outside, far round, and well known."""
+    known = fit.parameter_deviations()["radius"] < _RADIUS_SD * cylinder.radius
+    return bool(not cylinder.concave and observed_arc(cylinder, points) >= _FULL_TURN_ARC and known)
+
+
+def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
+    """Return the extent of a surface that goes on to `planes` and ends there, because a person says so.
 
     Where an enclosing plane is nearer, the surface ends at that.
 
     Parameters
     ----------
-    limits : Limits
+    extent : Extent
         As found.
     planes : sequence of Plane
         The surface lies on their normals' side.
     """
-    ends, _ = _ends(limits.chart, planes, limits.own_low, limits.own_high)
-    said = np.stack([ends[0] > limits.ends[0], ends[1] < limits.ends[1]])
+    ends, _ = closed_sides(extent.chart, planes, extent.own_low, extent.own_high)
+    by_edit = np.stack([ends[0] > extent.ends[0], ends[1] < extent.ends[1]])
     return replace(
-        limits,
-        cuts=(*limits.cuts, *planes),
-        ends=np.where(said, ends, limits.ends),
-        reaches=np.where(said, 1.0, limits.reaches),
-        said=said,
+        extent,
+        cuts=(*extent.cuts, *planes),
+        ends=np.where(by_edit, ends, extent.ends),
+        end_probability=np.where(by_edit, 1.0, extent.end_probability),
+        by_edit=by_edit,
     )
 
 
-def _cuts(
-    index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
-) -> list[tuple[int, Surface]]:
-    """Enclosing surfaces, with their indices, that have the surface on their inner side."""
-    cuts = []
-    for other, candidate in enumerate(surfaces):
-        if other == index or not enclosing[other]:
-            continue
-        distance = candidate.fit.surface.distance(points)
-        slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
-        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= 0.98:
-            cuts.append((other, candidate.fit.surface))
-    return cuts
+def lay_grid(
+    surface: MergedSurface, extent: Extent, observations: Sequence[Observation], max_cells: int
+) -> ChartGrid:
+    """Cells as small as the finer quarter of the pixels' footprints on the surface, at most `max_cells`."""
+    footprint = np.concatenate([
+        observation.scan.ranges[mask] * observation.scan.projection.pixel_angle
+        for observation, mask in zip(observations, surface.masks, strict=True)
+    ])  # fmt: skip
+    cell = float(np.quantile(footprint, 0.25))
+    low, high = _hidden_box(extent, observations)
+    low, high = low - 2 * cell, high + 2 * cell
+    width = extent.chart.period if extent.full_turn else high[0] - low[0]
+    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / max_cells)))
+    if np.isfinite(extent.chart.period):
+        cell = min(cell, extent.chart.period / 48)
+    return ChartGrid.over(extent.chart, low, high, cell, full_turn=extent.full_turn)
 
 
-def _ends(
-    chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Where the nearest cuts close the low and high sides (rows) along u and v (columns), and which do."""
-    ends = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
-    which = np.full((2, 2), -1)
-    for axis in (0, 1) if isinstance(chart, Plane) else (1,):
-        for row, (sign, side) in enumerate(((-1.0, low), (1.0, high))):
-            for number, cut in enumerate(cuts):
-                end = _reach_along(chart, cut, axis=axis, sign=sign, low=low, high=high)
-                if end is not None and sign * (end - side[axis]) >= 0 > sign * (end - ends[row, axis]):
-                    ends[row, axis], which[row, axis] = end, number
-    return ends, which
-
-
-def _reach_along(
-    chart: Surface, cut: Plane, axis: int, sign: float, low: FloatArray, high: FloatArray
-) -> float | None:
-    """Chart coordinate where the cut meets the rectangle's continuation, None if it faces away."""
-    corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-    centre = (low + high) / 2
-    step = np.zeros(2)
-    step[axis] = max(float((high - low)[axis]), 1e-3) * 0.5
-    here = centre if isinstance(chart, Plane) else np.array([0.0, centre[1]])
-    pair = cut.distance(chart.from_uv(np.stack([here - step, here + step])))
-    slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
-    if sign * slope > -0.7:  # the cut must close this side, not run along it
-        return None
-    at_sides = corners[(corners[:, axis] == (high if sign > 0 else low)[axis])]
-    height = cut.distance(chart.from_uv(at_sides))
-    ends = at_sides[:, axis] - height / slope
-    return float(ends.max() if sign > 0 else ends.min())
+def _hidden_box(extent: Extent, observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
+    """The measured rectangle, widened within the window by all places that were hidden."""
+    low, high = extent.window()
+    if not isinstance(extent.chart, Plane):
+        return low, high
+    found = [extent.own_low[None], extent.own_high[None]]
+    for seen in observations:
+        rays = seen.rays[::2, ::2].reshape(-1, 3)
+        reach = extent.chart.ray_ranges(seen.scan.origin, rays)
+        behind = np.isfinite(reach) & (seen.scan.ranges[::2, ::2].ravel() < reach)
+        uv = extent.chart.to_uv(seen.scan.origin + reach[behind, None] * rays[behind])
+        found.append(uv[((uv >= low) & (uv <= high)).all(axis=1)])
+    places = np.concatenate(found)
+    return places.min(axis=0), places.max(axis=0)

@@ -1,39 +1,39 @@
 # SPDX-License-Identifier: MIT
-"""Extension: the hidden cells that a surface is inferred to cover, each with the reason why."""
+"""Patch: one completed surface in its chart, with the reason why each of its cells is in the model."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from shapely import MultiPoint, contains_xy
 
-from completion.boundary.boundary_pixels import Rim, RimPoints
-from completion.boundary.continuation import Stretch, continue_edges
-from completion.boundary.creases import meeting_line
-from completion.boundary.cues import ALL_CUES, Cue
-from completion.boundary.edges import Edge, edge_along, find_edges
-from completion.boundary.hidden_regions import Shadows, divide
-from completion.boundary.labelling import Labelling, label_pieces
+from completion.boundary.continuation import ContinuedEdge
+from completion.boundary.edges import Edge
+from completion.boundary.hidden_regions import HiddenRegions
+from completion.boundary.labelling import Labelling
 from completion.boundary.meshing import Trim
-from completion.boundary.rings import rings_passed
-from completion.edits.surface_edits import Verdict
+from completion.edits.surface_edits import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Evidence, Label, weigh
-from completion.extension.confidence import estimate
-from completion.extension.extent import Limits, Mode
-from completion.extension.layout import in_box, lay_grid
-from completion.extension.provenance import Provenance, hull_of, provenance_of
+from completion.evidence.evidence import Evidence
+from completion.extension.extent import Extent
 from completion.merging.pipeline import MergedSurface
-from completion.observe.observation import Observation
-from completion.observe.tolerance import EvidenceOptions
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder
 
-LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
-"""Probability below which a place is left unknown."""
+
+class Provenance(IntEnum):
+    """How a place came to be in the model."""
+
+    MEASURED = 0
+    INTERIOR = 1  # a hole in the measured part: the surface goes on behind the occluder
+    BETWEEN = 2  # between parts that an occluder had cut apart
+    EDGES = 3  # inside the measured part's own straight edges, continued until they meet
+    ARCHITECTURAL = 4  # on to the plane that encloses the room there
+    FULL_TURN = 5  # around the back of a cylinder
+    USER = 6  # because a person says so
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Patch:
     ----------
     source : MergedSurface
         The fit and the pixels behind it.
-    limits : Limits
+    limits : Extent
         What bounded the continuation.
     grid : ChartGrid
         The cells.
@@ -62,20 +62,20 @@ class Patch:
         Cells that are not beyond what the surface ends at, seen or not.
     edges : tuple of Edge
         Its creases and own edges.
-    stretches : tuple of Stretch
+    stretches : tuple of ContinuedEdge
         Its edges, continued where they are hidden.
-    shadows : Shadows
-        The hidden cells in the pieces that those edges part them into.
+    shadows : HiddenRegions
+        The hidden cells in the regions that those edges divide them into.
     labelling : Labelling
-        Which pieces are surface.
+        Which regions are surface.
     trims : tuple of Trim
         Where the mesh of hypothesised cells is cut along continued edges and declared openings.
-    verdict : Verdict
+    verdict : SurfaceEdits
         What a person says of it.
     """
 
     source: MergedSurface
-    limits: Limits
+    limits: Extent
     grid: ChartGrid
     evidence: Evidence
     hypothesised: BoolArray
@@ -84,11 +84,11 @@ class Patch:
     spread: FloatArray
     is_within: BoolArray
     edges: tuple[Edge, ...]
-    stretches: tuple[Stretch, ...]
-    shadows: Shadows
+    stretches: tuple[ContinuedEdge, ...]
+    shadows: HiddenRegions
     labelling: Labelling
     trims: tuple[Trim, ...]
-    verdict: Verdict
+    verdict: SurfaceEdits
 
     @property
     def observed(self) -> BoolArray:
@@ -106,179 +106,41 @@ class Patch:
         return float(self.hypothesised.sum()) * self.grid.cell_area
 
 
-def extend(
-    surface: MergedSurface,
-    rim: RimPoints,
-    limits: Limits,
-    observations: Sequence[Observation],
-    owners: Sequence[NDArray[np.int32]],
-    owner: int,
-    options: EvidenceOptions,
-    mode: Mode,
-    max_sd_m: float,
-    verdict: Verdict,
-    cues: Collection[Cue] = ALL_CUES,
-) -> Patch:
-    """Continue a surface into the cells that are hidden, within its limits.
-
-    Its own edges are followed into the hidden zone and part it into pieces; the cheapest boundary says which
-    pieces are surface and how clearly. A cell is filled only where some scan says OCCLUDED and none says
-    FREE, where the surface is known to `max_sd_m`, and where it is probable enough for the mode; or where a
-    person accepts it, who may not overrule the beams.
-    """
-    grid = lay_grid(surface, limits, observations, options.max_cells)
-    spread = surface.fit.standard_deviation(grid.centres())
-    evidence = weigh(grid, spread, observations=observations, owners=owners, owner=owner, options=options)
-    edges = _boundaries(limits, rim.recharted(surface.fit.surface, limits.chart))
-
-    within = _within(grid, limits, evidence)
-    possible = _possible(grid, limits, evidence, verdict) & within & (spread <= max_sd_m).reshape(grid.shape)
-    accepted = possible & verdict.accepted(grid, in_box(grid, limits, *limits.known_window()))
-    hidden = possible & in_box(grid, limits, *limits.window())
-    if mode == "conservative":
-        hidden &= hull_of(grid, evidence.observed)
-    stretches = continue_edges(edges, grid, hidden, cues)
-    seen = _across_limb(evidence, grid)
-    shadows = divide(grid, hidden, seen, evidence.open, stretches)
-    labelling = label_pieces(shadows)
-
-    confidence = estimate(
-        grid, shadows, labelling=labelling, limits=limits, observed=evidence.observed, open_=evidence.open
-    )
-    probable = hidden & (confidence >= LEAST_CONFIDENCE[mode]) & ~verdict.rejected(grid)
-    filled = _reached(probable | accepted, seen, grid) | (accepted & verdict.drawn(grid))
-    hypothesised, trims = _trimmed(
-        grid, evidence, filled & (evidence.labels == Label.OCCLUDED), shadows, stretches
-    )
-    hypothesised, trims = _without(verdict, grid, hypothesised & ~verdict.rejected(grid), evidence, trims)
-    provenance = provenance_of(grid, limits, evidence.observed, hypothesised)
-    said = accepted & ~_reached(probable, seen, grid) | _to_said_end(grid, limits)
-    said |= verdict.is_joined & (provenance == Provenance.BETWEEN)
-    provenance[hypothesised & said] = Provenance.USER
-    return Patch(
-        source=surface,
-        limits=limits,
-        grid=grid,
-        evidence=evidence,
-        hypothesised=hypothesised,
-        provenance=provenance,
-        confidence=confidence,
-        spread=spread.reshape(grid.shape),
-        is_within=within,
-        edges=tuple(edges),
-        stretches=tuple(stretches),
-        shadows=shadows,
-        labelling=labelling,
-        trims=trims,
-        verdict=verdict,
-    )
+def hull_of(grid: ChartGrid, cells: BoolArray) -> BoolArray:
+    """Cells whose centre lies in the convex hull of the given ones."""
+    rows, columns = np.nonzero(cells)
+    if len(rows) < 3:
+        return cells.copy()
+    outline = MultiPoint(np.column_stack([columns, rows]).astype(np.float64)[_extremes(rows)]).convex_hull
+    row, column = np.mgrid[: grid.shape[0], : grid.shape[1]]
+    return np.asarray(contains_xy(outline.buffer(0.5), column, row), dtype=np.bool_)
 
 
-def _possible(grid: ChartGrid, limits: Limits, evidence: Evidence, verdict: Verdict) -> BoolArray:
-    """Cells that are neither measured nor passed by beams, nor in an opening that a person declared."""
-    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~evidence.open
-    hidden &= ~evidence.observed & ~verdict.open_cells(grid)
-    if isinstance(limits.chart, Cylinder):
-        hidden &= ~rings_passed(evidence)[:, None]
-    return hidden
+def _extremes(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Indices of the first and last cell in each row; `rows` ascends, and columns ascend in each."""
+    first = np.flatnonzero(np.diff(rows, prepend=-1))
+    return np.unique(np.concatenate([first, np.append(first[1:] - 1, len(rows) - 1)]))
 
 
-def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:
-    """Measured cells, and those of a cylinder's limb beside them."""
-    if not isinstance(grid.surface, Cylinder):
-        return evidence.observed
-    limb = evidence.limb & ~rings_passed(evidence)[:, None]
-    return _connected(limb | evidence.observed, evidence.observed, grid.wraps)
-
-
-def _reached(cells: BoolArray, seen: BoolArray, grid: ChartGrid) -> BoolArray:
-    """Those of the cells that hang together with measured ones."""
-    return cells & _connected(cells | seen, seen, grid.wraps)
-
-
-def _without(
-    verdict: Verdict, grid: ChartGrid, hypothesised: BoolArray, evidence: Evidence, trims: tuple[Trim, ...]
-) -> tuple[BoolArray, tuple[Trim, ...]]:
-    """Take declared openings out: whole cells, and by cuts through those that their sides cross."""
-    sides = verdict.trims(grid)
-    if not sides:
-        return hypothesised, trims
-    declared = verdict.open_cells(grid)
-    crossed = np.logical_or.reduce([side.cells for side in sides])
-    around = ndimage.binary_dilation(hypothesised & ~declared, np.ones((3, 3)))
-    parted = crossed & declared & around & (evidence.labels == Label.OCCLUDED) & ~evidence.observed
-    return hypothesised & ~declared | parted, (*trims, *sides)
-
-
-def _to_said_end(grid: ChartGrid, limits: Limits) -> BoolArray:
-    """Cells beyond what was measured on the sides where a person set the end."""
+def provenance_of(
+    grid: ChartGrid, extent: Extent, observed: BoolArray, hypothesised: BoolArray
+) -> NDArray[np.int8]:
+    """Give each observed or hypothesised cell its `Provenance`, -1 to the others."""
+    result = np.full(grid.shape, -1, np.int8)
     uv = grid.centres_uv()
-    beyond = np.stack([uv < limits.own_low, uv > limits.own_high])  # side, row, column, axis
-    return np.asarray((beyond & limits.said[:, None, None, :]).any(axis=(0, 3)), dtype=np.bool_)
-
-
-def _boundaries(limits: Limits, rim: RimPoints) -> list[Edge]:
-    """Creases with the surfaces that it meets, and its own edges elsewhere."""
-    creases, free = [], rim.kind == Rim.OWN_EDGE
-    seen = np.isin(rim.kind, (Rim.CONTIGUOUS, Rim.OWN_EDGE))
-    for neighbour in limits.neighbours:
-        line = meeting_line(limits.chart, neighbour)
-        if line is not None:
-            edge, members = edge_along(line, rim.only(seen))
-            free[np.flatnonzero(seen)[members]] = False
-            creases.append(edge)
-    return [edge for edge in creases if len(edge.runs)] + find_edges(rim.only(free))
-
-
-def _trimmed(
-    grid: ChartGrid,
-    evidence: Evidence,
-    hypothesised: BoolArray,
-    shadows: Shadows,
-    stretches: Sequence[Stretch],
-) -> tuple[BoolArray, tuple[Trim, ...]]:
-    """Add the hidden cells that a continued edge cuts in two, and say where to cut them."""
-    filled, occluded = hypothesised.ravel(), (evidence.labels == Label.OCCLUDED).ravel()
-    result, trims = filled.copy(), []
-    borders = shadows.borders
-    for number, stretch in enumerate(stretches):
-        at = borders.stretch == number
-        pairs = np.stack([borders.first[at], borders.second[at]])
-        pairs = pairs[:, filled[pairs[0]] != filled[pairs[1]]]
-        if not pairs.size:
-            continue
-        inner = pairs.T[filled[pairs].T]
-        uv = grid.centres_uv().reshape(-1, 2)[inner]
-        sign = 1.0 if np.mean(stretch.curve.across(uv) >= 0) > 0.5 else -1.0
-        outer = pairs.T[~filled[pairs].T]
-        result[outer[occluded[outer]]] = True
-        touched = np.zeros(len(filled), dtype=np.bool_)
-        touched[pairs.ravel()] = True
-        near = ndimage.binary_dilation(touched.reshape(grid.shape), np.ones((3, 3)))
-        trims.append(Trim(stretch.curve, sign, near))
-    return result.reshape(grid.shape), tuple(trims)
-
-
-def _within(grid: ChartGrid, limits: Limits, evidence: Evidence) -> BoolArray:
-    """Cells on the right side of every cut that are not hidden behind what encloses the room."""
-    centres = grid.centres()
-    inside = np.ones(grid.shape, dtype=np.bool_)
-    for cut in limits.cuts:
-        inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
-    for number, plane in limits.enclosures:
-        behind = (plane.distance(centres) < 0).reshape(grid.shape)
-        inside &= ~(behind & (evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
-    return inside
-
-
-def _connected(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:
-    """The part of `passable` connected with `start`, across the seam where the grid wraps."""
-    part, n_parts = ndimage.label(passable)
-    reached = np.zeros(n_parts + 1, dtype=np.bool_)
-    reached[np.unique(part[start & passable])] = True
-    reached[0] = False
-    for _ in range(2 if wraps else 0):
-        both = (part[:, 0] > 0) & (part[:, -1] > 0)
-        joined = both & (reached[part[:, 0]] | reached[part[:, -1]])
-        reached[part[joined, 0]] = reached[part[joined, -1]] = True
-    return np.asarray(reached[part], dtype=np.bool_)
+    beyond = ((uv < extent.own_low) | (uv > extent.own_high)).any(axis=-1)
+    if extent.full_turn:
+        beyond = (uv[..., 1] < extent.own_low[1]) | (uv[..., 1] > extent.own_high[1])
+        turned = (uv[..., 0] < extent.own_low[0]) | (uv[..., 0] > extent.own_high[0])
+        result[hypothesised & turned] = Provenance.FULL_TURN
+    result[hypothesised & beyond] = Provenance.ARCHITECTURAL
+    within = hypothesised & (result < 0)
+    result[within] = Provenance.EDGES
+    part, n_parts = ndimage.label(observed, structure=np.ones((3, 3)))
+    sizes = np.bincount(part.ravel(), minlength=n_parts + 1)[1:]
+    if len(sizes):
+        largest = part == int(np.argmax(sizes)) + 1
+        result[within & hull_of(grid, observed)] = Provenance.BETWEEN
+        result[within & hull_of(grid, largest)] = Provenance.INTERIOR
+    result[observed] = Provenance.MEASURED
+    return result

@@ -41,7 +41,7 @@ class Part:
     scale: float
 
     @classmethod
-    def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, stray_m: float) -> Part:
+    def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, systematic_m: float) -> Part:
         """A part whose surface may stray by `stray_m` as a whole: a warp as long as the part itself.
 
         Such a warp is one sample of the surface, not many: it moves the parameters by stray^2 (mean g g')^-1,
@@ -49,7 +49,7 @@ class Part:
         """
         gradient = fit.gradient(points)
         moment = gradient.T @ gradient / len(points)
-        systematic = stray_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
+        systematic = systematic_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
         return cls(fit, fit.covariance + systematic, points, scale)
 
     def middle(self) -> FloatArray:

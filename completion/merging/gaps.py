@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from completion.evidence.evidence import Label, label_points
 from completion.observe.observation import Observation
-from completion.observe.tolerance import EvidenceOptions
+from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
@@ -25,7 +25,7 @@ def gap_is_hidden(
     other: FloatArray,
     scale: float,
     observations: Sequence[Observation],
-    options: EvidenceOptions,
+    tolerance: Tolerance,
 ) -> bool:
     """Tell whether a strip between two parts is wholly hidden or measured on the surface.
 
@@ -43,15 +43,15 @@ def gap_is_hidden(
         What the surface may stray by there, metres.
     observations : sequence of Observation
         All scans.
-    options : EvidenceOptions
-        Tolerances.
+    tolerance : Tolerance
+        Along the ray.
     """
     first, second = _ends(surface, one, other)
     points = _bridges(surface, first, second)
     crossed, seen = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
-    spread = np.full(len(points), scale)
+    predicted_sd = np.full(len(points), scale)
     for observation in observations:
-        found = label_points(surface, points, spread, observation, options)
+        found = label_points(surface, points, predicted_sd, observation, tolerance)
         seen |= found.label >= Label.OCCLUDED
         crossed |= found.through
     shape = len(first), len(second), _N_STEPS

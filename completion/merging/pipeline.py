@@ -15,7 +15,7 @@ from completion.merging.gaps import gap_is_hidden
 from completion.observe.measured_rays import Beams
 from completion.observe.observation import Observation
 from completion.observe.refitting import improve, refit
-from completion.observe.tolerance import EvidenceOptions
+from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import BoolArray, FloatArray
 
@@ -54,21 +54,21 @@ class MergedSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Piece:
+class _ScanRegion:
     """A region with the scan it is from and what the tests need."""
 
     scan: int
     region: Region
     part: Part
     n_pixels: int
-    stray_m: float  # what neighbouring ranges may stray by together
+    systematic_m: float  # what neighbouring ranges may stray by together
     beams: Beams  # of the points in `part`
 
 
 def merge(
     observations: Sequence[Observation],
     regions: Sequence[Sequence[Region]],
-    options: EvidenceOptions,
+    tolerance: Tolerance,
     *,
     across: bool = True,
 ) -> list[MergedSurface]:
@@ -86,13 +86,13 @@ def merge(
         The scans.
     regions : sequence of sequence of Region
         The regions of each scan.
-    options : EvidenceOptions
-        Flatness, registration, and tolerances of the gap test.
+    tolerance : Tolerance
+        Flatness, registration, and what the gap test allows.
     across : bool
         Whether regions are joined across occluders at all.
     """
     pieces = [
-        _piece(index, region, observation, options)
+        _piece(index, region, observation, tolerance)
         for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
@@ -106,23 +106,23 @@ def merge(
         if _contradicted(group, group[i], group[j], agreements, pieces):
             continue
         joined = [pieces[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
-        if _fits_all(joined, options) and _hidden_between(pieces[i], pieces[j], observations, options):
+        if _fits_all(joined, tolerance) and _hidden_between(pieces[i], pieces[j], observations, tolerance):
             group[group == group[j]] = group[i]
     if across:
-        _adopt_small(group, pieces, observations, options)
-    merged = _merged(group, pieces, observations, options)
+        _adopt_small(group, pieces, observations, tolerance)
+    merged = _merged(group, pieces, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
-def _piece(scan: int, region: Region, observation: Observation, options: EvidenceOptions) -> _Piece:
+def _piece(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
     pixel = np.flatnonzero(region.mask)
     n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, len(pixel) - 1, min(_N_SAMPLE, len(pixel))).astype(np.int64)]
     points = observation.points.reshape(-1, 3)[pixel]
     reach = float(np.median(observation.scan.ranges.ravel()[pixel]))
-    stray = float(np.hypot(options.flatness_m, observation.noise.bias(np.array([reach]))[0]))
-    stray = float(np.hypot(stray, options.registration_m))
-    scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), options.flatness_m))
+    stray = float(np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([reach]))[0]))
+    stray = float(np.hypot(stray, tolerance.registration_m))
+    scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), tolerance.flatness_m))
     beams = Beams(
         observation.scan.origin,
         np.ones(len(pixel), np.int32),
@@ -130,21 +130,21 @@ def _piece(scan: int, region: Region, observation: Observation, options: Evidenc
         observation.sigma.ravel()[pixel],
         observation.rays.reshape(-1, 3)[pixel],
     )
-    return _Piece(
+    return _ScanRegion(
         scan=scan,
         region=region,
         part=Part.of(region.fit, points, scale, stray),
         n_pixels=n_pixels,
-        stray_m=stray,
+        systematic_m=stray,
         beams=beams,
     )
 
 
-def _agreements(pieces: Sequence[_Piece]) -> dict[tuple[int, int], Agreement]:
+def _agreements(pieces: Sequence[_ScanRegion]) -> dict[tuple[int, int], Agreement]:
     """How the pairs compare that come into question at all."""
     if len(pieces) < 2:
         return {}
-    candidates = np.argwhere(np.triu(find_candidates([piece.part for piece in pieces]), 1))
+    candidates = np.argwhere(np.triu(find_candidates([one.part for one in pieces]), 1))
     return {(int(i), int(j)): compare(pieces[i].part, pieces[j].part) for i, j in candidates}
 
 
@@ -153,7 +153,7 @@ def _contradicted(
     one: int,
     other: int,
     agreements: dict[tuple[int, int], Agreement],
-    pieces: Sequence[_Piece],
+    pieces: Sequence[_ScanRegion],
 ) -> bool:
     """Tell whether some pair across two groups fails the test that their best pair passed."""
     for i in np.flatnonzero(group == one):
@@ -165,22 +165,22 @@ def _contradicted(
     return False
 
 
-def _fits_all(pieces: Sequence[_Piece], options: EvidenceOptions) -> bool:
+def _fits_all(pieces: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
     """Tell whether one surface leaves each of the pieces no rougher than its own noise and warps do."""
-    start = max(pieces, key=lambda piece: piece.n_pixels).region.fit.surface
-    (joint,) = improve([start], [piece.beams for piece in pieces], options.flatness_m, n_rounds=2)
+    start = max(pieces, key=lambda one: one.n_pixels).region.fit.surface
+    (joint,) = improve([start], [one.beams for one in pieces], tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
-    for piece in pieces:
-        own = piece.region.fit.rms**2 + (_APART * piece.stray_m) ** 2
-        slack = 1 + 3 * np.sqrt(2 / len(piece.part.points))
-        if not np.mean(np.square(joint.distance(piece.part.points))) <= slack * own:
+    for one in pieces:
+        own = one.region.fit.rms**2 + (_APART * one.systematic_m) ** 2
+        slack = 1 + 3 * np.sqrt(2 / len(one.part.points))
+        if not np.mean(np.square(joint.distance(one.part.points))) <= slack * own:
             return False
     return True
 
 
 def _hidden_between(
-    one: _Piece, other: _Piece, observations: Sequence[Observation], options: EvidenceOptions
+    one: _ScanRegion, other: _ScanRegion, observations: Sequence[Observation], tolerance: Tolerance
 ) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
     surface, scale = larger.region.fit.surface, max(one.part.scale, other.part.scale)
@@ -190,15 +190,15 @@ def _hidden_between(
         other=larger.part.points,
         scale=scale,
         observations=observations,
-        options=options,
+        tolerance=tolerance,
     )
 
 
 def _adopt_small(
     group: NDArray[np.int64],
-    pieces: Sequence[_Piece],
+    pieces: Sequence[_ScanRegion],
     observations: Sequence[Observation],
-    options: EvidenceOptions,
+    tolerance: Tolerance,
 ) -> None:
     """Put small parts that lie on a much larger one, but say too little of their own, into its group."""
     by_size = sorted(range(len(pieces)), key=lambda index: -pieces[index].n_pixels)
@@ -210,26 +210,26 @@ def _adopt_small(
             large = pieces[i]
             if small.n_pixels > _SMALL * large.n_pixels:
                 break
-            if lies_on(small.part, large.part) and _hidden_between(large, small, observations, options):
+            if lies_on(small.part, large.part) and _hidden_between(large, small, observations, tolerance):
                 group[j] = group[i]
                 break
 
 
 def _merged(
     group: NDArray[np.int64],
-    pieces: Sequence[_Piece],
+    pieces: Sequence[_ScanRegion],
     observations: Sequence[Observation],
-    options: EvidenceOptions,
+    tolerance: Tolerance,
 ) -> list[MergedSurface]:
     """One surface for each group, those of several parts fitted anew."""
     members = [[pieces[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
     joined = [several for several in members if len(several) > 1]
     labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
     for number, several in enumerate(joined, start=1):
-        for piece in several:
-            labels[piece.scan][piece.region.mask] = number
-    starts = [max(several, key=lambda piece: piece.n_pixels).region.fit for several in joined]
-    fits = refit([fit.surface for fit in starts], observations, labels, options.flatness_m, n_rounds=2)
+        for one in several:
+            labels[one.scan][one.region.mask] = number
+    starts = [max(several, key=lambda one: one.n_pixels).region.fit for several in joined]
+    fits = refit([fit.surface for fit in starts], observations, labels, tolerance.flatness_m, n_rounds=2)
     surfaces = [
         MergedSurface(start if fit is None else fit, _masks(several, observations), len(several))
         for several, start, fit in zip(joined, starts, fits, strict=True)
@@ -238,10 +238,10 @@ def _merged(
     return surfaces + [MergedSurface(one.region.fit, _masks([one], observations), 1) for one in single]
 
 
-def _masks(pieces: Sequence[_Piece], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
+def _masks(pieces: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
     masks = []
     for index, observation in enumerate(observations):
-        own = [piece.region.mask for piece in pieces if piece.scan == index]
+        own = [one.region.mask for one in pieces if one.scan == index]
         none = np.zeros(observation.scan.shape, dtype=np.bool_)
         masks.append(own[0] if len(own) == 1 else np.logical_or.reduce(own) if own else none)
     return tuple(masks)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Tolerance: how far a range may stray from a surface and agree with it."""
+"""Tolerance: how far a range may differ from a surface and agree with it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.checks import FloatArray, check_options
+
+FLATNESS_M = 0.001
+"""How far a real surface differs from its ideal form where nothing else is said, metres."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -18,10 +21,12 @@ class EvidenceOptions:
     ----------
     n_sigma : float
         Standard deviations within which a range agrees with the surface.
-    flatness_m : float
-        How far a real surface may stray from its ideal form, metres.
-    registration_m : float
-        Error of the poses when there are several scans, metres.
+    flatness_m : float, optional
+        How far a real surface may differ from its ideal form, metres. None takes
+        `SegmentationOptions.flatness_m`; a number holds for evidence, merging and audit alone.
+    registration_m : float, optional
+        Error of the poses, metres. None takes the `registration_m` of `CompletionOptions` where there are
+        several scans, or that given to `verify`; a number here prevails over both.
     max_tolerance_m : float
         Where the tolerance is larger, only the surface's own pixels make it visible, and no beam is a veto.
     max_cells : int
@@ -29,8 +34,8 @@ class EvidenceOptions:
     """
 
     n_sigma: float = 4.0
-    flatness_m: float = 0.001
-    registration_m: float = 0.0
+    flatness_m: float | None = None
+    registration_m: float | None = None
     max_tolerance_m: float = 0.1
     max_cells: int = 200_000
 
@@ -38,11 +43,56 @@ class EvidenceOptions:
         lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), max_cells=(1, np.inf))
 
+    def tolerance(self, *, flatness_m: float = FLATNESS_M, registration_m: float = 0.0) -> Tolerance:
+        """Return the tolerance, with these lengths in metres where the options leave them open."""
+        return Tolerance(
+            n_sigma=self.n_sigma,
+            flatness_m=flatness_m if self.flatness_m is None else self.flatness_m,
+            registration_m=registration_m if self.registration_m is None else self.registration_m,
+            max_m=self.max_tolerance_m,
+        )
 
-def ray_tolerance(
-    sigma: FloatArray, spread: FloatArray, cosine: FloatArray, options: EvidenceOptions
-) -> FloatArray:
-    """How far a range may stray from a surface and agree with it, metres along the ray."""
-    across = np.hypot(spread, options.flatness_m) / np.maximum(cosine, 1e-3)
-    registration = options.registration_m / np.maximum(cosine, 1e-3)
-    return np.asarray(options.n_sigma * np.hypot(sigma, across) + registration, dtype=np.float64)
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Tolerance:
+    """How far a range may differ from a surface and agree with it.
+
+    Attributes
+    ----------
+    n_sigma : float
+        Standard deviations.
+    flatness_m : float
+        Difference of a real surface from its ideal form, metres.
+    registration_m : float
+        Error of the poses, metres.
+    max_m : float
+        Tolerance above which a range says nothing, metres.
+    """
+
+    n_sigma: float
+    flatness_m: float
+    registration_m: float
+    max_m: float
+
+    def along_ray(self, sigma: FloatArray, sd: FloatArray, cosine: FloatArray) -> FloatArray:
+        """Return k sqrt(sigma^2 + (sd^2 + flatness^2) / cos^2) + registration / cos.
+
+        Parameters
+        ----------
+        sigma : (n,) float
+            Standard deviation of each range, metres.
+        sd : (n,) float
+            Predicted standard deviation of the surface along its normal, metres.
+        cosine : (n,) float
+            Of the incidence angle, without sign.
+
+        Returns
+        -------
+        (n,) float
+            The tolerance of each range, metres along the ray.
+        """
+        cosine = np.maximum(cosine, 1e-3)
+        across = np.hypot(sd, self.flatness_m) / cosine
+        return np.asarray(
+            self.n_sigma * np.hypot(sigma, across) + self.registration_m / cosine, dtype=np.float64
+        )

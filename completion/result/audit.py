@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.tolerance import Tolerance
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster
@@ -44,10 +45,7 @@ def audit(
     scans: Sequence[RangeImage],
     sigmas: Sequence[FloatArray],
     *,
-    n_sigma: float,
-    flatness_m: float,
-    registration_m: float,
-    max_tolerance_m: float,
+    tolerance: Tolerance,
     n_threads: int | None = None,
 ) -> AuditResult:
     """Cast every measured beam against the mesh and count the faces that it went through.
@@ -67,8 +65,8 @@ def audit(
         All scans.
     sigmas : sequence of (rows, columns) float
         Range noise of each, metres.
-    n_sigma, flatness_m, registration_m, max_tolerance_m : float
-        Tolerances; a beam whose tolerance exceeds the last says nothing.
+    tolerance : Tolerance
+        Along the ray; a beam whose tolerance exceeds `max_m` says nothing.
     n_threads : int, optional
         Threads that cast.
     """
@@ -83,11 +81,11 @@ def audit(
         hits = caster.first_hit(scan.origin[None], scan.rays()[returned], coherent=True)
         n_beams += int(returned.sum())
         met = np.flatnonzero(hits.hit)
-        face, cosine = hits.face[met], np.maximum(hits.incidence_cosine[met], 1e-3)
-        spread = np.hypot(vertex_sd[faces[face]].max(axis=1), flatness_m)
-        tolerance = n_sigma * np.hypot(sigma[returned][met], spread / cosine) + registration_m / cosine
+        face = hits.face[met]
+        sd = vertex_sd[faces[face]].max(axis=1)
+        allowed = tolerance.along_ray(sigma[returned][met], sd, hits.incidence_cosine[met])
         past = scan.ranges[returned][met] - hits.ranges[met]
-        through = (past > tolerance) & (tolerance <= max_tolerance_m)
+        through = (past > allowed) & (allowed <= tolerance.max_m)
         beams += np.bincount(face[through], minlength=len(faces))
     convicted = beams > 0
     if noisy:

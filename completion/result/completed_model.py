@@ -15,8 +15,7 @@ from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.extent import Mode
-from completion.extension.patch import Patch
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.result.audit import AuditResult
 from completion.texturing.chart_texture import ChartTexture

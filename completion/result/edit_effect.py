@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.extension.layout import in_box
-from completion.extension.patch import Patch
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Patch, Provenance
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +30,13 @@ class Effect:
 
 
 def effect_of(patch: Patch) -> Effect:
-    """Measure what came of the verdict on a completed surface.
+    """Measure what came of the edits of a completed surface.
 
     Where a surface is accepted as a whole, what beams went through counts in its measured rectangle and on
     to its known ends.
     """
     grid, verdict = patch.grid, patch.verdict
-    known = in_box(grid, patch.limits, *patch.limits.known_window())
+    known = grid.within(*patch.limits.known_window())
     accepted = verdict.accepted(grid, known)
     against = verdict.open_cells(grid)
     for end in verdict.ends:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel, LabelledPoints
 from completion.result.model_parts import (
     HYPOTHESISED_BLUE,

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from completion.boundary.curves import Line
 from completion.boundary.edges import Edge
-from completion.edits.surface_edits import Verdict, outline_uv
+from completion.edits.surface_edits import SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from scenes.checks import BoolArray, FloatArray
@@ -61,7 +61,7 @@ def find_openings(patch: Patch) -> list[Opening]:
     """
     solid = patch.observed | patch.hypothesised
     through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
-    unfilled = (patch.shadows.piece >= 0) & ~solid
+    unfilled = (patch.shadows.region >= 0) & ~solid
     within = patch.is_within | solid
     openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
     rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
@@ -83,7 +83,10 @@ def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
     """An opening that a person drew."""
     corners = outline_uv(patch.grid.surface, outline)
     area = float(shapely.Polygon(corners).area)
-    seen = float((through & Verdict(openings=(outline,)).open_cells(patch.grid)).sum()) * patch.grid.cell_area
+    seen = (
+        float((through & SurfaceEdits(openings=(outline,)).open_cells(patch.grid)).sum())
+        * patch.grid.cell_area
+    )
     return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
 
 

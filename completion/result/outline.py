@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.boundary.cues import Cue
+from completion.boundary.continuation import Cue
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch

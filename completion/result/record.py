@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from completion.edits.file import edit_record
-from completion.extension.patch import Patch
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Patch, Provenance
 from completion.fitting.result import surface_parameters
 from completion.result.completed_model import CompletedModel
 from completion.result.edit_effect import effect_of

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.boundary.creases import meeting_line
-from completion.boundary.curves import Line
+from completion.boundary.curves import Line, meeting_line
 from completion.extension.patch import Patch
 from scenes.checks import FloatArray
 

@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.evidence import Label, weigh
+from completion.evidence.evidence import Label, Scans, weigh
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation, observe
-from completion.observe.tolerance import EvidenceOptions
+from completion.observe.tolerance import EvidenceOptions, Tolerance
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, InputError
 from scenes.scan.range_image import RangeImage
@@ -89,9 +89,9 @@ def verify(
     others : sequence of RangeImage
         Registered scans, world coordinates.
     options : EvidenceOptions, optional
-        Tolerances, but for the error of the poses.
+        Tolerances.
     registration_m : float
-        Error of the poses, metres.
+        Error of the poses where `options` leave it open, metres.
     sigma_m : float, optional
         Range noise of the others in metres; when None it is read off each.
 
@@ -103,11 +103,11 @@ def verify(
     if not others:
         raise InputError("nothing to verify with: give at least one other scan")
     reference_from_world = completion.world_from_reference.inverse()
-    evidence = replace(options or EvidenceOptions(), registration_m=registration_m)
+    tolerance = (options or EvidenceOptions()).tolerance(registration_m=registration_m)
     observations = [observe(scan, reference_from_world, sigma_m) for scan in others]
     return Verification(
         tuple(
-            SurfaceVerification(patch, completion.anchor(number), _findings(patch, observations, evidence))
+            SurfaceVerification(patch, completion.anchor(number), _findings(patch, observations, tolerance))
             for number, patch in enumerate(completion.patches, start=1)
         )
     )
@@ -127,16 +127,13 @@ def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int
     return int(np.argmax(np.bincount(own))) if len(own) else 0
 
 
-def _findings(
-    patch: Patch, observations: Sequence[Observation], options: EvidenceOptions
-) -> NDArray[np.int8]:
-    nobody = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
-    evidence = weigh(
-        patch.grid, patch.spread.ravel(), observations=observations, owners=nobody, owner=1, options=options
-    )
-    said = np.select(
+def _findings(patch: Patch, observations: Sequence[Observation], tolerance: Tolerance) -> NDArray[np.int8]:
+    nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
+    scans = Scans(tuple(observations), nobody, tolerance)
+    evidence = weigh(patch.grid, patch.spread.ravel(), scans, owner=1)
+    finding = np.select(
         [evidence.labels == Label.FREE, evidence.labels == Label.VISIBLE],
         [Finding.REFUTED, Finding.CONFIRMED],
         Finding.HIDDEN,
     )
-    return np.where(patch.hypothesised, said, Finding.NONE).astype(np.int8)
+    return np.where(patch.hypothesised, finding, Finding.NONE).astype(np.int8)

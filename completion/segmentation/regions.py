@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.observe.tolerance import FLATNESS_M
 from scenes.checks import BoolArray, FloatArray, check_options
 from scenes.surfaces.catalogue import Cylinder
 
@@ -21,7 +22,8 @@ class SegmentationOptions:
     n_sigma : float
         A pixel belongs to a surface within this many standard deviations.
     flatness_m : float
-        How far a real wall may stray from its plane, beside the noise, metres.
+        How far a real surface may differ from its ideal form, beside the noise, metres; in all stages,
+        unless `EvidenceOptions.flatness_m` says otherwise.
     max_angle_deg : float
         Largest angle between a tile's normal and the surface's, beside the normal's error.
     min_pixels : int
@@ -33,7 +35,7 @@ class SegmentationOptions:
     """
 
     n_sigma: float = 3.0
-    flatness_m: float = 0.001
+    flatness_m: float = FLATNESS_M
     max_angle_deg: float = 25.0
     min_pixels: int = 80
     min_arc_deg: float = 20.0

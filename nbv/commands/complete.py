@@ -10,7 +10,8 @@ from typing import Any
 
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
-from completion.pipeline import Completion, CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import Completion, complete
 from completion.result.edit_effect import effect_of
 from completion.result.verification import Finding, Verification, verify
 from nbv.commands.process.run import Shared, running
@@ -106,7 +107,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             verification=verification,
         )
         replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
-        resolved = {**asked, "resolved": asdict(replace(options, edits=()))}
+        resolved = {**asked, "resolved": _settled(options, len(scans))}
         run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
 
 
@@ -123,10 +124,19 @@ def verify_first(
     return verify(
         alone,
         scans[1:],
-        options.evidence,
+        replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m),
         registration_m=options.registration_m,
         sigma_m=options.sigma_m,
     )
+
+
+def _settled(options: CompletionOptions, n_scans: int) -> dict[str, Any]:
+    """The options as they were in force, the edits apart."""
+    tolerance = options.tolerance(n_scans)
+    evidence = replace(
+        options.evidence, flatness_m=tolerance.flatness_m, registration_m=tolerance.registration_m
+    )
+    return asdict(replace(options, edits=(), evidence=evidence))
 
 
 def summary_of(completion: Completion) -> dict[str, Any]:

@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.plan import coverage_of
 from nbv.commands.process.run import Shared, running

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.process.run import Shared, running

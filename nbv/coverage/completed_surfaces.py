@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import mesh_cells
 from completion.extension.patch import Patch
 from completion.observe.tolerance import EvidenceOptions
-from completion.pipeline import Completion, CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import Completion, complete
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage
 

@@ -79,7 +79,7 @@ def prepared(frame: Frame) -> Observation:
 
 def segmented(observation: Observation) -> list[MergedSurface]:
     """Segmentation, fits and merging as `complete` does them."""
-    return merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions())
+    return merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance())
 
 
 def labels_of(masks: list[NDArray[np.bool_]], shape: tuple[int, int]) -> NDArray[np.int64]:

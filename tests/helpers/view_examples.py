@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.visibility_history import visibility_history
 from nbv.online.planner import PlannerOptions

@@ -15,7 +15,8 @@ from PIL import Image
 
 import nbv.report.pictures.picture as report_picture
 from completion.fitting import fit
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.cover.cover import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.stations import Stations

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.pipeline import CompletionOptions
+from completion.options import CompletionOptions
 from completion.result.completed_model import CompletedModel
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
@@ -69,16 +69,16 @@ def violation_of(
     if not len(mesh.faces):
         return Violation(0.0, 0.0, 0)
     corners = completed.world_from_reference.apply(mesh.vertices)[mesh.faces]
-    spread = np.hypot(mesh.sd[mesh.faces].max(axis=1), options.evidence.flatness_m)
-    registration = options.registration_m if n_completed > 1 else 0.0
+    tolerance = options.tolerance(n_completed)
+    spread = np.hypot(mesh.sd[mesh.faces].max(axis=1), tolerance.flatness_m)
     faces, beams, excess = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     first = 0
     for scan in scans:
         beam, face, reach, cosine = meet(scan.origin, scan.rays()[scan.valid], corners)
         along = np.hypot(scan.sigma_m or 0.0, spread[face] / cosine)
-        tolerance = options.evidence.n_sigma * along + registration / cosine
-        beyond = scan.ranges[scan.valid][beam] - reach - tolerance
-        through = (beyond > 0) & (tolerance <= options.evidence.max_tolerance_m)
+        allowed = tolerance.n_sigma * along + tolerance.registration_m / cosine
+        beyond = scan.ranges[scan.valid][beam] - reach - allowed
+        through = (beyond > 0) & (allowed <= tolerance.max_m)
         faces.append(face[through])
         beams.append(first + beam[through])
         excess.append(beyond[through])

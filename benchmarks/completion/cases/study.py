@@ -10,9 +10,9 @@ from dataclasses import replace
 from benchmarks.completion.cases.task import Method, Task
 from benchmarks.completion.scenes.cases import Case
 from benchmarks.completion.scenes.rooms import random_case
-from completion.boundary.cues import ALL_CUES, Cue
+from completion.boundary.continuation import ALL_CUES, Cue
 from completion.extension.extent import Mode
-from completion.pipeline import CompletionOptions
+from completion.options import CompletionOptions
 from nbv.scanning.effects.effects import named_effects
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View

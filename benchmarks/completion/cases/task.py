@@ -20,7 +20,8 @@ from benchmarks.completion.scores.score import score
 from benchmarks.completion.scores.splits import PairCounts, merge_counts
 from benchmarks.completion.truth.cells import TrueCells
 from benchmarks.completion.truth.hypothesis import Hypothesis
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.commands.process.progress import Progress
 from nbv.scanning.effects.effects import Effects
 from scenes.checks import FloatArray

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.completion.truth.cells import TrueCells, look
 from benchmarks.completion.truth.hypothesis import Hypothesis, continued_surfaces
 from benchmarks.completion.truth.truth import TrueChart, TrueModel, true_charts
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
 from completion.result.record import completion_record
 from nbv.scanning.effects.effects import Effects

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.pipeline import CompletionOptions
+from completion.options import CompletionOptions
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.distances import CLOSE_M
 from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Shares

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.boundary.meshing import mesh_cells
-from completion.extension.patch import Patch
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Patch, Provenance
 from completion.result.atlas import Atlas, make_atlas
 from completion.result.completed_model import CompletedModel
 from completion.result.model_parts import remainder_mesh

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Provenance
 from completion.result.record import provenance_word
 from nbv.coverage.measurement import measured_samples
 from nbv.report.pictures import picture

@@ -4,14 +4,12 @@
 import numpy as np
 import pytest
 
-from completion.boundary.boundary_pixels import Rim, RimPoints
-from completion.boundary.continuation import continue_edges
-from completion.boundary.creases import meeting_line
-from completion.boundary.cues import ALL_CUES, Cue
-from completion.boundary.curves import Circle, Line
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
+from completion.boundary.continuation import ALL_CUES, Cue, continue_edges
+from completion.boundary.curves import Circle, Line, meeting_line
 from completion.boundary.edges import Edge, find_edges
-from completion.boundary.hidden_regions import divide
-from completion.boundary.labelling import label_pieces
+from completion.boundary.hidden_regions import divide_hidden
+from completion.boundary.labelling import label_regions
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.confidence import Onward, Prospects, distance_to
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -22,7 +20,9 @@ GRID = ChartGrid.over(WALL, np.array([0.0, 0.0]), np.array([1.0, 1.0]), 0.01, fu
 
 
 def _rim(uv, step):
-    return RimPoints(uv, np.broadcast_to(step, uv.shape).copy(), np.full(len(uv), Rim.OWN_EDGE, np.int8))
+    return BoundaryPixels(
+        uv, np.broadcast_to(step, uv.shape).copy(), np.full(len(uv), BoundaryKind.OWN_EDGE, np.int8)
+    )
 
 
 def _stairs(angle, n=60):
@@ -81,13 +81,13 @@ def _corner():
 
 def test_two_edges_that_vanish_behind_an_occluder_meet_in_the_hidden_corner():
     hidden, measured, open_, edges = _corner()
-    stretches = continue_edges(edges, GRID, hidden)
-    assert [stretch.provenance for stretch in stretches] == ["convergent", "convergent"]
-    shadows = divide(GRID, hidden, measured, open_, stretches)
-    assert shadows.n_pieces == 4
-    labelling = label_pieces(shadows)
+    continued = continue_edges(edges, GRID, hidden)
+    assert [edge.provenance for edge in continued] == ["convergent", "convergent"]
+    regions = divide_hidden(GRID, hidden, measured, open_, continued)
+    assert regions.n_regions == 4
+    labelling = label_regions(regions)
     is_surface = np.zeros_like(hidden)
-    is_surface[hidden] = labelling.is_surface[shadows.piece[hidden]]
+    is_surface[hidden] = labelling.is_surface[regions.region[hidden]]
     row, column = np.mgrid[:100, :100]
     assert np.array_equal(is_surface, hidden & (row < 60) & (column < 60))
 
@@ -96,8 +96,8 @@ def test_without_edges_a_hole_with_measured_rim_is_surface_and_one_with_open_rim
     row, column = np.mgrid[:100, :100]
     hidden = (row >= 40) & (row < 60) & (column >= 40) & (column < 60)
     nothing = np.zeros_like(hidden)
-    inside = label_pieces(divide(GRID, hidden, ~hidden, nothing, []))
-    outside = label_pieces(divide(GRID, hidden, nothing, ~hidden, []))
+    inside = label_regions(divide_hidden(GRID, hidden, ~hidden, nothing, []))
+    outside = label_regions(divide_hidden(GRID, hidden, nothing, ~hidden, []))
     assert inside.is_surface.tolist() == [True]
     assert inside.margin[0] == pytest.approx(1.0)
     assert outside.is_surface.tolist() == [False]
@@ -107,9 +107,9 @@ def test_without_edges_a_hole_with_measured_rim_is_surface_and_one_with_open_rim
 def test_what_touches_nothing_known_is_no_surface():
     hidden = np.ones((100, 100), dtype=np.bool_)
     nothing = np.zeros_like(hidden)
-    labelling = label_pieces(divide(GRID, hidden, nothing, nothing, []))
+    labelling = label_regions(divide_hidden(GRID, hidden, nothing, nothing, []))
     assert labelling.is_surface.tolist() == [False]
-    assert label_pieces(divide(GRID, nothing, nothing, nothing, [])).is_surface.shape == (0,)
+    assert label_regions(divide_hidden(GRID, nothing, nothing, nothing, [])).is_surface.shape == (0,)
 
 
 def test_an_edge_seen_on_both_sides_is_one_stretch():
@@ -141,8 +141,8 @@ def test_surfaces_meet_where_geometry_says():
 def test_rim_points_keep_their_place_in_another_chart():
     other = Plane((0.3, 0.2, 0), (0, 0, 1), (1, 1, 0))
     uv = np.random.default_rng(0).uniform(0, 1, (20, 2))
-    rim = _rim(uv, (0.01, 0.002))
-    moved = rim.recharted(WALL, other)
+    boundary = _rim(uv, (0.01, 0.002))
+    moved = boundary.recharted(WALL, other)
     np.testing.assert_allclose(other.from_uv(moved.uv), WALL.from_uv(uv), atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(moved.step, axis=1), np.hypot(0.01, 0.002), atol=1e-12)
 
@@ -172,9 +172,9 @@ def test_an_edge_parts_surface_from_opening_only_on_the_side_it_was_seen_on():
     pieces = {}
     for side in (-1.0, 1.0):  # `across` grows to the left
         edge = Edge(line, np.array([[0.5, 0.9]]), np.array([side]), 1e-4)
-        shadows = divide(GRID, hidden, measured, open_, continue_edges([edge], GRID, hidden))
-        assert shadows.n_pieces == 2
-        pieces[side] = label_pieces(shadows).margin[shadows.piece[25, [41, 58]]]
+        regions = divide_hidden(GRID, hidden, measured, open_, continue_edges([edge], GRID, hidden))
+        assert regions.n_regions == 2
+        pieces[side] = label_regions(regions).margin[regions.region[25, [41, 58]]]
     assert pieces[-1.0][0] < pieces[1.0][0]
     assert pieces[-1.0][1] > pieces[1.0][1]
 
@@ -182,12 +182,12 @@ def test_an_edge_parts_surface_from_opening_only_on_the_side_it_was_seen_on():
 def test_runs_on_one_line_with_the_surface_on_different_sides_stay_apart():
     uv, _ = _stairs(0.0)
     below, above = _rim(uv[:25], (0.0, STEP)), _rim(uv[30:], (0.0, -STEP))
-    rim = RimPoints(
+    boundary = BoundaryPixels(
         np.concatenate([below.uv, above.uv]),
         np.concatenate([below.step, above.step]),
         np.concatenate([below.kind, above.kind]),
     )
-    (edge,) = find_edges(rim)
+    (edge,) = find_edges(boundary)
     normal_up = edge.curve.normal[1] > 0
     assert sorted(edge.sides) == [-1.0, 1.0]
     first = edge.sides[np.argmin(np.abs(edge.curve.at(edge.runs.mean(axis=1))[:, 0] - 0.12))]
@@ -206,5 +206,5 @@ def test_a_cue_that_is_left_out_continues_no_edge(cue):
         line, hidden = Line(np.array([0.39, 0.0]), np.array([0.0, 1.0])), hidden & (row > 40)
     edge = Edge(line, np.array(runs), np.ones(len(runs)), 1e-4)
     others = tuple(other for other in ALL_CUES if other != cue)
-    assert {stretch.provenance for stretch in continue_edges([edge], GRID, hidden)} == {cue}
+    assert {edge.provenance for edge in continue_edges([edge], GRID, hidden)} == {cue}
     assert continue_edges([edge], GRID, hidden, others) == []

@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.boundary.boundary_pixels import Rim, RimPoints
-from completion.boundary.sides import ended_sides
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides
 from scenes.surfaces.catalogue import Plane
 from tests.completion.extension.test_enclosure import WALL, completed, patch_on, scan_of, within
 
@@ -13,34 +12,36 @@ STEP = 0.01
 LOW, HIGH = np.array([0.0, 0.0]), np.array([2.0, 1.0])
 
 
-def left_side(kinds) -> RimPoints:
+def left_side(kinds) -> BoundaryPixels:
     """Rim points at u = 0 of the rectangle, evenly along v."""
     v = (np.arange(len(kinds)) + 0.5) / len(kinds)
     uv = np.column_stack([np.full(len(v), -STEP / 2), v])
-    return RimPoints(uv, np.tile([-STEP, 0.0], (len(v), 1)), np.array(kinds, np.int8))
+    return BoundaryPixels(uv, np.tile([-STEP, 0.0], (len(v), 1)), np.array(kinds, np.int8))
 
 
-@pytest.mark.parametrize("kind", [Rim.OWN_EDGE, Rim.NO_RETURN])
+@pytest.mark.parametrize("kind", [BoundaryKind.OWN_EDGE, BoundaryKind.NO_RETURN])
 def test_a_side_beside_open_space_or_no_echo_ends_half_a_pixel_on(kind):
     sides = ended_sides(left_side([kind] * 100), LOW, HIGH)
     assert sides[0, 0] == pytest.approx(-STEP / 2)
     assert np.isnan(sides).sum() == 3
 
 
-@pytest.mark.parametrize("kind", [Rim.OCCLUDED, Rim.FRAME, Rim.CONTIGUOUS, Rim.LIMB])
+@pytest.mark.parametrize(
+    "kind", [BoundaryKind.OCCLUDED, BoundaryKind.FRAME, BoundaryKind.CONTIGUOUS, BoundaryKind.LIMB]
+)
 def test_a_side_that_is_hidden_or_cut_by_the_frame_or_another_surface_does_not(kind):
     assert np.isnan(ended_sides(left_side([kind] * 100), LOW, HIGH)).all()
 
 
 @pytest.mark.parametrize(("n_seen", "is_end"), [(40, False), (60, True)])
 def test_most_of_the_side_must_be_seen_to_end(n_seen, is_end):
-    kinds = [Rim.OWN_EDGE] * n_seen + [Rim.OCCLUDED] * (100 - n_seen)
+    kinds = [BoundaryKind.OWN_EDGE] * n_seen + [BoundaryKind.OCCLUDED] * (100 - n_seen)
     assert np.isfinite(ended_sides(left_side(kinds), LOW, HIGH)[0, 0]) == is_end
 
 
 def test_an_edge_inside_the_rectangle_ends_no_side():
-    rim = left_side([Rim.OWN_EDGE] * 100)
-    inner = RimPoints(rim.uv + [0.5, 0.0], rim.step, rim.kind)
+    boundary = left_side([BoundaryKind.OWN_EDGE] * 100)
+    inner = BoundaryPixels(boundary.uv + [0.5, 0.0], boundary.step, boundary.kind)
     assert np.isnan(ended_sides(inner, LOW, HIGH)).all()
 
 

@@ -6,10 +6,10 @@ import pytest
 
 from completion.boundary.meshing import mesh_cells, mesh_range_image
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Label, label_points, weigh
+from completion.evidence.evidence import Label, Scans, label_points, weigh
 from completion.evidence.free_space import free_cells
 from completion.observe.observation import observe
-from completion.observe.tolerance import EvidenceOptions, ray_tolerance
+from completion.observe.tolerance import EvidenceOptions
 from completion.result.audit import audit
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -24,7 +24,8 @@ DEPTH[40:80, 20:50] = 1.5  # a box before the wall
 DEPTH[40:80, 70:100] = 5.0  # a window in it
 DEPTH[10:20, 50:70] = np.inf  # glass
 SCAN = RangeImage(DEPTH / CAMERA.directions()[..., 2], CAMERA, Pose.identity(), sigma_m=0.0)
-NO_SPREAD = np.zeros(GRID.shape[0] * GRID.shape[1])
+USUAL = EvidenceOptions().tolerance()
+EXACT = np.zeros(GRID.shape[0] * GRID.shape[1])
 
 
 def evidence(*scans: RangeImage, options: EvidenceOptions = EvidenceOptions()):  # noqa: B008
@@ -32,7 +33,7 @@ def evidence(*scans: RangeImage, options: EvidenceOptions = EvidenceOptions()): 
     owners = [
         np.where(np.abs(seen.points[..., 2] - 3) < 0.01, 1, 2).astype(np.int32) for seen in observations
     ]
-    return weigh(GRID, NO_SPREAD, observations, owners, 1, options)
+    return weigh(GRID, EXACT, Scans(tuple(observations), tuple(owners), options.tolerance()), 1)
 
 
 def label_at(found, x: float, y: float) -> int:
@@ -71,7 +72,7 @@ def test_one_beam_is_a_veto_without_noise_and_not_with_it():
     clean = replace(SCAN, ranges=depth / CAMERA.directions()[..., 2])
     noisy = replace(clean, sigma_m=1e-4)
     for scan, vetoed in ((clean, 1), (noisy, 0)):
-        free = free_cells(GRID, NO_SPREAD, [observe(scan, Pose.identity())], EvidenceOptions())
+        free = free_cells(GRID, EXACT, [observe(scan, Pose.identity())], USUAL)
         assert free.sum() == vetoed
 
 
@@ -81,7 +82,7 @@ def test_beams_from_behind_are_a_veto_too():
         ranges=np.full((120, 120), 9.0),
         world_from_sensor=Pose.looking_at((0, 0, 6), (0, 0, 0), up=(0, -1, 0)),
     )
-    free = free_cells(GRID, NO_SPREAD, [observe(behind, Pose.identity())], EvidenceOptions())
+    free = free_cells(GRID, EXACT, [observe(behind, Pose.identity())], USUAL)
     assert free.mean() > 0.3
 
 
@@ -90,21 +91,24 @@ def test_far_wall_of_a_cylinder_is_vetoed_by_beams_that_crossed_it():
     grid = ChartGrid.over(post, (0, -0.5), (0, 0.5), 0.05, full_turn=True)
     scan = replace(SCAN, ranges=np.full((120, 120), 9.0))
     free = free_cells(
-        grid, np.zeros(grid.shape[0] * grid.shape[1]), [observe(scan, Pose.identity())], EvidenceOptions()
+        grid,
+        np.zeros(grid.shape[0] * grid.shape[1]),
+        [observe(scan, Pose.identity())],
+        USUAL,
     )
     assert free.all()
 
 
 def test_tolerance_grows_with_noise_obliqueness_and_registration():
     one = np.ones(1)
-    base = ray_tolerance(0.001 * one, 0 * one, one, EvidenceOptions())
+    base = USUAL.along_ray(0.001 * one, 0 * one, one)
     for worse in (
-        ray_tolerance(0.002 * one, 0 * one, one, EvidenceOptions()),
-        ray_tolerance(0.001 * one, 0.003 * one, one, EvidenceOptions()),
-        ray_tolerance(0.001 * one, 0 * one, 0.2 * one, EvidenceOptions()),
-        ray_tolerance(0.001 * one, 0 * one, one, EvidenceOptions(registration_m=0.005)),
-        ray_tolerance(0.001 * one, 0 * one, one, EvidenceOptions(n_sigma=6.0)),
-        ray_tolerance(0.001 * one, 0 * one, one, EvidenceOptions(flatness_m=0.01)),
+        USUAL.along_ray(0.002 * one, 0 * one, one),
+        USUAL.along_ray(0.001 * one, 0.003 * one, one),
+        USUAL.along_ray(0.001 * one, 0 * one, 0.2 * one),
+        EvidenceOptions(registration_m=0.005).tolerance().along_ray(0.001 * one, 0 * one, one),
+        EvidenceOptions(n_sigma=6.0).tolerance().along_ray(0.001 * one, 0 * one, one),
+        EvidenceOptions(flatness_m=0.01).tolerance().along_ray(0.001 * one, 0 * one, one),
     ):
         assert worse[0] > base[0]
 
@@ -113,7 +117,7 @@ def test_where_the_tolerance_is_large_only_own_pixels_count():
     tight = EvidenceOptions(max_tolerance_m=1e-6)
     points = np.array([[*through(100, 60), 3.0]])
     seen = observe(SCAN, Pose.identity())
-    assert label_points(WALL, points, np.zeros(1), seen, tight).sure.tolist() == [False]
+    assert label_points(WALL, points, np.zeros(1), seen, tight.tolerance()).sure.tolist() == [False]
     assert label_at(evidence(SCAN, options=tight), *through(60, 85)) != Label.FREE
 
 
@@ -197,7 +201,7 @@ def planted(depth: float, sigma: float = 0.0):
     faces = np.array([[0, 2, 1], [0, 3, 2]], np.int32)
     return audit(
         square, faces, np.zeros(4), [scan], [np.full(scan.shape, sigma)],
-        n_sigma=4.0, flatness_m=0.001, registration_m=0.0, max_tolerance_m=0.1,
+        tolerance=USUAL,
     )  # fmt: skip
 
 
@@ -213,6 +217,6 @@ def test_audit_measures_a_planted_violation_and_only_that():
 def test_audit_of_nothing_is_zero():
     nothing = audit(
         np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), [SCAN], [np.zeros(SCAN.shape)],
-        n_sigma=4.0, flatness_m=0.001, registration_m=0.0, max_tolerance_m=0.1,
+        tolerance=USUAL,
     )  # fmt: skip
     assert nothing.violation_m2 == 0

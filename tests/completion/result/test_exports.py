@@ -11,7 +11,8 @@ import trimesh
 from shapely import Polygon
 
 from completion.boundary.curves import Line
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from completion.result.export import inferred_points
 from completion.result.model_parts import model_parts
 from completion.result.polygons import polygons_record

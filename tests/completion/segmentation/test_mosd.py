@@ -55,7 +55,9 @@ def labelled(name: str) -> Labelled:
     path = data_path(f"range/mOSD/{name}.pcd")
     scan = read_scan(path)
     observation = observe(scan, scan.world_from_sensor.inverse())
-    surfaces = merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions())
+    surfaces = merge(
+        [observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance()
+    )
     labels = pypcd4.PointCloud.from_path(path).pc_data["label"].reshape(scan.shape).astype(np.int64)
     return Labelled(labels, surfaces)
 

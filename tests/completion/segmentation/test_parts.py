@@ -186,7 +186,7 @@ def test_two_sides_of_a_cylinder_agree_and_another_radius_does_not():
 @pytest.mark.parametrize("surface", [TILTED, PIPE], ids=["plane", "cylinder"])
 def test_one_surface_is_one_region(surface, missing):
     scan = seen(surface, sigma=0.002, missing=missing)
-    (found,) = merge([observe(scan, Pose.identity())], [regions_of(scan)], EvidenceOptions())
+    (found,) = merge([observe(scan, Pose.identity())], [regions_of(scan)], EvidenceOptions().tolerance())
     assert found.fit.surface.kind == surface.kind
     assert found.n_pixels > 0.97 * scan.valid.sum()
 
@@ -233,7 +233,9 @@ def test_same_bytes_from_two_threads_at_once():
 
     def found(scan):
         observation = observe(scan, scan.world_from_sensor.inverse())
-        surfaces = merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions())
+        surfaces = merge(
+            [observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance()
+        )
         return b"".join(s.masks[0].tobytes() + s.fit.covariance.tobytes() for s in surfaces)
 
     alone = [found(scan) for scan in scans]

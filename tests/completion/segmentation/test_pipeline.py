@@ -32,7 +32,7 @@ def observed(scan: RangeImage) -> Observation:
 
 
 def merged(observation: Observation, options: SegmentationOptions = SegmentationOptions()):  # noqa: B008
-    return merge([observation], [segment(observation, options)], EvidenceOptions())
+    return merge([observation], [segment(observation, options)], EvidenceOptions().tolerance())
 
 
 @pytest.mark.parametrize("sigma", [0.001, 0.004])

@@ -34,7 +34,7 @@ def tunnel() -> RangeImage:
 @pytest.fixture(scope="module")
 def found() -> list[MergedSurface]:
     observation = observe(tunnel(), Pose.identity())
-    return merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions())
+    return merge([observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance())
 
 
 def test_the_vault_is_one_concave_cylinder_over_a_flat_floor(found):

@@ -11,7 +11,8 @@ from urllib.parse import unquote, urlparse
 import numpy as np
 import pytest
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv import show
 from nbv.plan.plan import Plan, read_plan
 from nbv.scanning.scanner import scan_scene

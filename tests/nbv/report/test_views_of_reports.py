@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.extension.provenance import Provenance
-from completion.pipeline import CompletionOptions, complete
+from completion.extension.patch import Provenance
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage
 from nbv.coverage.visibility_history import visibility_history

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.occupancy import VoxelMap
 from nbv.report.scan_coverage_report import scan_coverage_page

@@ -16,7 +16,8 @@ from scipy.sparse import csr_array
 from typer import Exit
 from typer.testing import CliRunner
 
-from completion.pipeline import CompletionOptions, complete
+from completion.options import CompletionOptions
+from completion.pipeline import complete
 from examples.check_limits import commands, digests, run
 from nbv import plan_views, scan_scene
 from nbv.cli import app

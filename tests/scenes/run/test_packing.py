@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays, scalar_dtypes
 from scipy.sparse import csr_array
 
-from completion.extension.provenance import Provenance
+from completion.extension.patch import Provenance
 from scenes.pose import Pose
 from scenes.run.packing import PackingError, pack, unpack
 from scenes.surfaces.plane import Plane

@@ -6,7 +6,6 @@ import pytest
 from scipy import ndimage
 
 from completion import CompletionOptions, complete
-from completion.boundary.rings import rings_passed
 from completion.evidence.evidence import Evidence, Label
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -31,26 +30,26 @@ def column(*rows: tuple[int, int]) -> Evidence:
 
 
 def test_a_hidden_stretch_beside_a_measured_one_goes_on():
-    assert not rings_passed(column((0, 0), (4, 0), (0, 0))).any()
+    assert not column((0, 0), (4, 0), (0, 0)).rings_passed().any()
 
 
 def test_a_ring_of_which_more_is_passed_than_measured_ends_the_cylinder():
-    passed = rings_passed(column((0, 0), (5, 0), (4, 1), (1, 4), (0, 0), (0, 0)))
+    passed = column((0, 0), (5, 0), (4, 1), (1, 4), (0, 0), (0, 0)).rings_passed()
     np.testing.assert_array_equal(passed, [False, False, False, True, True, True])
 
 
 def test_stray_beams_through_a_measured_ring_do_not():
-    assert not rings_passed(column((6, 2), (0, 0), (3, 3))).any()
+    assert not column((6, 2), (0, 0), (3, 3)).rings_passed().any()
 
 
 def test_a_cylinder_measured_again_beyond_a_gap_is_there_again():
-    passed = rings_passed(column((5, 0), (0, 5), (0, 0), (5, 0)))
+    passed = column((5, 0), (0, 5), (0, 0), (5, 0)).rings_passed()
     np.testing.assert_array_equal(passed, [False, True, False, False])
 
 
 def test_the_other_way_up_is_the_same():
     rows = [(0, 0), (5, 0), (4, 1), (1, 4), (0, 0)]
-    np.testing.assert_array_equal(rings_passed(column(*rows))[::-1], rings_passed(column(*rows[::-1])))
+    np.testing.assert_array_equal(column(*rows).rings_passed()[::-1], column(*rows[::-1]).rings_passed())
 
 
 @pytest.mark.parametrize("width", [0, 1, 2])

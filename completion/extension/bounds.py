@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: MIT
+"""Bounds: the chart laid along what bounds a surface, and where other surfaces close its sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
+from completion.boundary.curves import Line
+from completion.boundary.edges import find_edges
+from completion.merging.pipeline import MergedSurface
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+
+_INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
+_SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
+
+
+def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
+    """The plane with u along the straight boundary that was seen most of, else along its longest side.
+
+    Boundaries are its meeting lines with the planes `cuts` and its own edges.
+    """
+    size = np.linalg.norm(boundary.step, axis=1)
+    seen = boundary.only(
+        (size > 0) & np.isin(boundary.kind, (BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE))
+    )
+    size = np.linalg.norm(seen.step, axis=1)
+    at = plane.from_uv(seen.uv)
+    directions, supports = [], []
+    for cut in cuts:
+        along = np.cross(plane.normal_direction, cut.normal_direction)
+        if np.linalg.norm(along) > 0.5:
+            near = (np.abs(cut.distance(at)) <= size) & (seen.kind == BoundaryKind.CONTIGUOUS)
+            directions.append(along)
+            supports.append(float(size[near].sum()))
+    for edge in find_edges(seen.only(seen.kind == BoundaryKind.OWN_EDGE)):
+        if isinstance(edge.curve, Line):
+            directions.append(plane.from_uv(edge.curve.direction) - plane.point)
+            supports.append(float(np.ptp(edge.runs, axis=1).sum()))
+    if max(supports, default=0.0) > 0:
+        return Plane(plane.point, plane.normal_direction, directions[int(np.argmax(supports))])
+    uv = plane.to_uv(points).astype(np.float32)
+    (_, _), (width, height), angle_deg = cv2.minAreaRect(uv)
+    angle = np.radians(angle_deg if width >= height else angle_deg + 90.0)
+    along = np.cos(angle) * plane.u_direction + np.sin(angle) * plane.v_direction
+    return Plane(plane.point, plane.normal_direction, along)
+
+
+def facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
+    """The cylinder with its zero direction in the middle of the measured arc, the seam at its back."""
+    angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
+    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    widest = int(np.argmax(gaps))
+    middle = (angle[widest] + gaps[widest] / 2 + np.pi) * cylinder.radius
+    outward = cylinder.from_uv(np.array([[middle, 0.0]]))[0] - cylinder.point
+    return Cylinder(cylinder.point, cylinder.direction, cylinder.radius, outward, cylinder.concave)
+
+
+def enclosing_cuts(
+    index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
+) -> list[tuple[int, Surface]]:
+    """Enclosing surfaces, with their indices, that have the surface on their inner side."""
+    cuts = []
+    for other, candidate in enumerate(surfaces):
+        if other == index or not enclosing[other]:
+            continue
+        distance = candidate.fit.surface.distance(points)
+        slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
+        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= _INNER:
+            cuts.append((other, candidate.fit.surface))
+    return cuts
+
+
+def closed_sides(
+    chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Where the nearest cuts close the low and high sides (rows) along u and v (columns), and which do."""
+    ends = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    which = np.full((2, 2), -1)
+    for axis in (0, 1) if isinstance(chart, Plane) else (1,):
+        for row, (sign, side) in enumerate(((-1.0, low), (1.0, high))):
+            for number, cut in enumerate(cuts):
+                end = _end_along(chart, cut, axis=axis, sign=sign, low=low, high=high)
+                if end is not None and sign * (end - side[axis]) >= 0 > sign * (end - ends[row, axis]):
+                    ends[row, axis], which[row, axis] = end, number
+    return ends, which
+
+
+def _end_along(
+    chart: Surface, cut: Plane, axis: int, sign: float, low: FloatArray, high: FloatArray
+) -> float | None:
+    """Chart coordinate where the cut meets the rectangle's continuation, None if it faces away."""
+    corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    centre = (low + high) / 2
+    step = np.zeros(2)
+    step[axis] = max(float((high - low)[axis]), 1e-3) * 0.5
+    here = centre if isinstance(chart, Plane) else np.array([0.0, centre[1]])
+    pair = cut.distance(chart.from_uv(np.stack([here - step, here + step])))
+    slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
+    if sign * slope > -_SIDEWAYS:
+        return None
+    at_sides = corners[(corners[:, axis] == (high if sign > 0 else low)[axis])]
+    height = cut.distance(chart.from_uv(at_sides))
+    ends = at_sides[:, axis] - height / slope
+    return float(ends.max() if sign > 0 else ends.min())

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: MIT
+"""Extension: the hidden cells that a surface is inferred to cover, each with the reason why."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
+from completion.boundary.continuation import ALL_CUES, ContinuedEdge, Cue, continue_edges
+from completion.boundary.curves import meeting_line
+from completion.boundary.edges import Edge, edge_along, find_edges
+from completion.boundary.hidden_regions import HiddenRegions, divide_hidden
+from completion.boundary.labelling import label_regions
+from completion.boundary.meshing import Trim
+from completion.edits.surface_edits import SurfaceEdits
+from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.evidence import Evidence, Label, Scans, weigh
+from completion.extension.confidence import estimate
+from completion.extension.extent import Extent, Mode, lay_grid
+from completion.extension.patch import Patch, Provenance, hull_of, provenance_of
+from completion.merging.pipeline import MergedSurface
+from scenes.checks import BoolArray
+from scenes.surfaces.catalogue import Cylinder
+
+LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
+"""Probability below which a place is left unknown."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ExtensionRules:
+    """What a continuation may use, and how sure it must be.
+
+    Attributes
+    ----------
+    mode : "conservative", "standard" or "bold"
+        How probable inferred area must be.
+    max_sd_m : float
+        Predicted standard deviation up to which a surface is continued, metres.
+    max_cells : int
+        In how many cells at most its chart is weighed.
+    cues : collection of Cue
+        What is made use of.
+    """
+
+    mode: Mode
+    max_sd_m: float
+    max_cells: int
+    cues: Collection[Cue] = ALL_CUES
+
+
+def extend(
+    surface: MergedSurface,
+    boundary: BoundaryPixels,
+    extent: Extent,
+    *,
+    scans: Scans,
+    number: int,
+    edits: SurfaceEdits,
+    rules: ExtensionRules,
+) -> Patch:
+    """Continue a surface into the cells that are hidden, within its extent.
+
+    A cell is filled only where some scan says OCCLUDED and none says FREE, where the surface is known well
+    enough, and where it is probable enough for the mode; or where a person accepts it, who may not overrule
+    the beams.
+
+    Parameters
+    ----------
+    surface : MergedSurface
+        The fit and the pixels behind it, working frame.
+    boundary : BoundaryPixels
+        Of its regions, in the chart of the fit.
+    extent : Extent
+        How far it may go.
+    scans : Scans
+        All scans.
+    number : int
+        This surface's number in `scans.owners`, from 1.
+    edits : SurfaceEdits
+        What a person says of it.
+    rules : ExtensionRules
+        What may be used, and how sure the result must be.
+    """
+    # 1. Weigh: what the scans say of each cell of the chart.
+    grid = lay_grid(surface, extent, scans.observations, rules.max_cells)
+    predicted_sd = surface.fit.standard_deviation(grid.centres())
+    evidence = weigh(grid, predicted_sd, scans, number)
+    predicted_sd = predicted_sd.reshape(grid.shape)
+
+    # 2. Hidden cells: where the surface may be, unseen; and those of them that a person accepts.
+    within = _within(grid, extent, evidence)
+    possible = _possible(grid, evidence, edits) & within & (predicted_sd <= rules.max_sd_m)
+    accepted = possible & edits.accepted(grid, grid.within(*extent.known_window()))
+    hidden = possible & grid.within(*extent.window())
+    if rules.mode == "conservative":
+        hidden &= hull_of(grid, evidence.observed)
+
+    # 3. Divide: continue the surface's own edges through the hidden cells, which fall into regions.
+    edges = _boundary_edges(extent, boundary.recharted(surface.fit.surface, extent.chart))
+    continued = continue_edges(edges, grid, hidden, rules.cues)
+    measured = _across_limb(evidence, grid)
+    regions = divide_hidden(grid, hidden, measured, evidence.open, continued)
+
+    # 4. Label: the cheapest boundary says which regions are surface, and how probable each cell is.
+    labelling = label_regions(regions)
+    confidence = estimate(grid, regions, labelling, extent, evidence)
+
+    # 5. Fill: what is probable or accepted, and hangs together with what was measured.
+    least = LEAST_CONFIDENCE[rules.mode]
+    probable = hidden & (confidence >= least) & ~edits.rejected(grid)
+    filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
+    filled &= evidence.labels == Label.OCCLUDED
+
+    # 6. Trim: cut cells along the continued edges and declared openings.
+    filled, trims = _trimmed(grid, evidence, filled, regions, continued)
+    filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
+
+    # 7. Provenance: why each cell is in the model.
+    provenance = provenance_of(grid, extent, evidence.observed, filled)
+    by_edit = accepted & ~_connected_cells(probable, measured, grid) | _beyond_edited_ends(grid, extent)
+    by_edit |= edits.is_joined & (provenance == Provenance.BETWEEN)
+    provenance[filled & by_edit] = Provenance.USER
+    return Patch(
+        source=surface,
+        limits=extent,
+        grid=grid,
+        evidence=evidence,
+        hypothesised=filled,
+        provenance=provenance,
+        confidence=confidence,
+        spread=predicted_sd,
+        is_within=within,
+        edges=tuple(edges),
+        stretches=tuple(continued),
+        shadows=regions,
+        labelling=labelling,
+        trims=trims,
+        verdict=edits,
+    )
+
+
+def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolArray:
+    """Cells that are neither measured nor passed by beams, nor in an opening that a person declared."""
+    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~evidence.open
+    hidden &= ~evidence.observed & ~edits.open_cells(grid)
+    if isinstance(grid.surface, Cylinder):
+        hidden &= ~evidence.rings_passed()[:, None]
+    return hidden
+
+
+def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:
+    """Measured cells, and those of a cylinder's limb beside them."""
+    if not isinstance(grid.surface, Cylinder):
+        return evidence.observed
+    limb = evidence.limb & ~evidence.rings_passed()[:, None]
+    return _connected(limb | evidence.observed, evidence.observed, grid.wraps)
+
+
+def _connected_cells(cells: BoolArray, measured: BoolArray, grid: ChartGrid) -> BoolArray:
+    """Those of the cells that hang together with measured ones."""
+    return cells & _connected(cells | measured, measured, grid.wraps)
+
+
+def _without_openings(
+    grid: ChartGrid, evidence: Evidence, filled: BoolArray, edits: SurfaceEdits, trims: tuple[Trim, ...]
+) -> tuple[BoolArray, tuple[Trim, ...]]:
+    """Take declared openings out: whole cells, and by cuts through those that their sides cross."""
+    sides = edits.trims(grid)
+    if not sides:
+        return filled, trims
+    declared = edits.open_cells(grid)
+    crossed = np.logical_or.reduce([side.cells for side in sides])
+    around = ndimage.binary_dilation(filled & ~declared, np.ones((3, 3)))
+    parted = crossed & declared & around & (evidence.labels == Label.OCCLUDED) & ~evidence.observed
+    return filled & ~declared | parted, (*trims, *sides)
+
+
+def _beyond_edited_ends(grid: ChartGrid, extent: Extent) -> BoolArray:
+    """Cells beyond what was measured on the sides where a person set the end."""
+    uv = grid.centres_uv()
+    beyond = np.stack([uv < extent.own_low, uv > extent.own_high])  # side, row, column, axis
+    return np.asarray((beyond & extent.by_edit[:, None, None, :]).any(axis=(0, 3)), dtype=np.bool_)
+
+
+def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[Edge]:
+    """Creases with the surfaces that it meets, and its own edges elsewhere."""
+    creases, free = [], boundary.kind == BoundaryKind.OWN_EDGE
+    seen = np.isin(boundary.kind, (BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE))
+    for neighbour in extent.neighbours:
+        line = meeting_line(extent.chart, neighbour)
+        if line is not None:
+            edge, members = edge_along(line, boundary.only(seen))
+            free[np.flatnonzero(seen)[members]] = False
+            creases.append(edge)
+    return [edge for edge in creases if len(edge.runs)] + find_edges(boundary.only(free))
+
+
+def _trimmed(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hypothesised: BoolArray,
+    regions: HiddenRegions,
+    continued: Sequence[ContinuedEdge],
+) -> tuple[BoolArray, tuple[Trim, ...]]:
+    """Add the hidden cells that a continued edge cuts in two, and say where to cut them."""
+    filled, occluded = hypothesised.ravel(), (evidence.labels == Label.OCCLUDED).ravel()
+    result, trims = filled.copy(), []
+    borders = regions.borders
+    for number, edge in enumerate(continued):
+        at = borders.edge == number
+        pairs = np.stack([borders.first[at], borders.second[at]])
+        pairs = pairs[:, filled[pairs[0]] != filled[pairs[1]]]
+        if not pairs.size:
+            continue
+        inner = pairs.T[filled[pairs].T]
+        uv = grid.centres_uv().reshape(-1, 2)[inner]
+        sign = 1.0 if np.mean(edge.curve.across(uv) >= 0) > 0.5 else -1.0
+        outer = pairs.T[~filled[pairs].T]
+        result[outer[occluded[outer]]] = True
+        touched = np.zeros(len(filled), dtype=np.bool_)
+        touched[pairs.ravel()] = True
+        near = ndimage.binary_dilation(touched.reshape(grid.shape), np.ones((3, 3)))
+        trims.append(Trim(edge.curve, sign, near))
+    return result.reshape(grid.shape), tuple(trims)
+
+
+def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
+    """Cells on the right side of every cut that are not hidden behind what encloses the room."""
+    centres = grid.centres()
+    inside = np.ones(grid.shape, dtype=np.bool_)
+    for cut in extent.cuts:
+        inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
+    for number, plane in extent.enclosures:
+        behind = (plane.distance(centres) < 0).reshape(grid.shape)
+        inside &= ~(behind & (evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
+    return inside
+
+
+def _connected(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:
+    """The part of `passable` connected with `start`, across the seam where the grid wraps."""
+    part, n_parts = ndimage.label(passable)
+    reached = np.zeros(n_parts + 1, dtype=np.bool_)
+    reached[np.unique(part[start & passable])] = True
+    reached[0] = False
+    for _ in range(2 if wraps else 0):
+        both = (part[:, 0] > 0) & (part[:, -1] > 0)
+        joined = both & (reached[part[:, 0]] | reached[part[:, -1]])
+        reached[part[joined, 0]] = reached[part[joined, -1]] = True
+    return np.asarray(reached[part], dtype=np.bool_)

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""Options of `complete`: all that can be said beforehand, those of the stages included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from completion.boundary.continuation import ALL_CUES, Cue
+from completion.edits.edit import Edit
+from completion.extension.extent import Mode
+from completion.extension.pipeline import ExtensionRules
+from completion.observe.tolerance import EvidenceOptions, Tolerance
+from completion.segmentation.regions import SegmentationOptions
+from completion.texturing.problem import TexturingOptions
+from scenes.checks import InputError, check_options
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CompletionOptions:
+    """Options of `complete`.
+
+    Attributes
+    ----------
+    mode : "conservative", "standard" or "bold"
+        How probable inferred area must be (`LEAST_CONFIDENCE`); conservative area also lies in the hull of
+        what was measured.
+    sigma_m : float, optional
+        Range noise in metres; when None it is read off each scan.
+    registration_m : float
+        Error of the poses when there are several scans, metres.
+    texture : bool
+        Whether hypothesised area is textured.
+    max_sd_m : float
+        A surface is continued only as far as its predicted standard deviation stays below this, metres.
+    cues : tuple of Cue
+        What is made use of; all that is known.
+    edits : tuple of Edit
+        What a person says of the surfaces.
+    segmentation, evidence, texturing : options
+        Of the stages.
+
+    Raises
+    ------
+    InputError
+        An unknown mode or cue, or a length that is negative or not finite.
+    """
+
+    mode: Mode = "standard"
+    sigma_m: float | None = None
+    registration_m: float = 0.005
+    texture: bool = True
+    max_sd_m: float = 0.02
+    cues: tuple[Cue, ...] = ALL_CUES
+    edits: tuple[Edit, ...] = ()
+    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
+    evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
+    texturing: TexturingOptions = field(default_factory=TexturingOptions)
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("conservative", "standard", "bold"):
+            raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
+        for cue in self.cues:
+            if cue not in ALL_CUES:
+                raise InputError(f"cues must be some of {', '.join(ALL_CUES)}, got {cue!r}")
+        lengths = ("sigma_m", "registration_m", "max_sd_m")
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
+
+    def extension_rules(self) -> ExtensionRules:
+        """Return what a continuation may use, and how sure it must be."""
+        return ExtensionRules(
+            mode=self.mode, max_sd_m=self.max_sd_m, max_cells=self.evidence.max_cells, cues=self.cues
+        )
+
+    def tolerance(self, n_scans: int) -> Tolerance:
+        """Return the tolerance along the ray; the pose of a single scan has no error."""
+        return self.evidence.tolerance(
+            flatness_m=self.segmentation.flatness_m,
+            registration_m=self.registration_m if n_scans > 1 else 0.0,
+        )
