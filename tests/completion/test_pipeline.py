@@ -15,7 +15,9 @@ from completion import (
     SegmentationOptions,
     TexturingOptions,
     complete,
+    pipeline,
 )
+from completion.observe.tolerance import Tolerance
 from completion.result.export import completed_glb, display_mesh
 from completion.result.openings import find_openings
 from completion.result.outline import trace_boundary
@@ -227,11 +229,47 @@ def test_options_change_the_result():
         CompletionOptions(texture=False, cues=()),
         CompletionOptions(texture=False, max_sd_m=1e-6),
         CompletionOptions(texture=False, evidence=EvidenceOptions(n_sigma=1.0)),
+        CompletionOptions(texture=False, evidence=EvidenceOptions(registration_m=0.05)),
+        CompletionOptions(texture=False, evidence=EvidenceOptions(flatness_m=0.02)),
     ):
         assert complete(scan, options).hypothesised_m2 != base.hypothesised_m2
     coarse = CompletionOptions(texturing=TexturingOptions(max_texels=500, window=5, max_samples=500))
     sizes = [texture.grid.shape for texture in complete(scan, coarse).textures]
     assert 250 < max(rows * columns for rows, columns in sizes) <= 500
+
+
+def test_registration_and_flatness_have_one_home_and_the_stage_may_say_otherwise():
+    several, one = CompletionOptions(registration_m=0.02), CompletionOptions().tolerance(1)
+    assert several.tolerance(2).registration_m == 0.02
+    assert one.registration_m == 0.0
+    own = CompletionOptions(registration_m=0.02, evidence=EvidenceOptions(registration_m=0.001))
+    assert own.tolerance(2).registration_m == own.tolerance(1).registration_m == 0.001
+    rough = SegmentationOptions(flatness_m=0.01)
+    assert CompletionOptions(segmentation=rough).tolerance(1).flatness_m == 0.01
+    apart = CompletionOptions(segmentation=rough, evidence=EvidenceOptions(flatness_m=0.002))
+    assert apart.tolerance(1).flatness_m == 0.002
+    assert one.flatness_m == SegmentationOptions().flatness_m
+
+
+def test_what_is_said_of_registration_and_flatness_reaches_merging_evidence_and_audit(monkeypatch):
+    held = []
+    for stage in ("merge", "find_boundary_pixels", "audit", "Scans"):
+        work = getattr(pipeline, stage)
+
+        def noted(*given, _work=work, **named):
+            held.extend(one for one in (*given, *named.values()) if isinstance(one, Tolerance))
+            return _work(*given, **named)
+
+        monkeypatch.setattr(pipeline, stage, noted)
+    scan = example("textured_cylinder", pixels=60)
+    options = CompletionOptions(
+        texture=False,
+        segmentation=SegmentationOptions(flatness_m=0.003),
+        evidence=EvidenceOptions(registration_m=0.02),
+    )
+    complete([scan, scan], options)
+    assert len(held) >= 4
+    assert {(one.registration_m, one.flatness_m) for one in held} == {(0.02, 0.003)}
 
 
 def test_progress_is_told_stage_by_stage():
@@ -247,6 +285,12 @@ def test_bad_arguments_are_refused():
         complete([])
     with pytest.raises(InputError, match="mode must be conservative, standard or bold, got 'brave'"):
         complete(example("chair_before_wall"), CompletionOptions(mode="brave"))
+
+
+@pytest.mark.parametrize("cues", [("merging", "colinear"), "merging"])
+def test_cues_that_there_are_not_are_refused(cues):
+    with pytest.raises(InputError, match=r"cues must be some of merging, intersection, .*, got '"):
+        CompletionOptions(cues=cues)
 
 
 def test_the_face_is_complete():

@@ -113,6 +113,10 @@ def test_tolerances_decide_what_is_refuted(alone, other):
     usual = verify(alone, [other])
     strict = verify(alone, [other], EvidenceOptions(n_sigma=0.5), registration_m=0.0)
     assert strict.area_m2(Finding.REFUTED) > usual.area_m2(Finding.REFUTED)
+    own = verify(alone, [other], EvidenceOptions(n_sigma=0.5, registration_m=0.0))
+    assert own.area_m2(Finding.REFUTED) == strict.area_m2(Finding.REFUTED)
+    flat = verify(alone, [other], EvidenceOptions(n_sigma=0.5, registration_m=0.0, flatness_m=0.05))
+    assert flat.area_m2(Finding.REFUTED) < strict.area_m2(Finding.REFUTED)
     vague = verify(alone, [other], sigma_m=0.05)  # 4 sigma is more than any beam may be off and still speak
     assert vague.area_m2(Finding.CONFIRMED) == vague.area_m2(Finding.REFUTED) == 0
 
@@ -142,8 +146,12 @@ def test_no_other_scan_is_refused(alone):
 
 def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, other, tmp_path, monkeypatch):
     pages = []
-    page = Page("", "", "", (), None, (), {}, 0)
-    monkeypatch.setattr("nbv.commands.complete.completion_page", lambda *given: pages.append(given) or page)
+
+    def keep_page(completion, _title, **given):
+        pages.append((completion, given["verification"]))
+        return Page("", "", "", (), None, (), {}, 0)
+
+    monkeypatch.setattr("nbv.commands.complete.completion_page", keep_page)
     for name, scan in (("a.npz", first), ("b.npz", other)):
         write_scan(scan, tmp_path / name)
     scans = [str(tmp_path / "a.npz"), str(tmp_path / "b.npz")]
