@@ -1,25 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Efros-Leung texture synthesis: arrays in, arrays out; knows no geometry, no files, no screen."""
+"""Efros-Leung texture synthesis: arrays in, arrays out; knows no geometry, no files, no screen.
 
-from texture.analysis.lattice import Lattice, find_lattice, measure_phase_error
-from texture.analysis.quality import measure_distance, measure_seam, measure_verbatim_share
-from texture.examination import Examination, examine
-from texture.pipeline import fill, grow
-from texture.result import Synthesis
-from texture.surface.surface_fill import SurfaceFill, fill_surface
+Names are imported when they are first used; `__init__.pyi` says from where.
+"""
 
-__all__ = [
-    "Examination",
-    "Lattice",
-    "SurfaceFill",
-    "Synthesis",
-    "examine",
-    "fill",
-    "fill_surface",
-    "find_lattice",
-    "grow",
-    "measure_distance",
-    "measure_phase_error",
-    "measure_seam",
-    "measure_verbatim_share",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

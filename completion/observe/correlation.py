@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
 
 _BLOCK = 10  # pixels: neighbours within so many have residuals alike
 _LEAST_BLOCKS = 8
@@ -46,7 +46,7 @@ def residual_correlation(
     return np.fmax(own, 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _block_means(
     labels: NDArray[np.int32],
     models: FloatArray,

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from texture.engine.compiled import compiled
 
 
 def pack_plane(w: FloatArray) -> FloatArray:
@@ -45,7 +45,7 @@ def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface
     return Cylinder(point, direction, float(model[7]), None, bool(model[8] < 0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
     """Write the tangent plane w . x = 1 of the model nearest to c; False where it faces away."""
     if model[0] == 0.0:
@@ -68,7 +68,7 @@ def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def gap_to(
     models: FloatArray, k: int, x: float, y: float, z: float, r: float, normal: FloatArray
 ) -> tuple[float, float]:

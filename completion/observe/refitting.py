@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
@@ -17,6 +16,7 @@ from completion.observe.measured_rays import Beams
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from texture.engine.compiled import compiled
 
 _LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
 _MAX_CONDITION = 1e12
@@ -206,7 +206,7 @@ def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
     return np.full(14, -1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _add_rays(
     labels: NDArray[np.int32],
     charts: FloatArray,

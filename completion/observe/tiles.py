@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
+from texture.engine.compiled import compiled
 
 LEAST_TILE, MOST_TILE = 3, 16  # pixels
 _EVERY = 3  # pixels: medians need no more
@@ -98,7 +98,7 @@ def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _narrowest(rays: FloatArray, side: int) -> FloatArray:
     """Angle (rows, columns) across each tile where it is narrowest, as near a panorama's pole."""
     rows, columns = rays.shape[:2]
@@ -138,7 +138,7 @@ def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int
     return image
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
     """Solve the symmetric system of ten sums for w by Cholesky; False where it is singular."""
     if a[0] <= 0.0:
@@ -163,7 +163,7 @@ def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _fit_tiles(
     ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness: float, side: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:

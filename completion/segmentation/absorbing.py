@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
@@ -14,6 +13,7 @@ from completion.observe.packed_surfaces import gap_to
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
 
 _WITHIN = 0.9  # of an island's pixels within tolerance of the surface around
 _ENCLOSED = 0.5  # of its outline next to that surface
@@ -66,7 +66,7 @@ def absorb(
     return np.asarray(goes_to[labels], dtype=np.int32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of neighbouring pixels between n regions (n, n), and between each region and any other (n,)."""
     contact, outline = np.zeros((n, n), np.int64), np.zeros(n, np.int64)
@@ -89,7 +89,7 @@ def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDAr
     return contact, outline
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _distances(
     labels: NDArray[np.int32],
     models: FloatArray,

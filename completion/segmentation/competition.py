@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
@@ -12,6 +11,7 @@ from completion.observe.packed_surfaces import gap_to
 from completion.observe.tiles import Tiles
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
+from texture.engine.compiled import compiled
 
 _SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual
 _FLAT = 3.0  # misfit of tiles whose normal counts
@@ -53,7 +53,7 @@ def compete(
     return result
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _settle(
     labels: NDArray[np.int32],
     models: FloatArray,
@@ -121,7 +121,7 @@ def _settle(
                     length += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _best_label(
     labels: NDArray[np.int32],
     models: FloatArray,

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
@@ -12,6 +11,7 @@ from completion.observe.packed_surfaces import unpack
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
 
 
 def split_parts(
@@ -30,7 +30,7 @@ def split_parts(
     return np.take(number, parts), surfaces
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _root(parent: NDArray[np.int32], number: int) -> int:
     """The root of a number's tree; its branch is halved on the way."""
     while parent[number] != number:
@@ -39,7 +39,7 @@ def _root(parent: NDArray[np.int32], number: int) -> int:
     return number
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def number_parts(labels: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
     """The parts (rows, columns) of equal label that touch along sides, numbered in reading order from 1.
 
@@ -80,7 +80,7 @@ def number_parts(labels: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
     return parts, n_parts
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _part_sums(
     parts: NDArray[np.int32], labels: NDArray[np.int32], points: FloatArray, n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:

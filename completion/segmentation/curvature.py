@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
@@ -17,6 +16,7 @@ from completion.segmentation.growing import Cluster, deviations, flood, tile_cut
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
+from texture.engine.compiled import compiled
 
 _SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
 _RING = 1.3  # growth by the smooth tiles around that makes a patch a narrow one
@@ -145,7 +145,7 @@ def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams
     return Beams(observation.scan.origin, np.ones(len(pixel), np.int32), ranges, sigma, rays)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) -> NDArray[np.int64]:
     """Flat numbers of every step-th measured pixel of the tiles along rows and columns."""
     result = np.empty(len(where) * side * side, np.int64)
@@ -159,7 +159,7 @@ def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) 
     return result[:n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _term(
     point_ray: FloatArray,
     r: float,
@@ -180,7 +180,7 @@ def _term(
     return height, 1.0 / (s * s * cosine * cosine + flat * flat * unit2 + 1e-30)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _quadratic_sums(
     where: NDArray[np.int64],
     side: int,
@@ -210,7 +210,7 @@ def _quadratic_sums(
     return matrix, vector
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _residual_variance(
     where: NDArray[np.int64],
     side: int,

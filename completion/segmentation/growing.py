@@ -6,13 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from completion.observe.packed_surfaces import pack_plane, tangent_plane
 from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
+from texture.engine.compiled import compiled
 
 _N_ROUNDS = 12
 CHI2_3 = 16.27  # 99.9 % quantile for three parameters
@@ -126,20 +126,20 @@ def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArra
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _dot(a: FloatArray, b: FloatArray) -> float:
     """The inner product of two vectors of three; numpy's own would allocate in the innermost loop."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
     """The quadratic form with packed symmetric matrix `a` at (x, y, z)."""
     squares = a[0] * x * x + a[3] * y * y + a[5] * z * z
     return float(squares + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _flood(
     model: FloatArray,
     seed: NDArray[np.int64],
@@ -197,7 +197,7 @@ def _flood(
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _deviations(
     model: FloatArray, where: NDArray[np.int64], matrix: FloatArray, plane: FloatArray, centre: FloatArray
 ) -> FloatArray:
@@ -212,7 +212,7 @@ def _deviations(
     return result
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _with_smooth_ring(
     members: BoolArray,
     free: BoolArray,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
 from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.growing import CHI2_3, quadratic
 from scenes.checks import BoolArray, FloatArray
+from texture.engine.compiled import compiled
 
 _MAX_MISFIT = 3.0  # of a tile that an edge may not cross
 _SEED_CUT = 0.25  # excess of the plane through 3 x 3 tiles below which they are one surface
@@ -49,7 +49,7 @@ def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
     return int(row), int(column)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _coherent(
     flat: BoolArray,
     count: FloatArray,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.embree_library import address, check_device, load_library
+from scenes.rays.local_mesh import LocalMesh
 from scenes.rays.packet_kernels import compile_for
-from scenes.rays.ray_arithmetic import LocalMesh
 
 _VERSION_MAJOR, _NATIVE_WIDTHS = 1, {16: 34, 8: 33}  # RTCDeviceProperty
 _NO_CACHE = "tessellation_cache_size=0"  # for subdivision surfaces, which we have none of: 128 MB a device

@@ -14,7 +14,8 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.rays.ray_arithmetic import Arithmetic, LocalMesh
+from scenes.rays.local_mesh import LocalMesh
+from scenes.rays.ray_kernels import pack_rays, pack_segments
 
 
 class SingleScene:
@@ -24,14 +25,12 @@ class SingleScene:
     ----------
     mesh : LocalMesh
         The triangles.
-    arithmetic : Arithmetic
-        `scenes.rays.ray_kernels` or `scenes.rays.ray_arithmetic`.
     """
 
     name = "embreex"
 
-    def __init__(self, mesh: LocalMesh, arithmetic: Arithmetic) -> None:
-        self._arithmetic, self._centre = arithmetic, mesh.centre
+    def __init__(self, mesh: LocalMesh) -> None:
+        self._centre = mesh.centre
         self._scene = EmbreeScene(robust=True)
         if len(mesh.faces):
             self._mesh = TriangleMesh(self._scene, mesh.vertices.astype(np.float32), mesh.faces)
@@ -46,7 +45,7 @@ class SingleScene:
         face: NDArray[np.int32],
     ) -> int:
         """Write the first face that each ray hits; as `PacketScene.first_faces`."""
-        rays = self._arithmetic.pack_rays(origins, directions, self._centre)
+        rays = pack_rays(origins, directions, self._centre)
         if len(rays.origins) < len(face):
             face[:] = -1
         if len(rays.origins):
@@ -55,7 +54,7 @@ class SingleScene:
 
     def any_hits(self, origins: FloatArray, targets: FloatArray, _coherent: bool, blocked: BoolArray) -> None:
         """Write whether a face lies between origins and targets; as `PacketScene.any_hits`."""
-        rays = self._arithmetic.pack_segments(origins, targets, self._centre, blocked)
+        rays = pack_segments(origins, targets, self._centre, blocked)
         if len(rays.origins):
             hit = self._scene.run(rays.origins, rays.directions, rays.reach, query="OCCLUDED")
             blocked[rays.which] = hit >= 0

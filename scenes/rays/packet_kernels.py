@@ -2,8 +2,8 @@
 """Compiled loops that hand packets of 4, 8 or 16 rays to Embree.
 
 Imported only when a ray caster is built, because numba takes a while to load. The loops hold no lock while
-they run and write into the arrays they are given. Which rays may reach Embree is said in numpy by `pack_rays`
-and `pack_segments` of `scenes.rays.ray_arithmetic`.
+they run and write into the arrays they are given. Rays reach Embree as by `pack_rays` and
+`pack_segments` of `scenes.rays.ray_kernels`.
 
 A packet of Embree 4.4 (rtcore_ray.h) is a table of 32-bit numbers with a column for each ray ("lane"). Its
 rows: origin x y z, tnear, direction x y z, time, tfar, mask, id, flags (RTCRay), normal x y z, u, v, primID,
@@ -24,12 +24,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.rays.ray_arithmetic import LARGEST
+from scenes.rays.ray_kernels import COMPILED
 
 _N_ROWS, _TFAR, _MASK, _PRIMITIVE, _GEOMETRY = 24, 8, 9, 17, 18  # 21 rows are Embree's, the rest to spare
 _VECTORS = types.Array(float64, 2, "C", readonly=True)
 _CENTRE = types.Array(float64, 1, "C", readonly=True)
-_COMPILED = {"nogil": True, "cache": True, "error_model": "numpy"}
+_LARGEST = float(np.finfo(np.float32).max)  # what exceeds it is not finite in Embree
 
 
 class PacketKernels(NamedTuple):
@@ -130,8 +130,8 @@ def _fill(
         x, y, z = starts[k] - c_x, starts[k + uint64(1)] - c_y, starts[k + uint64(2)] - c_z
         a, b, c = ways[k], ways[k + uint64(1)], ways[k + uint64(2)]
         length = math.sqrt(a * a + b * b + c * c)
-        finite = (abs(x) <= LARGEST) & (abs(y) <= LARGEST) & (abs(z) <= LARGEST)
-        finite &= (abs(a) <= LARGEST) & (abs(b) <= LARGEST) & (abs(c) <= LARGEST)
+        finite = (abs(x) <= _LARGEST) & (abs(y) <= _LARGEST) & (abs(z) <= _LARGEST)
+        finite &= (abs(a) <= _LARGEST) & (abs(b) <= _LARGEST) & (abs(c) <= _LARGEST)
         usable = finite & (length > 0)
         inverse = 1 / length
         packet[lane] = x
@@ -244,7 +244,7 @@ def _any_hits(
 def compile_for(width: int) -> PacketKernels:
     """Return the loops for packets of 4, 8 or 16 rays; knowing the width, the compiler makes them faster."""
 
-    @njit(int64(int64, int64, int64, _CENTRE, _VECTORS, _VECTORS, int64, int32[::1]), **_COMPILED)
+    @njit(int64(int64, int64, int64, _CENTRE, _VECTORS, _VECTORS, int64, int32[::1]), **COMPILED)
     def first_faces(
         intersect: int,
         scene: int,
@@ -260,7 +260,7 @@ def compile_for(width: int) -> PacketKernels:
         )
         return n_usable
 
-    @njit(void(int64, int64, int64, _CENTRE, _VECTORS, _VECTORS, boolean[::1]), **_COMPILED)
+    @njit(void(int64, int64, int64, _CENTRE, _VECTORS, _VECTORS, boolean[::1]), **COMPILED)
     def any_hits(
         occluded: int,
         scene: int,

@@ -1,28 +1,61 @@
 # SPDX-License-Identifier: MIT
-"""The compiled arithmetic of ray casting: `scenes.rays.ray_arithmetic` again, some twenty times as fast.
+"""What a ray caster computes in float64 before and after Embree, compiled.
 
 Imported only when a ray caster is built, because numba takes a while to load. The functions hold no lock
-while they run, and give what their namesakes give.
+while they run. Rays are rows of (n, 3) arrays; one origin of shape (1, 3) serves all directions.
 """
 
 from __future__ import annotations
 
-import math
+import logging
+from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, float32, float64, int32, int64, njit, types, uint8, uint64, void
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.rays.ray_arithmetic import LARGEST, LocalMesh, PackedRays
+from scenes.rays.local_mesh import LocalMesh
 
+_LARGEST = float(np.finfo(np.float32).max)  # what exceeds it is not finite in Embree
 _NOT_FINITE, _POINT, _USABLE = 0, 1, 2  # states of a ray
 _BLOCK = 64  # rays whose planes are met side by side, in vector registers
 _VECTORS = types.Array(float64, 2, "C", readonly=True)
 _NUMBERS = types.Array(float64, 1, "C", readonly=True)
 _FACES = types.Array(int32, 2, "C", readonly=True)
 _HIT_FACES = types.Array(int32, 1, "C", readonly=True)
-_COMPILED = {"nogil": True, "cache": True, "error_model": "numpy"}
+
+
+class PackedRays(NamedTuple):
+    """Rays that Embree may see: local, normalised, finite in float32, with a direction.
+
+    Attributes
+    ----------
+    origins, directions : (k, 3) float32
+        Relative to the mesh's centre; unit vectors.
+    reach : (k,) float32, or None
+        Where segments end, metres.
+    which : (k,) int64, or slice
+        Which of the given rays these are.
+    """
+
+    origins: NDArray[np.float32]
+    directions: NDArray[np.float32]
+    reach: NDArray[np.float32] | None
+    which: NDArray[np.int64] | slice
+
+
+def _can_store() -> bool:
+    """Say whether numba finds a folder for compiled code."""
+    try:
+        njit(cache=True)(_can_store)
+    except RuntimeError as error:
+        logging.getLogger(__name__).warning("numba compiles anew in each process: %s", error)
+        return False
+    return True
+
+
+COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy"}
 
 
 def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -> PackedRays:
@@ -33,7 +66,10 @@ def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -
 def pack_segments(
     origins: FloatArray, targets: FloatArray, centre: FloatArray, blocked: BoolArray
 ) -> PackedRays:
-    """Return the segments that need a ray; write to `blocked` (n,) the answer for the others."""
+    """Return the segments that need a ray; write to `blocked` (n,) the answer for the others.
+
+    A segment that is not finite is blocked, one without length is free.
+    """
     packed, state = _packed(len(blocked), origins, targets, centre, True)
     np.equal(state, _NOT_FINITE, out=blocked)
     return packed
@@ -48,8 +84,24 @@ def meet(
     weights: FloatArray,
     cosine: FloatArray,
 ) -> None:
-    """Write where rays meet the planes of the faces that they hit."""
-    _meet(mesh.vertices, mesh.faces, mesh.centre, origins, directions, face, ranges, weights, cosine)
+    """Write where rays meet the planes of the faces (n,) that they hit; face -1 is a miss.
+
+    The range is that of the plane, kept between the face's corners: a ray that grazes its face meets the
+    plane anywhere. Weights are those of the point at that range, kept inside the face.
+
+    Parameters
+    ----------
+    mesh : LocalMesh
+        The triangles.
+    origins, directions : (n, 3) or (1, 3), (n, 3) float
+        World coordinates, metres; directions of any length.
+    face : (n,) int32
+        From Embree.
+    ranges, weights, cosine : (n,), (n, 3), (n,) float
+        Written: metres, corner weights, |cosine of incidence|; inf, 0 and 0 for a miss.
+    """
+    with np.errstate(all="ignore"):  # where the compiler is switched off
+        _meet(mesh.vertices, mesh.faces, mesh.centre, origins, directions, face, ranges, weights, cosine)
 
 
 def _packed(
@@ -57,7 +109,8 @@ def _packed(
 ) -> tuple[PackedRays, NDArray[np.uint8]]:
     origins, directions = np.empty((len(starts), 3), np.float32), np.empty((n, 3), np.float32)
     reach, state = np.empty(n if is_segment else 0, np.float32), np.empty(n, np.uint8)
-    n_usable = _pack(centre, starts, ends, is_segment, origins, directions, reach, state)
+    with np.errstate(all="ignore"):  # where the compiler is switched off
+        n_usable = _pack(centre, starts, ends, is_segment, origins, directions, reach, state)
     origins = np.broadcast_to(origins, (n, 3))
     which = slice(None) if n_usable == n else np.flatnonzero(state == _USABLE)
     return PackedRays(origins[which], directions[which], reach[which] if is_segment else None, which), state
@@ -65,7 +118,7 @@ def _packed(
 
 @njit(
     int64(_NUMBERS, _VECTORS, _VECTORS, boolean, float32[:, ::1], float32[:, ::1], float32[::1], uint8[::1]),
-    **_COMPILED,
+    **COMPILED,
 )
 def _pack(
     centre: FloatArray,
@@ -86,10 +139,10 @@ def _pack(
         if is_segment:
             a, b, c = a - starts[o, 0], b - starts[o, 1], c - starts[o, 2]
         x, y, z = starts[o, 0] - centre[0], starts[o, 1] - centre[1], starts[o, 2] - centre[2]
-        length = math.sqrt(a * a + b * b + c * c)
+        length = np.sqrt(a * a + b * b + c * c)
         inverse = 1 / length
-        finite = (abs(x) <= LARGEST) & (abs(y) <= LARGEST) & (abs(z) <= LARGEST)
-        finite &= (abs(a) <= LARGEST) & (abs(b) <= LARGEST) & (abs(c) <= LARGEST)
+        finite = (abs(x) <= _LARGEST) & (abs(y) <= _LARGEST) & (abs(z) <= _LARGEST)
+        finite &= (abs(a) <= _LARGEST) & (abs(b) <= _LARGEST) & (abs(c) <= _LARGEST)
         usable = finite & (length > 0)
         origins[o, 0], origins[o, 1], origins[o, 2] = x, y, z
         directions[i, 0], directions[i, 1], directions[i, 2] = a * inverse, b * inverse, c * inverse
@@ -142,7 +195,7 @@ def _meet_planes(table: FloatArray, c_x: float, c_y: float, c_z: float) -> None:
         o_y = table[10 * _BLOCK + k] - c_y
         o_z = table[11 * _BLOCK + k] - c_z
         a, b, c = table[12 * _BLOCK + k], table[13 * _BLOCK + k], table[14 * _BLOCK + k]
-        length = math.sqrt(a * a + b * b + c * c)
+        length = np.sqrt(a * a + b * b + c * c)
         a, b, c = a / length, b / length, c / length
         x, y, z = table[k], table[_BLOCK + k], table[2 * _BLOCK + k]
         e_x, e_y, e_z = table[3 * _BLOCK + k] - x, table[4 * _BLOCK + k] - y, table[5 * _BLOCK + k] - z
@@ -167,7 +220,7 @@ def _meet_planes(table: FloatArray, c_x: float, c_y: float, c_z: float) -> None:
         whole = 1 / (u + v + w)
         table[k] = reached
         table[_BLOCK + k], table[2 * _BLOCK + k], table[3 * _BLOCK + k] = u * whole, v * whole, w * whole
-        table[4 * _BLOCK + k] = _clip(abs(slope) * math.sqrt(inverse), 0.0, 1.0)
+        table[4 * _BLOCK + k] = _clip(abs(slope) * np.sqrt(inverse), 0.0, 1.0)
 
 
 @njit(
@@ -182,7 +235,7 @@ def _meet_planes(table: FloatArray, c_x: float, c_y: float, c_z: float) -> None:
         float64[:, ::1],
         float64[::1],
     ),
-    **_COMPILED,
+    **COMPILED,
 )
 def _meet(
     vertices: FloatArray,

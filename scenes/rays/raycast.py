@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_vectors
-from scenes.rays import ray_arithmetic
-from scenes.rays.embree_single import SingleScene
-from scenes.rays.ray_arithmetic import LARGEST, Arithmetic, LocalMesh
+from scenes.rays.local_mesh import LocalMesh, local_mesh
 from scenes.run.blocks import in_blocks
 
 Backend = Literal["packets", "embreex"]
@@ -92,9 +90,9 @@ class RayCaster:
 
     Embree works in float32, so the mesh is moved to its own centre first, and ranges are recomputed in
     float64 from the plane of the face that was hit, within the face's extent along the ray. Rays go to
-    Embree in packets of 16 where its library and numba load, and one by one through embreex elsewhere
-    (the log says so); the hits are the same but for rays through an edge that two faces share, where
-    float32 may name either.
+    Embree in packets of 16 where its library loads and numba compiles, and one by one through embreex
+    elsewhere (the log says so); the hits are the same but for rays through an edge that two faces share,
+    where float32 may name either.
 
     A ray caster cannot be pickled: in another process build it anew, from arrays that may be memory-mapped.
 
@@ -138,9 +136,8 @@ class RayCaster:
         if n_threads is not None and n_threads < 1:
             raise InputError(f"n_threads must be at least 1, got {n_threads}")
         self._n_threads = n_threads or os.cpu_count() or 1
-        self._mesh = _local_mesh(points, indices)
-        self._arithmetic = load_arithmetic()
-        self._embree = _embree(self._mesh, self._arithmetic, backend)
+        self._mesh = local_mesh(points, indices)
+        self._embree = _embree(self._mesh, backend)
 
     @property
     def n_faces(self) -> int:
@@ -174,6 +171,8 @@ class RayCaster:
         InputError
             Wrong shapes.
         """
+        from scenes.rays.ray_kernels import meet  # numba: imported when first needed
+
         start, along, shape = _check_rays(origins, directions)
         n, columns = len(along), shape[1] if len(shape) == 2 else 0
         ranges, face = np.empty(n), np.empty(n, np.int32)
@@ -182,9 +181,7 @@ class RayCaster:
         def cast(rays: slice) -> int:
             begin, ways = start if len(start) == 1 else start[rays], along[rays]
             n_usable = self._embree.first_faces(begin, ways, columns, coherent or columns > 0, face[rays])
-            self._arithmetic.meet(
-                self._mesh, begin, ways, face[rays], ranges[rays], weights[rays], cosine[rays]
-            )
+            meet(self._mesh, begin, ways, face[rays], ranges[rays], weights[rays], cosine[rays])
             return len(ways) - n_usable
 
         band = max(_CHUNK // columns // 4, 1) * 4 * columns if columns else _CHUNK
@@ -238,28 +235,15 @@ class RayCaster:
         return sum(counts)
 
 
-def _local_mesh(points: FloatArray, faces: NDArray[np.int32]) -> LocalMesh:
-    """Return copies of what the faces use, moved to its own centre: a stray vertex must not move that."""
-    used = np.zeros(len(points), np.bool_)
-    used[faces.reshape(-1)] = True
-    if not used.all():
-        points, faces = points[used], (np.cumsum(used, dtype=np.int32) - 1)[faces]
-    centre = np.zeros(3)
-    if len(points):
-        low, high = points.min(axis=0), points.max(axis=0)
-        centre = low / 2 + high / 2
-        if np.abs(high - centre).max() > LARGEST:
-            raise InputError(f"the mesh spans {(high - low).max():g} m; Embree's float32 ends at {LARGEST:g}")
-    return LocalMesh(points - centre, faces.copy(), centre)
-
-
-def _embree(mesh: LocalMesh, arithmetic: Arithmetic, backend: Backend | None) -> EmbreeBackend:
+def _embree(mesh: LocalMesh, backend: Backend | None) -> EmbreeBackend:
     if backend not in (None, "packets", "embreex"):
         raise InputError(f"expected backend 'packets' or 'embreex', got {backend!r}")
+    from numba import config  # here and below: imported when first needed, numba and Embree load slowly
+
     if backend != "embreex":
         try:
-            if arithmetic is ray_arithmetic:
-                raise ImportError("numba does not serve")
+            if config.DISABLE_JIT:
+                raise ImportError("numba's compiler is switched off")
             from scenes.rays.embree_packets import PacketScene
 
             return PacketScene(mesh)
@@ -267,22 +251,9 @@ def _embree(mesh: LocalMesh, arithmetic: Arithmetic, backend: Backend | None) ->
             if backend == "packets":
                 raise InputError(f"backend 'packets' does not load here: {error}") from error
             _warn_once(f"no packets of rays ({error}): casting one by one through embreex")
-    return SingleScene(mesh, arithmetic)
+    from scenes.rays.embree_single import SingleScene
 
-
-@cache
-def load_arithmetic() -> Arithmetic:
-    """Return the compiled arithmetic; where numba does not load, or may not compile, that in numpy."""
-    try:
-        from numba import config
-
-        if config.DISABLE_JIT:
-            raise ImportError("its compiler is switched off")
-        from scenes.rays import ray_kernels
-    except (ImportError, RuntimeError) as error:  # numba raises the latter when it has nowhere to cache
-        _warn_once(f"numba does not serve ({error}): rays are prepared and met in numpy, which is slow")
-        return ray_arithmetic
-    return ray_kernels
+    return SingleScene(mesh)
 
 
 @cache

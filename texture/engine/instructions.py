@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Instructions that numba has no word for: sums of many lanes at once, and what threads tell each other.
-
-numba keeps compiled code by the date of the file of the outermost function: after a change here, change
-`texture/engine/kernels.py` too.
-"""
+"""Instructions that numba has no word for: sums of many lanes at once, and what threads tell each other."""
 
 from typing import Any
 

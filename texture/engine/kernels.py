@@ -8,13 +8,12 @@ Imported only when something is filled, because numba takes a while to load. The
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, njit, uint64
+from numba import int64, uint64
 from numpy.typing import NDArray
 
+from texture.engine.compiled import compiled
 from texture.engine.instructions import LANES, TERMS_PER_STEP, read_number, take_number
 from texture.engine.scan_kernels import N_BUCKETS, Findings, SampleArrays, Terms, find_candidates
-
-_COMPILED = {"nogil": True, "cache": True, "error_model": "numpy"}
 
 
 class CanvasArrays(NamedTuple):
@@ -29,7 +28,7 @@ class CanvasArrays(NamedTuple):
     column_reach: NDArray[np.int64]
 
 
-@njit(**_COMPILED)
+@compiled
 def fill_visits(
     sample: SampleArrays,
     canvas: CanvasArrays,
@@ -82,7 +81,7 @@ def fill_visits(
         n_waiting = n_left
 
 
-@njit(**_COMPILED)
+@compiled
 def _visit(
     sample: SampleArrays,
     canvas: CanvasArrays,
@@ -104,7 +103,7 @@ def _visit(
         _write(sample, canvas, row, column, found.centres[chosen], error)
 
 
-@njit(**_COMPILED)
+@compiled
 def _is_ready(
     canvas: CanvasArrays, pixel: int, turn: int, turns: NDArray[np.int64], done: NDArray[np.int64]
 ) -> bool:
@@ -117,7 +116,7 @@ def _is_ready(
     return True
 
 
-@njit(**_COMPILED)
+@compiled
 def make_terms(canvas: CanvasArrays) -> Terms:
     """Return room for the terms of a template, and a step more."""
     n_pixels, n_channels = canvas.row_reach.shape[1] ** 2, canvas.levels.shape[2]
@@ -133,7 +132,7 @@ def make_terms(canvas: CanvasArrays) -> Terms:
     )
 
 
-@njit(**_COMPILED)
+@compiled
 def make_findings(sample: SampleArrays) -> Findings:
     """Return room for all centres of a sample."""
     n = len(sample.blocks) * LANES
@@ -143,7 +142,7 @@ def make_findings(sample: SampleArrays) -> Findings:
     return Findings(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.float32), sums)
 
 
-@njit(**_COMPILED)
+@compiled
 def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) -> int:
     """Write the known pixels of the window and their colours; return how many."""
     window = canvas.row_reach.shape[1]
@@ -160,7 +159,7 @@ def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) ->
     return n_known
 
 
-@njit(**_COMPILED)
+@compiled
 def _list_guesses(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, guesses: NDArray[np.int64]
 ) -> int:
@@ -179,7 +178,7 @@ def _list_guesses(
     return n_guesses
 
 
-@njit(**_COMPILED)
+@compiled
 def _pick(word: np.uint64, n_choices: int) -> int:
     """Return word * n_choices / 2**64, as `texture.sampling.randomness.pick`."""
     n, half = uint64(n_choices), uint64(32)
@@ -187,7 +186,7 @@ def _pick(word: np.uint64, n_choices: int) -> int:
     return int((uint64(word >> half) * n + low) >> half)
 
 
-@njit(**_COMPILED)
+@compiled
 def _write(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, centre: int, error: float
 ) -> None:

@@ -3,16 +3,16 @@
 
 Single precision only drops positions whose distance, less the largest possible rounding error, exceeds 1.1
 times one that is attained; what survives is measured again in whole numbers. So the candidates and their
-distances are those of `texture.sampling.matching`. numba keeps compiled code by the date of the file of the
-outermost function: after a change here, change `texture/engine/kernels.py` too.
+distances are those of `texture.sampling.matching`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
 from numpy.typing import NDArray
 
+from texture.engine.compiled import compiled
 from texture.engine.instructions import LANES, TERMS_PER_STEP, add_step
 
 MISSING = np.float32(1e12)  # level where the sample has none: one difference exceeds every real distance
@@ -20,7 +20,6 @@ NO_BOUND = 1e20  # exceeds every distance within the sample, and no other
 EXACT_BELOW = 2.0**24  # single precision adds whole numbers exactly as long as the sum is smaller
 N_BUCKETS = 256  # terms of nearly the same expected size are not sorted further
 _ROUNDING = 2.0**-23  # largest relative error of one operation in single precision, twice
-_COMPILED = {"nogil": True, "cache": True, "error_model": "numpy"}
 
 
 class SampleArrays(NamedTuple):
@@ -59,7 +58,7 @@ class Findings(NamedTuple):
     sums: NDArray[np.float32]  # (LANES,)
 
 
-@njit(**_COMPILED)
+@compiled
 def find_candidates(
     sample: SampleArrays,
     terms: Terms,
@@ -84,7 +83,7 @@ def find_candidates(
     return _keep_near(found, n_found), largest
 
 
-@njit(**_COMPILED)
+@compiled
 def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) -> tuple[int, int]:
     """Write the terms of known pixels at most `reach` from the centre; return how many, and their weight."""
     window, n_channels = len(sample.weights), len(sample.means)
@@ -123,7 +122,7 @@ def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) ->
     return n_terms, total
 
 
-@njit(**_COMPILED)
+@compiled
 def _scan(
     sample: SampleArrays,
     terms: Terms,
@@ -178,7 +177,7 @@ def _scan(
     return int(n_near)
 
 
-@njit(**_COMPILED)
+@compiled
 def _measure(sample: SampleArrays, terms: Terms, n_terms: int, centre: int, bound: float) -> float:
     """Return the distance of one centre, or what it is when it exceeds the bound."""
     total = 0.0
@@ -190,7 +189,7 @@ def _measure(sample: SampleArrays, terms: Terms, n_terms: int, centre: int, boun
     return float(total) if sample.levels[centre] != MISSING else NO_BOUND
 
 
-@njit(**_COMPILED)
+@compiled
 def _measure_exactly(
     sample: SampleArrays, terms: Terms, n_terms: int, centre: int, estimate: np.float32
 ) -> int:
@@ -204,7 +203,7 @@ def _measure_exactly(
     return total
 
 
-@njit(**_COMPILED)
+@compiled
 def _keep_near(found: Findings, n_found: int) -> int:
     """Keep what is at most 1.1 times as far as the nearest; return how many."""
     nearest = found.distances[:n_found].min() if n_found else 0
@@ -216,7 +215,7 @@ def _keep_near(found: Findings, n_found: int) -> int:
     return n_near
 
 
-@njit(**_COMPILED)
+@compiled
 def _measure_all(sample: SampleArrays, terms: Terms, n_terms: int, found: Findings) -> int:
     """Write all centres and their distances, missing counterparts as differences of 255; return how many."""
     n_found = 0

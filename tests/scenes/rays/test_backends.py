@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Two ways to Embree, two ways to do the arithmetic: the same hits, and what holds when one does not load."""
+"""Two ways to Embree: the same hits, arithmetic as its oracle's, and what holds when one does not load."""
 
 import logging
 import multiprocessing
@@ -16,11 +16,12 @@ import trimesh
 from hypothesis import given, settings
 
 from scenes.checks import FloatArray, InputError, IntArray
-from scenes.rays import embree_packets, ray_arithmetic, ray_kernels, raycast
+from scenes.rays import embree_packets, ray_kernels, raycast
 from scenes.rays.embree_library import EmbreeError, check_device, load_library
 from scenes.rays.embree_packets import PacketScene
-from scenes.rays.ray_arithmetic import LocalMesh
+from scenes.rays.local_mesh import LocalMesh
 from scenes.rays.raycast import Backend, Hits, RayCaster
+from tests.helpers import ray_oracle
 from tests.helpers.strategies import law, seeds
 
 BACKENDS: tuple[Backend, Backend] = ("packets", "embreex")
@@ -144,13 +145,13 @@ def test_the_compiled_arithmetic_is_that_in_numpy_to_the_last_bit(seed: int) -> 
     origins, along = awkward_rays(rng, n)
     with np.errstate(all="ignore"):
         for start in (origins, rng.normal(size=(1, 3))):
-            ours, theirs = (m.pack_rays(start, along, centre) for m in (ray_kernels, ray_arithmetic))
+            ours, theirs = (m.pack_rays(start, along, centre) for m in (ray_kernels, ray_oracle))
             assert ours.reach is theirs.reach is None
             for name in ("origins", "directions"):
                 assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
             flags, others = np.zeros((2, n), np.bool_)
             ours = ray_kernels.pack_segments(start, along, centre, flags)
-            theirs = ray_arithmetic.pack_segments(start, along, centre, others)
+            theirs = ray_oracle.pack_segments(start, along, centre, others)
             assert (flags == others).all()
             for name in ("origins", "directions", "reach"):
                 assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
@@ -167,7 +168,7 @@ def test_planes_are_met_alike_whatever_the_face(seed: int) -> None:
     along[:40] = mesh.vertices[faces[face[:40], 1]] - mesh.vertices[faces[face[:40], 0]]  # in the plane, or 0
     along[(along == 0).all(axis=1)] = 1.0
     results = []
-    for module in (ray_kernels, ray_arithmetic):
+    for module in (ray_kernels, ray_oracle):
         out = np.full(300, 7.0), np.full((300, 3), 7.0), np.full(300, 7.0)
         module.meet(mesh, origins, along, face, *out)
         results.append(out)
@@ -289,18 +290,27 @@ def test_without_the_library_embreex_serves(
 
 
 HINDRANCES = {
-    "import of numba halted": "sys.modules['numba'] = None",
-    "its compiler is switched off": "os.environ['NUMBA_DISABLE_JIT'] = '1'",
-    "no locator available": "import numba.core.caching as c; c.CacheImpl._locator_classes = []",
+    "NUMBA_DISABLE_JIT": (
+        "os.environ['NUMBA_DISABLE_JIT'] = '1'",
+        "scenes.rays.raycast: no packets of rays (numba's compiler is switched off): "
+        "casting one by one through embreex",
+        "embreex",
+    ),
+    "nowhere to store": (
+        "import numba.core.caching as c; c.CacheImpl._locator_classes = []",
+        "scenes.rays.ray_kernels: numba compiles anew in each process: cannot cache function '_can_store': "
+        "no locator available",
+        "packets",
+    ),
 }
-WITHOUT_NUMBA = """
+HINDERED = """
 import logging, os, sys
 import numpy as np
 logging.basicConfig(stream=sys.stdout, format="%(name)s: %(message)s")
 from scenes.rays.raycast import RayCaster
 rng = np.random.default_rng(0)
 vertices, along = rng.normal(size=(300, 3)), rng.normal(size=(2000, 3))
-along[5] = np.nan
+along[5], along[6] = np.nan, 0
 caster = RayCaster(vertices, np.arange(300).reshape(-1, 3))
 hits = caster.first_hit(np.zeros((1, 3)), along.reshape(40, 50, 3))
 print(caster.backend, hits.n_not_finite, hits.ranges.shape, caster.blocked(np.zeros((1, 3)), along).sum())
@@ -308,20 +318,20 @@ np.save(sys.argv[1], hits.ranges)
 """
 
 
-@pytest.mark.parametrize("reason", HINDRANCES)
-def test_without_numba_numpy_and_embreex_serve(tmp_path: Path, reason: str) -> None:
+@pytest.mark.parametrize("name", HINDRANCES)
+def test_a_hindered_compiler_changes_no_range(tmp_path: Path, name: str) -> None:
+    hindrance, warning, backend = HINDRANCES[name]
     file = tmp_path / "ranges.npy"
-    script = f"import os, sys; {HINDRANCES[reason]}\n{WITHOUT_NUMBA}"
+    script = f"import os, sys; {hindrance}\n{HINDERED}"
     run = subprocess.run([sys.executable, "-c", script, file], capture_output=True, text=True, check=True)
-    numba, packets, result = run.stdout.splitlines()
-    assert numba.startswith("scenes.rays.raycast: numba does not serve (")
-    assert reason in numba
-    assert packets.startswith("scenes.rays.raycast: no packets of rays (numba does not serve)")
+    said, result = run.stdout.splitlines()
+    assert said.startswith(warning)
+    assert not run.stderr
     rng = np.random.default_rng(0)
     vertices, along = rng.normal(size=(300, 3)), rng.normal(size=(2000, 3))
-    along[5] = np.nan
-    caster = RayCaster(vertices, np.arange(300).reshape(-1, 3), backend="embreex")
-    assert result == f"embreex 1 (40, 50) {caster.blocked(np.zeros((1, 3)), along).sum()}"
+    along[5], along[6] = np.nan, 0
+    caster = RayCaster(vertices, np.arange(300).reshape(-1, 3), backend=backend)
+    assert result == f"{backend} 2 (40, 50) {caster.blocked(np.zeros((1, 3)), along).sum()}"
     expected = caster.first_hit(np.zeros((1, 3)), along.reshape(40, 50, 3)).ranges
     assert np.load(file).tobytes() == expected.tobytes()
 

@@ -1,82 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""What a ray caster computes in float64 before and after Embree, in numpy: readable, and there without numba.
+"""The oracle of `scenes.rays.ray_kernels`, in numpy: what ray casting computes before and after Embree.
 
-`scenes.rays.ray_kernels` is the same compiled; functions of one name have one meaning and the same results.
-Rays are rows of (n, 3) arrays; one origin of shape (1, 3) serves all directions.
+Functions of one name have one meaning and the same results, to the last bit. Rays are rows of (n, 3) arrays;
+one origin of shape (1, 3) serves all directions.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
+from scenes.rays.local_mesh import LocalMesh
+from scenes.rays.ray_kernels import PackedRays
 
-LARGEST = float(np.finfo(np.float32).max)  # Embree works in float32: what exceeds this is not finite there
-
-
-class LocalMesh(NamedTuple):
-    """Triangles round their own centre.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float
-        Metres from `centre`.
-    faces : (m, 3) int32
-        Vertex indices.
-    centre : (3,) float
-        World coordinates, metres.
-    """
-
-    vertices: FloatArray
-    faces: NDArray[np.int32]
-    centre: FloatArray
-
-
-class PackedRays(NamedTuple):
-    """Rays that Embree may see: local, normalised, finite in float32, with a direction.
-
-    Attributes
-    ----------
-    origins, directions : (k, 3) float32
-        Relative to the mesh's centre; unit vectors.
-    reach : (k,) float32, or None
-        Where segments end, metres.
-    which : (k,) int64, or slice
-        Which of the given rays these are.
-    """
-
-    origins: NDArray[np.float32]
-    directions: NDArray[np.float32]
-    reach: NDArray[np.float32] | None
-    which: NDArray[np.int64] | slice
-
-
-class Arithmetic(Protocol):
-    """What `scenes.rays.ray_arithmetic` and `scenes.rays.ray_kernels` both offer."""
-
-    def pack_rays(self, origins: FloatArray, directions: FloatArray, centre: FloatArray, /) -> PackedRays:
-        """Return the usable rays."""
-
-    def pack_segments(
-        self, origins: FloatArray, targets: FloatArray, centre: FloatArray, blocked: BoolArray, /
-    ) -> PackedRays:
-        """Return the segments that need a ray; write the answer for the others."""
-
-    def meet(
-        self,
-        mesh: LocalMesh,
-        origins: FloatArray,
-        directions: FloatArray,
-        face: NDArray[np.int32],
-        ranges: FloatArray,
-        weights: FloatArray,
-        cosine: FloatArray,
-        /,
-    ) -> None:
-        """Write where rays meet the planes of their faces."""
+LARGEST = float(np.finfo(np.float32).max)
 
 
 def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -> PackedRays:

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""Compiled functions: stored code is read again, and made anew when a part of it changes."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("scenes", "texture", "completion", "nbv")
+IMPORT = "from texture.engine.compiled import compiled\n"
+FILES = {
+    "lowest.py": f"{IMPORT}\n\n@compiled\ndef third(x):\n    return 3 * x\n",
+    "sizes.py": "STEP = 10\n",
+    "callee.py": (
+        f"{IMPORT}from lowest import third\n\n\n@compiled\ndef double(x):\n    return 2 * x + third(x)\n"
+    ),
+    "caller.py": (
+        f"{IMPORT}from callee import double\nfrom sizes import STEP\n\n\n"
+        "@compiled\ndef outer(x):\n    return inner(x)\n\n\n"
+        "@compiled\ndef inner(x):\n    return double(x) + STEP\n\n\n"
+        "print(outer(1), sum(outer.stats.cache_hits.values()))\n"
+    ),
+}
+
+
+def run(folder):
+    """What `outer(1)` is in a fresh process, and how many stored compilations were read for it."""
+    command = [sys.executable, "caller.py"]
+    done = subprocess.run(
+        command, cwd=folder, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True
+    )
+    return tuple(int(word) for word in done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "result"),
+    [
+        ("callee.py", "2 * x", "5 * x", 18),
+        ("lowest.py", "3 * x", "9 * x", 21),
+        ("sizes.py", "STEP = 10", "STEP = 20", 25),
+    ],
+)
+def test_an_edit_anywhere_below_compiles_anew(tmp_path, name, old, new, result):
+    for file, text in FILES.items():
+        (tmp_path / file).write_text(text)
+    assert run(tmp_path) == (15, 0)
+    assert run(tmp_path) == (15, 1)
+    (tmp_path / name).write_text(FILES[name].replace(old, new))
+    assert run(tmp_path) == (result, 0)
+    assert run(tmp_path) == (result, 1)
+
+
+def test_without_a_folder_to_store_in_it_is_compiled_all_the_same(tmp_path):
+    for file, text in FILES.items():
+        (tmp_path / file).write_text(text)
+    nowhere = "import numba.core.caching as c\nc.CacheImpl._locator_classes = []\n"
+    (tmp_path / "caller.py").write_text(nowhere + FILES["caller.py"])
+    assert run(tmp_path) == (15, 0)
+    assert not list(tmp_path.glob("__pycache__/*.nbi"))
+
+
+def borrowed_names(path):
+    """Names from our other files in functions that numba stores by their own file alone."""
+    tree = ast.parse(path.read_text())
+    imported = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in PACKAGES
+        for alias in node.names
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and any("njit" in ast.unparse(d) for d in node.decorator_list):
+            names = {part.id for line in node.body for part in ast.walk(line) if isinstance(part, ast.Name)}
+            yield from ((path.name, node.name, name) for name in sorted(names & imported))
+
+
+def test_functions_stored_by_their_own_file_use_nothing_of_others():
+    files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    assert [name for path in files for name in borrowed_names(path)] == []
