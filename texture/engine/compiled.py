@@ -16,7 +16,8 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numba import njit
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
