@@ -142,7 +142,7 @@ def quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
 @compiled
 def _flood(
     model: FloatArray,
-    seed: NDArray[np.int64],
+    seed: tuple[int, int],
     free: BoolArray,
     count: FloatArray,
     matrix: FloatArray,
