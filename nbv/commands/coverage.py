@@ -17,7 +17,7 @@ from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_requ
 from nbv.coverage.coverage import STATES, Coverage
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.coverage.unreachable import unreachable_patches
-from nbv.coverage.visibility_history import VisibilityHistory, visibility_history
+from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.page.page import percent
@@ -125,7 +125,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
 
 
 def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
-    """Measure by views or by scans; both are walked twice, the second time one after the other."""
+    """Measure by views or by scans."""
     threads = run.shared.threads
     requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
     caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
@@ -137,8 +137,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
             world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
-        seen = visibility_history(caster, samples, requirement, views)
-        return _Measured(coverage, views, seen, sensor, [])
+        return _Measured(coverage, views, _history(coverage), sensor, [])
     scans = read_request(request.scans)
     run.warn(doubts_of(scans))
     sensor = load_sensor(request.sensor)
@@ -147,8 +146,14 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         world, scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
-    seen = visibility_history(caster, samples, requirement, scans)
-    return _Measured(coverage, scans, seen, sensor, instruments_of(scans))
+    return _Measured(coverage, scans, _history(coverage), sensor, instruments_of(scans))
+
+
+def _history(coverage: Coverage) -> VisibilityHistory:
+    """Return what each station saw, which a coverage that was just measured holds."""
+    if coverage.history is None:
+        raise TypeError("this coverage does not tell which station saw what")
+    return coverage.history
 
 
 def _views(file: str, sensor: str) -> Sequence[View]:

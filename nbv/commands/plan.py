@@ -168,17 +168,8 @@ def baselines_of(
     """Return the plan and simple planners beside it; nothing for a plan without views."""
     if plan.candidates is None or not plan.views:
         return ()
-    return compare_with_baselines(
-        scene.ray_caster(shared.threads),
-        coverage_of(plan).samples,
-        candidates=plan.candidates,
-        sensor=plan.sensor,
-        requirement=plan.requirement,
-        views=plan.views,
-        scans=scans,
-        rng=shared.seed,
-        n_threads=shared.threads,
-    )
+    caster = scene.ray_caster(shared.threads)
+    return compare_with_baselines(caster, plan, scans=scans, rng=shared.seed, n_threads=shared.threads)
 
 
 def coverage_of(plan: Plan) -> Coverage:

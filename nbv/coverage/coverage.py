@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import INFERRED, MODELLED
+from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
@@ -129,6 +130,8 @@ class Coverage:
         Faces of the mesh.
     classes : (n,) int8, optional
         Where completion stands in for views: index into `nbv.coverage.surface_classes.CLASSES`.
+    history : VisibilityHistory, optional
+        Which view saw which sample, as measuring found it.
     """
 
     samples: SurfaceSamples
@@ -140,6 +143,7 @@ class Coverage:
     surface_names: tuple[str, ...]
     n_faces: int
     classes: NDArray[np.int8] | None = None
+    history: VisibilityHistory | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.coverage.visibility_history import NEVER, VisibilityHistory
 from nbv.scanning.effects.effects import Effects
 from nbv.scanning.effects.noise_models import ConstantNoise
 from nbv.scanning.sensors.sensor import Sensor
@@ -31,7 +32,25 @@ _STEEPEST = 10.0  # tangent of incidence up to which the slope of a pixel is all
 
 @dataclass(slots=True, eq=False)
 class CoverageTally:
-    """Running coverage while views are added one by one; every view only ever adds."""
+    """Running coverage while views are added one by one; every view only ever adds.
+
+    What each view sees is cast once and kept: `history` tells it.
+
+    Attributes
+    ----------
+    caster : RayCaster
+        The true scene.
+    samples : SurfaceSamples
+        Where coverage is measured, n of them.
+    requirement : Requirement
+        What counts as met.
+    best_cosine : (n,) float
+        Best cosine of incidence so far.
+    n_views, n_met : (n,) int32
+        How many views see each sample, and how many measure it as required.
+    first_met : (n,) int64
+        Number of the view after which a sample meets the requirement, `NEVER` so far.
+    """
 
     caster: RayCaster
     samples: SurfaceSamples
@@ -39,45 +58,50 @@ class CoverageTally:
     best_cosine: FloatArray
     n_views: NDArray[np.int32]
     n_met: NDArray[np.int32]
+    first_met: NDArray[np.int64]
+    _seen: list[tuple[int, NDArray[np.int64], FloatArray]] = field(default_factory=list)
+    _shares: list[float] = field(default_factory=lambda: [0.0])
 
     @classmethod
     def start(cls, caster: RayCaster, samples: SurfaceSamples, requirement: Requirement) -> CoverageTally:
         """Return the tally before the first view."""
         n = len(samples)
-        counts = np.zeros(n, np.int32), np.zeros(n, np.int32)
+        counts = np.zeros(n, np.int32), np.zeros(n, np.int32), np.full(n, NEVER, np.int64)
         return cls(caster, samples, requirement, np.zeros(n), *counts)
 
     def add(self, view: View) -> float:
         """Add a view; return the area in square metres that is newly met."""
         before = self.met
-        self.see(view)
+        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
+        self._shares.append(0.0)
+        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
         return float(self.samples.areas[self.met & ~before].sum())
 
-    def see(self, view: View) -> tuple[NDArray[np.int64], FloatArray]:
-        """Add a view; return the samples that it sees, and their cosines of incidence."""
-        seen = visible_from_view(self.caster, view, self.samples, self.requirement.visibility(view.sensor))
-        self._add_seen(*seen, view.world_from_sensor.translation, self.requirement.limits(view.sensor))
-        return seen
+    def add_scan(self, scan: RangeImage, *, is_given: bool = False) -> int:
+        """Add what a scan has measured; return how many samples that is, at any incidence.
 
-    def add_scan(self, scan: RangeImage) -> int:
-        """Add what a scan has measured; return how many samples that is, at any incidence."""
-        return len(self.see_scan(scan)[0])
-
-    def see_scan(self, scan: RangeImage) -> tuple[NDArray[np.int64], FloatArray]:
-        """Add what a scan has measured; of the requirement's range limits only its own holds.
-
-        Returns
-        -------
-        index, cosine : (m,) int64, (m,) float
-            The samples that it has measured, at any incidence, and its cosine.
+        Of the requirement's range limits only its own holds for scans. One that `is_given` was taken before
+        the first view, and counts as number 0.
         """
         farthest = self.requirement.max_range_m or np.inf
         noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
         gate = (0.0, farthest)
         limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
         index, cosine = measured_samples(scan, self.samples, farthest)
+        if not is_given:
+            self._shares.append(0.0)
         self._add_seen(index, cosine, scan.origin, limits)
-        return index, cosine
+        return len(index)
+
+    def add_all(self, stations: Sequence[View | RangeImage], progress: Progress | None = None) -> None:
+        """Add views, whose sight is cast, or scans, which have measured what they have."""
+        for done, station in enumerate(stations, start=1):
+            if isinstance(station, RangeImage):
+                self.add_scan(station)
+            else:
+                self.add(station)
+            if progress is not None:
+                progress("coverage", done, len(stations))
 
     def _add_seen(
         self, index: NDArray[np.int64], cosine: FloatArray, origin: FloatArray, limits: SightLimits
@@ -87,6 +111,10 @@ class CoverageTally:
         self.n_views[index] += 1
         distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
         self.n_met[index[limits.hold(distance, cosine)]] += 1
+        number, met = len(self._shares) - 1, self.met
+        self._seen.append((number, index, cosine))
+        self.first_met[met & (self.first_met == NEVER)] = number
+        self._shares[number] = self.met_m2() / self.samples.total_m2
 
     @property
     def met(self) -> BoolArray:
@@ -97,13 +125,17 @@ class CoverageTally:
         """Area in square metres that meets the requirement."""
         return float(self.samples.areas[self.met].sum())
 
+    def history(self) -> VisibilityHistory:
+        """Return what each view saw, by sample."""
+        return VisibilityHistory.of(self._seen, self.first_met, self._shares)
+
     def coverage(self, scene: Scene, reachability: Reachability) -> Coverage:
         """Return the coverage so far."""
         possible = reachability.including(self.met)
         state = np.where(self.met, MET, np.where(possible.reachable, REACHABLE, UNREACHABLE)).astype(np.int8)
         names, n_faces = scene.surface_names, len(scene.mesh.faces)
         parts = (self.best_cosine, self.n_views, state, possible.reason)
-        return Coverage(self.samples, self.requirement, *parts, names, n_faces)
+        return Coverage(self.samples, self.requirement, *parts, names, n_faces, history=self.history())
 
 
 def measure_coverage(
@@ -160,10 +192,7 @@ def measure_coverage(
     samples = samples or sample_surface(scene.mesh)
     candidates = candidates or scene_candidates(scene, standing)
     tally = CoverageTally.start(caster, samples, requirement)
-    for done, view in enumerate(views, start=1):
-        tally.add(view)
-        if progress is not None:
-            progress("coverage", done, len(views))
+    tally.add_all(views, progress)
     reachability = find_reachable(
         caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
     )
@@ -210,14 +239,40 @@ def measure_scan_coverage(
     samples = samples or sample_surface(scene.mesh)
     candidates = candidates or scene_candidates(scene, standing)
     tally = CoverageTally.start(caster, samples, requirement)
-    for done, scan in enumerate(scans, start=1):
-        tally.add_scan(scan)
-        if progress is not None:
-            progress("coverage", done, len(scans))
+    tally.add_all(scans, progress)
     reachability = find_reachable(
         caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
     )
     return tally.coverage(scene, reachability)
+
+
+def visibility_history(
+    caster: RayCaster,
+    samples: SurfaceSamples,
+    requirement: Requirement,
+    stations: Sequence[View | RangeImage],
+    given: Sequence[RangeImage] = (),
+) -> VisibilityHistory:
+    """Walk through views or scans and note what each sees.
+
+    Parameters
+    ----------
+    caster : RayCaster
+        The scene.
+    samples : SurfaceSamples
+        Of its surface.
+    requirement : Requirement
+        What counts as met.
+    stations : sequence of View or RangeImage
+        Views, whose sight is cast, or scans, which have measured what they have.
+    given : sequence of RangeImage
+        Scans that were taken before; together they are number 0.
+    """
+    tally = CoverageTally.start(caster, samples, requirement)
+    for scan in given:
+        tally.add_scan(scan, is_given=True)
+    tally.add_all(stations)
+    return tally.history()
 
 
 def measured_samples(

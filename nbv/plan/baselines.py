@@ -9,17 +9,18 @@ requirement on most new area. The last two know the scene. All are measured on t
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.view_evaluation import Accumulator
+from nbv.plan.plan import Plan
 from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.view import View
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates
@@ -64,13 +65,13 @@ class Baseline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Instance:
-    """A planning instance with the visibility of its samples: what all baselines choose from.
+class BaselineChoice:
+    """What all baselines choose from: candidates, and what each position sees of the samples.
 
     Attributes
     ----------
     candidates, sensor, requirement, samples
-        The instance; samples are thinned to about 4,000.
+        The plan's; samples are thinned to about 4,000.
     before : CoverageTally
         What scans have measured that were taken before.
     visible : (n_positions, n_samples) csr
@@ -112,11 +113,7 @@ class Instance:
 
 def compare_with_baselines(
     caster: RayCaster,
-    samples: SurfaceSamples,
-    candidates: Candidates,
-    sensor: Sensor,
-    requirement: Requirement,
-    views: tuple[View, ...],
+    plan: Plan,
     *,
     scans: Sequence[RangeImage] = (),
     rng: np.random.Generator | int | None = None,
@@ -128,14 +125,9 @@ def compare_with_baselines(
     ----------
     caster : RayCaster
         The true scene.
-    samples : SurfaceSamples
-        Where coverage is measured; every k-th of them, so that about 4,000 remain.
-    candidates : Candidates
-        What all choose from.
-    sensor, requirement : Sensor, Requirement
-        What scans, and what counts.
-    views : tuple of View
-        The plan.
+    plan : Plan
+        A fresh one, with its full coverage: the baselines choose from its candidates, for its sensor and
+        requirement, and are measured on every k-th of its samples, so that about 4,000 remain.
     scans : sequence of RangeImage
         Scans that were taken before; all planners begin with what they have measured.
     rng : Generator, int or None
@@ -151,69 +143,52 @@ def compare_with_baselines(
     Raises
     ------
     InputError
-        A plan without views.
+        A plan without views, or one that was read from a file.
     """
-    if not views:
+    candidates, coverage, rng = plan.candidates, plan.coverage, np.random.default_rng(rng)
+    if not plan.views:
         raise InputError("a plan without views cannot be compared with anything")
-    rng = np.random.default_rng(rng)
-    n, views = min(len(views), _MOST_VIEWS), views[:_MOST_VIEWS]
-    samples = thinned(samples, _MOST_SAMPLES)
-    limits = requirement.visibility(sensor)
+    if candidates is None or not isinstance(coverage, Coverage) or coverage.history is None:
+        raise InputError("a plan that was read from a file does not tell its candidates; plan anew")
+    n = min(len(plan.views), _MOST_VIEWS)
+    samples, taken = thinned(coverage.samples, _MOST_SAMPLES), every_kth(coverage.samples, _MOST_SAMPLES)
+    limits = plan.requirement.visibility(plan.sensor)
     visible = visible_from_positions(caster, candidates.positions, samples, limits, n_threads=n_threads)
-    before, tally = (_tally_of(caster, samples, requirement, scans) for _ in range(2))
-    instance, mine = (
-        Instance(
-            candidates=candidates,
-            sensor=sensor,
-            requirement=requirement,
-            samples=samples,
-            before=before,
-            visible=visible,
-        ),
-        [],
-    )
-    for view in views:
-        tally.add(view)
-        mine.append(tally.met_m2() / samples.total_m2)
+    before = CoverageTally.start(caster, samples, plan.requirement)
+    for scan in scans:
+        before.add_scan(scan, is_given=True)
+    choice = BaselineChoice(candidates, plan.sensor, plan.requirement, samples, before, visible)
+    first_met = coverage.history.first_met[taken]
+    mine = [float(samples.areas[first_met <= number].sum()) / samples.total_m2 for number in range(1, n + 1)]
     random = [rng.integers(candidates.n_poses, size=n).tolist() for _ in range(_N_RUNS)]
     spread = [farthest_poses(candidates, run[0], n) for run in random]
     runs = (
         ("random", False, random),
         ("farthest-point", False, spread),
-        ("visibility-only greedy", True, [greedy_poses(instance, GRAZING_COSINE, n)]),
-        ("greedy", True, [greedy_poses(instance, requirement.min_cosine, n)]),
+        ("visibility-only greedy", True, [greedy_poses(choice, GRAZING_COSINE, n)]),
+        ("greedy", True, [greedy_poses(choice, plan.requirement.min_cosine, n)]),
     )
     return (
         Baseline(PLAN, False, np.array([mine])),
         *(
-            Baseline(name, knows, np.array([instance.met_by(run) for run in poses]))
+            Baseline(name, knows, np.array([choice.met_by(run) for run in poses]))
             for name, knows, poses in runs
         ),
     )
 
 
-def _tally_of(
-    caster: RayCaster, samples: SurfaceSamples, requirement: Requirement, scans: Sequence[RangeImage]
-) -> CoverageTally:
-    """Return what scans have measured."""
-    tally = CoverageTally.start(caster, samples, requirement)
-    for scan in scans:
-        tally.add_scan(scan)
-    return tally
-
-
-def greedy_poses(instance: Instance, min_cosine: float, n: int) -> list[int]:
+def greedy_poses(choice: BaselineChoice, min_cosine: float, n: int) -> list[int]:
     """Numbers of `n` poses, each of which sees most new area at `min_cosine` or better.
 
     When nothing new is left to see, all counts as new again.
     """
-    areas = instance.samples.areas
-    rows = [instance.row(i) for i in range(instance.candidates.n_positions)]
+    areas = choice.samples.areas
+    rows = [choice.row(i) for i in range(choice.candidates.n_positions)]
     good = [index[cosine >= min_cosine - 1e-12] for index, cosine in rows]
-    points = instance.samples.points
-    offsets = [points[index] - instance.candidates.positions[i] for i, index in enumerate(good)]
-    accumulator = Accumulator.of(offsets, instance.candidates, instance.sensor)
-    worth = np.where(instance.before.best_cosine >= min_cosine - 1e-12, 0.0, areas)
+    points = choice.samples.points
+    offsets = [points[index] - choice.candidates.positions[i] for i, index in enumerate(good)]
+    accumulator = Accumulator.of(offsets, choice.candidates, choice.sensor)
+    worth = np.where(choice.before.best_cosine >= min_cosine - 1e-12, 0.0, areas)
     left, chosen = worth.copy(), list[int]()
     while len(chosen) < n:
         number = accumulator.best([left[index] for index in good])
@@ -222,7 +197,7 @@ def greedy_poses(instance: Instance, min_cosine: float, n: int) -> list[int]:
         if number is None:
             left = worth.copy()
             continue
-        index, cosine = instance.seen(number)
+        index, cosine = choice.seen(number)
         left[index[cosine >= min_cosine - 1e-12]] = 0.0
         chosen.append(number)
     return chosen
@@ -248,17 +223,13 @@ def farthest_poses(candidates: Candidates, start: int, n: int) -> list[int]:
     return chosen
 
 
+def every_kth(samples: SurfaceSamples, n_most: int) -> slice:
+    """Return which samples remain where at most `n_most` may: every k-th, from the middle of the first k."""
+    k = -(-len(samples) // n_most)
+    return slice(k // 2 if k > 1 else 0, None, k)
+
+
 def thinned(samples: SurfaceSamples, n_most: int) -> SurfaceSamples:
     """Return every k-th sample, each standing for k times its area, so that at most `n_most` remain."""
-    k = -(-len(samples) // n_most)
-    taken = slice(k // 2 if k > 1 else 0, None, k)
-    areas = samples.areas[taken]
-    return SurfaceSamples(
-        points=samples.points[taken],
-        normals=samples.normals[taken],
-        areas=areas * (samples.total_m2 / areas.sum()),
-        face=samples.face[taken],
-        surface=samples.surface[taken],
-        tolerance_m=samples.tolerance_m,
-        in_morton_order=samples.in_morton_order,
-    )
+    few = samples.some(every_kth(samples, n_most))
+    return replace(few, areas=few.areas * (samples.total_m2 / few.areas.sum()))

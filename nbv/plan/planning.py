@@ -34,6 +34,7 @@ from scenes.world.scene import Scene
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _PATCH_TOLERANCE_M = 0.01
+_INCIDENCE_DEG = 60.0  # that counts as measured where nothing else is said
 _ROUNDING_M = 1e-6  # a surface may lie on the region's faces
 _MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
 
@@ -43,7 +44,7 @@ def plan_views(
     sensor: Sensor | None = None,
     *,
     method: Method = "nbv",
-    max_incidence_deg: float = 60.0,
+    max_incidence_deg: float = _INCIDENCE_DEG,
     max_range_m: float | None = None,
     requirement: Requirement | None = None,
     target: float = 0.99,
@@ -82,8 +83,8 @@ def plan_views(
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, range in metres.
     requirement : Requirement, optional
-        What counts as measured, in full; it replaces these two. The explorer of "nbv" looks for its
-        incidence and range; coverage is measured by all of it.
+        What counts as measured, in full; the two above must not say otherwise. The explorer of "nbv" looks
+        for its incidence; coverage is measured by all of it.
     target : float
         Fraction of the reachable area to measure as required.
     views : int, optional
@@ -112,7 +113,7 @@ def plan_views(
         and "nbv" knows what they saw. They are not views of the plan.
     zones : Zones
         Only surface in the region counts, and no station lies in, and no tour leads through, what is to be
-        kept out of.
+        kept out of. Those of the `options` when not given.
     remote : RemoteVisibility, optional
         For planners that know the scene: workers that cast for them. The plan does not depend on them.
     journal : Journal
@@ -127,7 +128,8 @@ def plan_views(
     Raises
     ------
     InputError
-        Another method or mode, a target outside 0..1, nowhere to stand, patches that do not lie on the scene,
+        Another method or mode, a target outside 0..1, a requirement or options that contradict what is given
+        beside them, nowhere to stand, patches that do not lie on the scene,
         scans that measure nothing of it, a region without surface, no candidate that need not keep out.
     """
     if method not in get_args(Method):
@@ -147,13 +149,15 @@ def plan_views(
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
+    options = options or PlannerOptions()
+    zones = _one_zones(zones, options.zones)
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
     proposals = candidates
     if candidates is None:
         candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
         if (mode or scene.mode) == "room":
             proposals = Candidates(scene_lattice(scene), candidates.directions)
-    requirement = requirement or Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
+    requirement = _one_requirement(requirement, max_incidence_deg, max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
     requirement.limits(sensor)  # raises before anything is cast
@@ -184,7 +188,35 @@ def plan_views(
         return plan_offline(problem, views, budgets or CoverOptions(), rng)
     if method in BASELINES:
         return plan_simply(problem, method, views, rng)
-    return plan_online(problem, views, noise, options or PlannerOptions(), rng)
+    return plan_online(problem, views, noise, options, rng)
+
+
+def _one_requirement(
+    requirement: Requirement | None, max_incidence_deg: float, max_range_m: float | None
+) -> Requirement:
+    """Return what counts as measured, refusing a requirement and single values that contradict it."""
+    if requirement is None:
+        return Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
+    if max_incidence_deg not in (_INCIDENCE_DEG, requirement.max_incidence_deg):
+        raise InputError(
+            f"max_incidence_deg = {max_incidence_deg:g} contradicts the requirement's "
+            f"{requirement.max_incidence_deg:g} deg; give one of the two"
+        )
+    if max_range_m not in (None, requirement.max_range_m):
+        raise InputError(
+            f"max_range_m = {max_range_m:g} contradicts the requirement's max_range_m = "
+            f"{requirement.max_range_m}; give one of the two"
+        )
+    return requirement
+
+
+def _one_zones(zones: Zones, of_options: Zones) -> Zones:
+    """Return the zones, which may stand in the planner's options instead."""
+    if of_options is EVERYWHERE or of_options is zones:
+        return zones
+    if zones is not EVERYWHERE:
+        raise InputError("zones are given twice, as zones and in options.zones; give one of the two")
+    return of_options
 
 
 def _samples(scene: Scene, method: Method) -> SurfaceSamples:

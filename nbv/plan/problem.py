@@ -87,7 +87,7 @@ class PlanningRun:
         """
         tally = CoverageTally.start(problem.caster, problem.samples, problem.requirement)
         for scan in problem.scans:
-            if not tally.add_scan(scan):
+            if not tally.add_scan(scan, is_given=True):
                 n_returns = int(scan.valid.sum())
                 raise InputError(
                     f"{scan.name} ({n_returns} returns) measures none of {len(problem.samples)} places of "

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
-from nbv.coverage.visibility_history import VisibilityHistory, visibility_history
+from nbv.coverage.measurement import visibility_history
+from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.baseline_blocks import baselines_section
@@ -120,8 +121,9 @@ def _plan_view(
     scans: Sequence[RangeImage],
 ) -> Block:
     """The 3-D view of a plan."""
-    caster = scene.ray_caster(n_threads)
-    seen = visibility_history(caster, coverage.samples, plan.requirement, plan.views, scans)
+    seen = coverage.history or visibility_history(
+        scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views, scans
+    )
     projection, before = plan.sensor.projection, plan.resumed_from.poses if plan.resumed_from else ()
     given = [scan.projection for scan in scans] or [projection] * len(before)
     poses = [view.world_from_sensor for view in plan.views]

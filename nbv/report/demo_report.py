@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.pipeline import Completion
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
 from nbv.report.blocks.state_pictures import state_pictures
@@ -72,7 +72,9 @@ def demo_page(
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
     poses = [view.world_from_sensor for view in plan.views]
-    seen = visibility_history(scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views)
+    seen = coverage.history or visibility_history(
+        scene.ray_caster(n_threads), coverage.samples, plan.requirement, plan.views
+    )
     markers = view_markers(poses, [plan.sensor.projection] * len(poses), colours_of_views(len(poses), chosen))
     return Page(
         title="A room with two occluders",

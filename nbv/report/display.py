@@ -13,8 +13,7 @@ from typing import Any
 
 from completion.pipeline import Completion
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
@@ -130,8 +129,10 @@ def _page_of_coverage(
     n_threads: int | None,
 ) -> Page:
     """Return the report of a coverage, with what each station adds."""
-    caster, sensor = scene.ray_caster(n_threads), _sensor_of(stations)
-    seen = visibility_history(caster, coverage.samples, coverage.requirement, stations)
+    seen, sensor = coverage.history, _sensor_of(stations)
+    if seen is None or len(seen.met) != len(stations) + 1:  # other stations than it was measured by
+        caster = scene.ray_caster(n_threads)
+        seen = visibility_history(caster, coverage.samples, coverage.requirement, stations)
     asked = {"sensor": sensor.name, "requirement": coverage.requirement.describe(), "mode": scene.mode}
     return coverage_page(
         scene,

@@ -58,7 +58,7 @@ class SurfaceSamples:
             raise InputError(f"{n} samples, but normals, areas, faces and surfaces number {sorted(lengths)}")
         object.__setattr__(self, "extent_m", float(np.ptp(self.points, axis=0).max()) if n else 0.0)
 
-    def some(self, chosen: BoolArray) -> SurfaceSamples:
+    def some(self, chosen: BoolArray | slice) -> SurfaceSamples:
         """Return the chosen (n,) samples."""
         return replace(
             self,

@@ -133,9 +133,7 @@ class RayCaster:
     ) -> None:
         points = check_points("vertices", vertices)
         indices = check_faces(faces, len(points))
-        if n_threads is not None and n_threads < 1:
-            raise InputError(f"n_threads must be at least 1, got {n_threads}")
-        self._n_threads = n_threads or os.cpu_count() or 1
+        self._n_threads = _checked_threads(n_threads)
         self._mesh = local_mesh(points, indices)
         self._embree = _embree(self._mesh, backend)
 
@@ -148,6 +146,19 @@ class RayCaster:
     def backend(self) -> str:
         """How rays reach Embree: "packets" or "embreex"."""
         return self._embree.name
+
+    def on_threads(self, n_threads: int | None) -> RayCaster:
+        """Return the same tree, cast by so many threads; all cores for None.
+
+        Raises
+        ------
+        InputError
+            n_threads < 1.
+        """
+        other = object.__new__(RayCaster)
+        other._n_threads = _checked_threads(n_threads)
+        other._mesh, other._embree = self._mesh, self._embree
+        return other
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a RayCaster cannot be pickled or copied; build one in each process, from its mesh")
@@ -233,6 +244,12 @@ class RayCaster:
         counts: list[int] = []
         in_blocks(n, lambda part: counts.append(cast(part)), self._n_threads, step)
         return sum(counts)
+
+
+def _checked_threads(n_threads: int | None) -> int:
+    if n_threads is not None and n_threads < 1:
+        raise InputError(f"n_threads must be at least 1, got {n_threads}")
+    return n_threads or os.cpu_count() or 1
 
 
 def _embree(mesh: LocalMesh, backend: Backend | None) -> EmbreeBackend:

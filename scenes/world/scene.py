@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,7 @@ class Scene:
     mode: Mode = "room"
     warnings: tuple[str, ...] = ()
     openings: tuple[Opening, ...] = ()
+    _trees: list[RayCaster] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.surfaces) != len(self.surface_names):
@@ -70,8 +71,13 @@ class Scene:
                 )
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:
-        """Return the mesh prepared for ray casting."""
-        return RayCaster(self.mesh.vertices, self.mesh.faces, n_threads)
+        """Return the mesh prepared for ray casting: the tree is built once and kept as long as the scene."""
+        if not self._trees:
+            self._trees.append(RayCaster(self.mesh.vertices, self.mesh.faces))
+        return self._trees[0].on_threads(n_threads)
+
+    def __reduce__(self) -> tuple[type[Scene], tuple[object, ...]]:
+        return Scene, tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     def transformed(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""

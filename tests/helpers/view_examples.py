@@ -10,7 +10,7 @@ import numpy as np
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.cover.pipeline import CoverOptions
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import visibility_history
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.report.blocks.truth import compare

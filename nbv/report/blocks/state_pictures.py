@@ -55,7 +55,7 @@ def state_pictures(
     dotted : int, optional
         The state that is dotted in the colour of what is measured.
     """
-    canvas = Canvas(scene.mesh, n_threads=n_threads)
+    canvas = Canvas(scene.mesh, caster=scene.ray_caster(n_threads))
     cameras = overview_cameras(scene.mesh.bounds())
     best = best_side(cameras, scene.mesh.corners)
     pictures = []

@@ -38,14 +38,22 @@ class Layer:
 
 
 class Canvas:
-    """A mesh prepared for drawing; `front` (m, 3) are its faces' fronts, else the winding says."""
+    """A mesh prepared for drawing; `front` (m, 3) are its faces' fronts, else the winding says.
+
+    `caster` is the mesh prepared for ray casting, where there is one already.
+    """
 
     def __init__(
-        self, mesh: LabelledMesh, front: FloatArray | None = None, n_threads: int | None = None
+        self,
+        mesh: LabelledMesh,
+        front: FloatArray | None = None,
+        n_threads: int | None = None,
+        *,
+        caster: RayCaster | None = None,
     ) -> None:
         self.mesh = mesh
         self.front = mesh.face_normals() if front is None else front
-        self._caster = RayCaster(mesh.vertices, mesh.faces, n_threads)
+        self._caster = caster or RayCaster(mesh.vertices, mesh.faces, n_threads)
 
     def look(self, camera: Camera, shape: tuple[int, int]) -> Layer:
         """Return what each pixel sees."""

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from nbv.coverage.coverage import MET
-from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
-from nbv.coverage.visibility_history import NEVER, visibility_history
+from nbv.coverage.measurement import measure_coverage, measure_scan_coverage, visibility_history
+from nbv.coverage.visibility_history import NEVER
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View

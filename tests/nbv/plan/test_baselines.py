@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Baselines: order of strength, laws of their curves, and farthest points by brute force."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,8 +31,7 @@ def baselines(plan):
 
 
 def compare(plan, **options):
-    parts = plan.candidates, plan.sensor, plan.requirement, plan.views
-    return compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, rng=0, **options)
+    return compare_with_baselines(ROOM.ray_caster(1), plan, rng=0, **options)
 
 
 def test_they_are_all_there_and_their_coverage_only_grows(plan, baselines):
@@ -85,15 +86,18 @@ def test_thinned_samples_keep_the_area():
 
 def test_a_blind_sensor_leaves_every_planner_with_nothing(plan):
     blind = PinholeSensor(fov_deg=60, width=80, height=80, min_range_m=50.0, max_range_m=60.0)
-    parts = plan.candidates, blind, plan.requirement, plan.views
-    for baseline in compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, rng=0)[1:]:
+    for baseline in compare(replace(plan, sensor=blind))[1:]:
         assert not baseline.met.any()
 
 
 def test_a_plan_without_views_is_refused(plan):
-    parts = plan.candidates, plan.sensor, plan.requirement
     with pytest.raises(InputError, match="without views"):
-        compare_with_baselines(ROOM.ray_caster(1), SAMPLES, *parts, ())
+        compare(replace(plan, views=()))
+
+
+def test_a_plan_of_a_file_is_refused(plan):
+    with pytest.raises(InputError, match="read from a file"):
+        compare(replace(plan, coverage=plan.coverage.summary(), candidates=None))
 
 
 def test_the_report_of_a_plan_shows_them(plan, baselines, tmp_path):

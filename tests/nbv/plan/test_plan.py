@@ -16,6 +16,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates, viewing_sphere
+from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
@@ -52,6 +53,29 @@ def test_the_online_planner_covers_the_room(room_plan):
     assert met[-1] == pytest.approx(coverage.met)
     gains = sum(view.gain_m2 for view in room_plan.views)
     assert gains == pytest.approx(coverage.met * coverage.total_m2)
+
+
+def test_a_requirement_and_single_values_that_contradict_it_are_refused():
+    required = nbv.Requirement(max_incidence_deg=50, max_range_m=4.0)
+    with pytest.raises(InputError, match=r"max_incidence_deg = 70 contradicts the requirement's 50 deg"):
+        plan_views(ROOM, requirement=required, max_incidence_deg=70)
+    with pytest.raises(InputError, match=r"max_range_m = 3 contradicts the requirement's max_range_m = 4"):
+        plan_views(ROOM, requirement=required, max_range_m=3.0)
+
+
+def test_a_single_value_has_its_effect():
+    plan = plan_views(ROOM, SENSOR, samples=SAMPLES, views=1, method="random", max_incidence_deg=40, rng=0)
+    assert plan.requirement == nbv.Requirement(max_incidence_deg=40)
+
+
+def test_zones_of_the_options_count_and_are_not_given_twice():
+    zones = Zones(Box(np.zeros(3), np.array([2.0, 2.0, 2.0])))
+    options = replace(COARSE, zones=zones)
+    plan = plan_views(ROOM, SENSOR, samples=SAMPLES, views=1, options=options, rng=0, n_threads=1)
+    assert plan.zones is zones
+    assert plan.coverage.total_m2 < SAMPLES.total_m2
+    with pytest.raises(InputError, match=r"as zones and in options\.zones"):
+        plan_views(ROOM, SENSOR, views=1, options=options, zones=Zones(keep_out=zones.keep_out))
 
 
 def test_same_seed_same_bytes_for_any_number_of_threads(room_plan):

@@ -150,8 +150,7 @@ def test_plan_json_says_from_what_it_was_resumed_and_is_read_back(plans, tmp_pat
 def test_baselines_begin_with_what_the_scans_have_met(plans):
     scans = scans_of(plans["cover"].views[:5])
     plan = plan_room("cover", scans, views=3)
-    parts = ROOM.ray_caster(1), SAMPLES, plan.candidates, plan.sensor, plan.requirement, plan.views
-    found = compare_with_baselines(*parts, scans=scans, rng=0, n_threads=1)
+    found = compare_with_baselines(ROOM.ray_caster(1), plan, scans=scans, rng=0, n_threads=1)
     for baseline in found:
         assert (baseline.met[:, 0] >= plan.resumed_from.met_fraction - 0.01).all()
     assert found[0].met[0, -1] == pytest.approx(plan.coverage.met, abs=0.01)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from nbv.coverage.coverage import MET, Coverage
-from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.report.blocks.station_plots import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.floor_plan import FloorPlan

@@ -10,8 +10,7 @@ from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
-from nbv.coverage.measurement import measure_coverage
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
 from nbv.report.blocks.station_plots import fields_of, outline_of
 from nbv.report.blocks.station_tables import place_cells, scans_table

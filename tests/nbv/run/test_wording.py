@@ -5,7 +5,7 @@ import pytest
 
 from nbv.commands.plan import lines_of
 from nbv.cover.cover import LowerBound
-from nbv.coverage.visibility_history import visibility_history
+from nbv.coverage.measurement import visibility_history
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.scanning.sensors.sensor_profile import load_sensor
