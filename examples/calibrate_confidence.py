@@ -68,7 +68,7 @@ def _places(patch: Patch, charts: tuple[TrueChart, ...], world: Pose, rng: np.ra
     weight = np.full(len(chosen), np.sqrt(area) / max(len(chosen), 1))  # cells of one surface err together
     return Places(
         Prospects(
-            given.base[chosen], given.onward[chosen], given.distance[chosen], given.reaches[chosen]
+            given.base[chosen], given.onward[chosen], given.distance[chosen], given.end_probability[chosen]
         ),
         nearest <= TOLERANCE_M,
         weight,
@@ -77,7 +77,7 @@ def _places(patch: Patch, charts: tuple[TrueChart, ...], world: Pose, rng: np.ra
 
 def together(places: list[Places]) -> Places:
     """All places as one."""
-    fields = ("base", "onward", "distance", "reaches")
+    fields = ("base", "onward", "distance", "end_probability")
     joined = (np.concatenate([getattr(one.prospects, field) for one in places]) for field in fields)
     return Places(
         Prospects(*joined),

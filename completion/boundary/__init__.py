@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries of surfaces, seen and continued behind occluders: rim pixels, edges, pieces and their labels."""
+"""Boundaries of surfaces, seen and continued behind occluders: pixels, edges, hidden regions and labels."""

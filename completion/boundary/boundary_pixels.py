@@ -108,7 +108,7 @@ def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> 
 
     Parameters
     ----------
-    rim : RimPoints
+    boundary : BoundaryPixels
         Of the surface, in its chart.
     low, high : (2,) float
         The rectangle of what was measured, chart coordinates in metres.

@@ -20,7 +20,7 @@ _SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
 
 
 class Cue(StrEnum):
-    """A piece of knowledge about surfaces (Dell'Acqua & Fisher 2002)."""
+    """Knowledge about surfaces that completion uses (Dell'Acqua & Fisher 2002)."""
 
     MERGING = "merging"  # parts that an occluder cut apart are one surface
     INTERSECTION = "intersection"  # it ends where it was seen to meet another surface
@@ -107,14 +107,14 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
     if isinstance(edge.curve, Circle):
         return []
     corner = edge.curve.at(edge.runs[run][int(sign > 0)])
-    reach = _CORNER * float(grid.cell.max())
+    lead = _CORNER * float(grid.cell.max())
     turned = []
     for turn in (-1.0, 1.0):
         line = Line(corner, turn * edge.curve.normal)
         back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
         side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
-        found = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=reach)
+        found = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=lead)
         if found is not None:
             turned.append(replace(found, provenance=Cue.CLOSURE))
     return turned
@@ -165,14 +165,14 @@ def _cue(edge: Edge, met: int | None) -> Cue:
     return Cue.CONVERGENT if met is None else Cue.COLLINEAR
 
 
-def _meets_run(edge: Edge, run: int, end: float, reach: float) -> int | None:
+def _meets_run(edge: Edge, run: int, end: float, slack: float) -> int | None:
     """Number of the other run, with the surface on the same side, that begins or ends near `end`."""
     for other in np.flatnonzero(edge.sides == edge.sides[run]):
         distance = np.abs(edge.runs[other] - end)
         if np.isfinite(edge.curve.length):
             distance = np.minimum(distance, np.abs(edge.curve.length - distance))
         alone = other == run and not np.isfinite(edge.curve.length)
-        if not alone and distance.min() <= reach:
+        if not alone and distance.min() <= slack:
             return int(other)
     return None
 

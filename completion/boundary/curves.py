@@ -23,7 +23,7 @@ class Line:
 
     @property
     def normal(self) -> FloatArray:
-        """Unit vector a quarter turn anticlockwise of the direction."""
+        """Unit vector (2,) a quarter turn anticlockwise of the direction."""
         return np.array([-self.direction[1], self.direction[0]])
 
     @property

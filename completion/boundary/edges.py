@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Edges: straight and circular stretches of a surface's own boundary, and on which side of them it lies."""
+"""Edges: straight and circular parts of a surface's own boundary, and on which side of them it lies."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ _MIN_ARC = np.radians(30.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
-    """A curve with the stretches of it that were seen.
+    """A curve with the runs of it that were seen.
 
     Attributes
     ----------
     curve : Line or Circle
         Where it is.
     runs : (k, 2) float
-        First and last arc length of each stretch, metres.
+        First and last arc length of each run, metres.
     sides : (k,) float
-        Sign of the distance across the curve on whose side the surface lies, 1 or -1, for each stretch.
+        Sign of the distance across the curve on whose side the surface lies, 1 or -1, for each run.
     deviation : float
         Standard deviation of a point of the curve across it where it was seen, metres.
     is_crease : bool
@@ -48,7 +48,7 @@ class Edge:
 
 
 def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
-    """Return the stretches of a known line along which rim points (n,) lie, and which points those are."""
+    """Return the runs of a known line along which boundary pixels lie, and which pixels (n,) those are."""
     members = _in_runs(line, boundary, _agrees(line, boundary) & (np.linalg.norm(boundary.step, axis=1) > 0))
     return replace(_edge(line, boundary.only(members)), is_crease=True), members
 
@@ -88,8 +88,8 @@ def _best_line(boundary: BoundaryPixels, left: BoolArray) -> tuple[Line, BoolArr
         if vote.sum() < _MIN_POINTS:
             return None
         line, width = _voted(boundary, vote)
-        for reach in (2.0 * width, width, 0.0, 0.0):
-            members = (_agrees(line, boundary) | (np.abs(line.across(boundary.uv)) <= reach)) & left
+        for slack in (2.0 * width, width, 0.0, 0.0):
+            members = (_agrees(line, boundary) | (np.abs(line.across(boundary.uv)) <= slack)) & left
             if members.sum() < _MIN_POINTS:
                 break
             line = _line_of(boundary.only(members))
@@ -167,7 +167,7 @@ def _gaps(boundary: BoundaryPixels) -> FloatArray:
 
 
 def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
-    """Indices of points in stretches without a gap wider than either end's."""
+    """Indices of points in runs without a gap wider than either end's."""
     order = np.argsort(along, kind="stable")
     if not len(order):
         return []
@@ -176,7 +176,7 @@ def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
 
 
 def _edge(curve: Line | Circle, boundary: BoundaryPixels) -> Edge:
-    """The edge whose points are `rim`; the surface lies where their steps come from."""
+    """The edge through these pixels; the surface lies where their steps come from."""
     side = -np.sign(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
     runs, sides = [], []
     for sign in (-1.0, 1.0):
@@ -202,7 +202,7 @@ def _spans(curve: Line | Circle, boundary: BoundaryPixels) -> list[tuple[float, 
 
 
 def _across_seam(spans: list[tuple[float, float]], length: float, gap: float) -> list[tuple[float, float]]:
-    """Join the last and the first stretch of a circle where they touch across the seam."""
+    """Join the last and the first run of a circle where they touch across the seam."""
     first, last = spans[0], spans[-1]
     if first[0] + length - last[1] > gap:
         return spans

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Shadows: hidden cells divided by continued edges into pieces that are surface as a whole or not at all."""
+"""Hidden regions: hidden cells divided by continued edges; each region is surface as a whole or not."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Borders:
     ----------
     first, second : (n,) int64
         Flat cells.
-    stretch : (n,) int32
+    edge : (n,) int32
         Which edge.
     cost : (n, 2) float
         Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
@@ -45,18 +45,18 @@ class Borders:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenRegions:
-    """The hidden zone in pieces.
+    """The hidden zone, divided.
 
     Attributes
     ----------
-    piece : (rows, columns) int32
-        Number of the piece that each cell belongs to, from 0; -1 for cells that are not hidden.
-    n_pieces : int
+    region : (rows, columns) int32
+        Number of the region that each cell belongs to, from 0; -1 for cells that are not hidden.
+    n_regions : int
         How many there are.
     borders : Borders
         Where continued edges part them.
-    beside_measured, beside_open : (n_pieces,) float
-        Length of each piece's outline on measured surface and on cells that beams passed, metres.
+    beside_measured, beside_open : (n_regions,) float
+        Length of each region's outline on measured surface and on cells that beams passed, metres.
     """
 
     region: NDArray[np.int32]
@@ -81,7 +81,7 @@ def divide_hidden(
         The cells.
     hidden, measured, open_ : (rows, columns) bool
         Where the surface may be, where it is, and where it is not.
-    stretches : sequence of Stretch
+    continued : sequence of ContinuedEdge
         Continued edges.
     """
     index = np.arange(hidden.size).reshape(grid.shape)
@@ -94,7 +94,7 @@ def divide_hidden(
     flat = hidden.ravel()
     inner = flat[first] & flat[second]
     borders = _borders(grid, first[inner], second[inner], length[inner], continued)
-    region = _pieces(flat, first[inner], second[inner], borders.first, borders.second)
+    region = _numbered(flat, first[inner], second[inner], borders.first, borders.second)
     n_regions = int(region.max(initial=-1)) + 1
     beside = np.zeros((2, n_regions))
     for row, what in enumerate((measured.ravel(), open_.ravel())):
@@ -111,7 +111,7 @@ def _borders(
     length: FloatArray,
     continued: Sequence[ContinuedEdge],
 ) -> Borders:
-    """Pairs of cells on different sides of a stretch."""
+    """Pairs of cells on different sides of a continued edge."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
@@ -130,7 +130,7 @@ def _borders(
     return Borders(first[at], second[at], owner[at], cost[at], length[at])
 
 
-def _pieces(
+def _numbered(
     hidden: BoolArray,
     first: NDArray[np.int64],
     second: NDArray[np.int64],

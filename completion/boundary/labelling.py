@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Labelling: which hidden pieces are surface, as the cheapest boundary through all of them."""
+"""Labelling: which hidden regions are surface, as the cheapest boundary through all of them."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _UNITS = 10_000  # capacities are whole numbers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labelling:
-    """Which pieces are surface.
+    """Which regions are surface.
 
     Attributes
     ----------
-    is_surface : (n_pieces,) bool
+    is_surface : (n_regions,) bool
         The labelling of least cost.
-    margin : (n_pieces,) float
-        How much dearer it gets when the piece is forced to be no surface than when it is forced to be, per
-        metre of the piece's outline: 1 where measured surface is all around, -1 where beams passed all
-        around, 0 where nothing tells.
+    margin : (n_regions,) float
+        Cost of the labelling with the region forced to be no surface, less the cost with it forced to be
+        surface, per metre of the region's outline: 1 where measured surface is all around, -1 where beams
+        passed all around, 0 where nothing tells.
     """
 
     is_surface: BoolArray
@@ -35,12 +35,17 @@ class Labelling:
 
 
 def label_regions(regions: HiddenRegions) -> Labelling:
-    """Choose the pieces that are surface by a minimum cut (Boykov, Veksler & Zabih 2001).
+    """Choose the regions that are surface by a minimum cut (Boykov, Veksler & Zabih 2001).
 
-    A boundary of the surface costs its length times its improbability: 1 along the outline of a shadow, for
-    it would be a coincidence if a surface ended just where an occluder's silhouette lies; less along a
-    continued edge, if the surface is on that side of it on which it was seen. A piece that touches neither
-    measured nor open cells is no surface.
+    A boundary of the surface costs its length times its improbability. That is 1 along the outline of the
+    hidden zone: surfaces seldom end just where an occluder's silhouette lies. It is less along a continued
+    edge, where the surface is on that side of it on which it was seen. A region that touches neither measured
+    nor open cells is no surface.
+
+    Parameters
+    ----------
+    regions : HiddenRegions
+        The hidden cells, divided.
     """
     n = regions.n_regions
     if not n:
@@ -56,7 +61,7 @@ def label_regions(regions: HiddenRegions) -> Labelling:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Graph:
-    """Pieces as nodes from 0, the measured surface as node n, open space as node n + 1."""
+    """Regions as nodes from 0, the measured surface as node n, open space as node n + 1."""
 
     n: int
     rows: NDArray[np.int64]
@@ -86,7 +91,7 @@ class _Graph:
         )
 
     def cut(self, forced: int | None, *, keep: bool) -> tuple[BoolArray, float]:
-        """Return which pieces are surface and what it costs, with one piece forced to be surface or not."""
+        """Return which regions are surface and what it costs, with one region forced to be surface or not."""
         n, rows, columns, cost = self.n, self.rows, self.columns, self.cost
         if forced is not None:
             ends = (n, forced) if keep else (forced, n + 1)

@@ -61,7 +61,7 @@ def apply_edits(
     world_from_reference : Pose
         From the working frame to the world.
     flatness_m : float
-        How far surfaces stray from their ideal form, metres.
+        How far surfaces differ from their ideal form, metres.
 
     Returns
     -------
@@ -129,17 +129,17 @@ def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> Edited
     )
     n_parts = sum(part.surface.n_parts for part in parts)
     surface = _refitted(MergedSurface(largest.fit, masks, n_parts), edit, place)
-    verdicts = [part.edits for part in parts]
-    actions = tuple(action for edits in verdicts for action in edits.actions)
+    several_edits = [part.edits for part in parts]
+    actions = tuple(action for edits in several_edits for action in edits.actions)
     points = surface.points(place.observations)
-    ends = [end for edits in verdicts for end in edits.ends]
+    ends = [end for edits in several_edits for end in edits.ends]
     return EditedSurface(
         surface,
         SurfaceEdits(
             (*actions, "merge"),
             tuple(end for end in ends if np.mean(end.distance(points) > 0) > _INNER),
-            tuple(wish for edits in verdicts for wish in edits.wishes),
-            tuple(outline for edits in verdicts for outline in edits.openings),
+            tuple(wish for edits in several_edits for wish in edits.wishes),
+            tuple(outline for edits in several_edits for outline in edits.openings),
         ),
     )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Verdict: all that a person says of one surface, and which cells of its chart that concerns."""
+"""Surface edits: all that a person says of one surface, and which cells of its chart that concerns."""
 
 from __future__ import annotations
 
@@ -51,20 +51,20 @@ class SurfaceEdits:
         """Whether a person joined it from several."""
         return "merge" in self.actions
 
-    def word(self, grid: ChartGrid) -> NDArray[np.int8]:
-        """Whether each cell (rows, columns) is accepted (1) or rejected (-1); 0 without a word."""
-        word = np.zeros(grid.shape, np.int8)
+    def labels(self, grid: ChartGrid) -> NDArray[np.int8]:
+        """Label each cell (rows, columns): 1 accepted, -1 rejected, 0 neither."""
+        labels = np.zeros(grid.shape, np.int8)
         for wish in self.wishes:
-            word[_area(grid, wish.outline)] = 1 if wish.accepts else -1
-        return word
+            labels[_area(grid, wish.outline)] = 1 if wish.accepts else -1
+        return labels
 
     def accepted(self, grid: ChartGrid, known: BoolArray) -> BoolArray:
-        """Cells that are to be filled: inside an outline that was drawn, without one those `known` to fit."""
-        return np.asarray((self.word(grid) > 0) & (known | self.drawn(grid)), dtype=np.bool_)
+        """Cells (rows, columns) to be filled: inside a drawn outline, without one those `known` to fit."""
+        return np.asarray((self.labels(grid) > 0) & (known | self.drawn(grid)), dtype=np.bool_)
 
     def rejected(self, grid: ChartGrid) -> BoolArray:
-        """Cells that are to stay as measured."""
-        return np.asarray(self.word(grid) < 0, dtype=np.bool_)
+        """Cells (rows, columns) that are to stay as measured."""
+        return np.asarray(self.labels(grid) < 0, dtype=np.bool_)
 
     def drawn(self, grid: ChartGrid) -> BoolArray:
         """Cells (rows, columns) inside an outline that was drawn around what is accepted."""

@@ -40,7 +40,7 @@ class ChartGrid:
     def over(
         cls, surface: Surface, low: FloatArray, high: FloatArray, cell_m: float, *, full_turn: bool
     ) -> ChartGrid:
-        """Return the grid over chart coordinates `low` to `high`; with `full_turn`, over one period of u."""
+        """Return the grid over the chart from `low` to `high` (2,); with `full_turn`, over a period of u."""
         low, high = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
         size = np.array([cell_m, cell_m])
         if full_turn:
@@ -60,7 +60,7 @@ class ChartGrid:
         return self.uv_of(*np.mgrid[: self.shape[0], : self.shape[1]].astype(np.float64) + 0.5)
 
     def uv_of(self, row: FloatArray, column: FloatArray) -> FloatArray:
-        """Chart coordinates of fractional cells; integers are cell corners, halves their centres."""
+        """Chart coordinates (..., 2) of fractional cells (...,); integers are corners, halves centres."""
         return np.stack(
             [self.corner[0] + column * self.cell[0], self.corner[1] + row * self.cell[1]], axis=-1
         )

@@ -69,7 +69,7 @@ class Evidence:
 
     @property
     def open(self) -> BoolArray:
-        """Cells that beams passed, by a veto or seemingly, the limb apart."""
+        """Cells (rows, columns) that beams passed, by a veto or seemingly, the limb apart."""
         return np.asarray(((self.labels == Label.FREE) | self.through) & ~self.limb, dtype=np.bool_)
 
     def rings_passed(self) -> BoolArray:

@@ -22,7 +22,7 @@ def free_cells(
 
     Every beam is intersected with the surface in closed form. Without noise one beam is a veto; with noise
     it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a curved surface the
-    neighbours of a vetoed cell are vetoed too, since facets stray from the surface by less than a cell.
+    neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less than a cell.
     """
     count = np.zeros(grid.shape)
     noisy = False
@@ -36,14 +36,14 @@ def free_cells(
         )
         origin = observation.scan.origin
         for face in _both_faces(grid.surface):
-            reach = face.ray_ranges(origin, rays)
-            through = np.flatnonzero(np.isfinite(reach) & (reach < measured))
-            points = origin + reach[through, None] * rays[through]
+            expected = face.ray_ranges(origin, rays)
+            through = np.flatnonzero(np.isfinite(expected) & (expected < measured))
+            points = origin + expected[through, None] * rays[through]
             index, cell = grid.cells_of(points)
             hit = through[index]
             cosine = np.abs(np.einsum("ij,ij->i", rays[hit], face.normal(points[index])))
             allowed = tolerance.along_ray(sigma[hit], predicted_sd[cell], cosine)
-            beyond = (measured[hit] - reach[hit] > allowed) & (allowed <= tolerance.max_m)
+            beyond = (measured[hit] - expected[hit] > allowed) & (allowed <= tolerance.max_m)
             count += np.bincount(cell[beyond], minlength=count.size).reshape(grid.shape)
     vetoed = count > 0
     if noisy:

@@ -17,7 +17,7 @@ from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
-_STANDING = (0.25, 0.75)  # beta prior that an upright thing reaches a wall or floor: one in four does
+_STANDING = (0.25, 0.75)  # beta prior that an upright thing goes on to a wall or floor: one in four does
 _UPRIGHT = 0.1  # sine of the angle
 _MEETING_PAIRS = 8  # of neighbouring pixels
 
@@ -33,7 +33,7 @@ class Adjacency:
     meets : (n, n) bool
         Pairs that were seen to meet.
     standing : (n,) float
-        Probability that what stands at right angles to an enclosing plane reaches down to it, 0 for others.
+        Probability that what stands at right angles to an enclosing plane goes on down to it, 0 for others.
     """
 
     encloses: BoolArray

@@ -21,9 +21,20 @@ _SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side 
 
 
 def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
-    """The plane with u along the straight boundary that was seen most of, else along its longest side.
+    """Return the plane with u along the straight boundary that was seen most of, else along its longest side.
 
     Boundaries are its meeting lines with the planes `cuts` and its own edges.
+
+    Parameters
+    ----------
+    plane : Plane
+        The surface, in whose chart `boundary` is given.
+    cuts : sequence of Plane
+        Planes that it may meet.
+    points : (n, 3) float
+        Its measured points, metres.
+    boundary : BoundaryPixels
+        Its boundary pixels.
     """
     size = np.linalg.norm(boundary.step, axis=1)
     seen = boundary.only(
@@ -52,7 +63,7 @@ def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, bound
 
 
 def facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
-    """The cylinder with its zero direction in the middle of the measured arc, the seam at its back."""
+    """Return the cylinder with the middle of its measured points (n, 3) at u = 0, the seam at its back."""
     angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     widest = int(np.argmax(gaps))
@@ -64,7 +75,10 @@ def facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
 def enclosing_cuts(
     index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
 ) -> list[tuple[int, Surface]]:
-    """Enclosing surfaces, with their indices, that have the surface on their inner side."""
+    """Return the enclosing surfaces, with their indices, that have points (n, 3) of one on their inner side.
+
+    `enclosing` (n_surfaces,) tells which of the surfaces enclose the room.
+    """
     cuts = []
     for other, candidate in enumerate(surfaces):
         if other == index or not enclosing[other]:
@@ -79,7 +93,25 @@ def enclosing_cuts(
 def closed_sides(
     chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Where the nearest cuts close the low and high sides (rows) along u and v (columns), and which do."""
+    """Find where planes close the sides of a rectangle of the chart.
+
+    Parameters
+    ----------
+    chart : Surface
+        The surface.
+    cuts : sequence of Plane
+        The planes.
+    low, high : (2,) float
+        The rectangle, chart coordinates in metres.
+
+    Returns
+    -------
+    ends : (2, 2) float
+        Chart coordinate at which the nearest plane closes the low and the high side (rows) along u and v
+        (columns), metres; -inf and inf where none does.
+    which : (2, 2) int64
+        Its index, -1 for none.
+    """
     ends = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     which = np.full((2, 2), -1)
     for axis in (0, 1) if isinstance(chart, Plane) else (1,):

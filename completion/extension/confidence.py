@@ -151,7 +151,7 @@ def _onward(
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:
-    """Distance of each cell to the nearest of `cells`, and the longer side of the part it belongs to, metres.
+    """Distance of each cell to the nearest of `cells` (rows, columns), and the size of its part, metres.
 
     Without any the distance is very long and the side nothing.
     """

@@ -22,7 +22,7 @@ _N_BEAMS = 40_000
 def find_enclosing(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation], scale: float
 ) -> BoolArray:
-    """Tell which surfaces have nearly all measured points on their inner side: walls, floor, ceiling, vault.
+    """Tell which surfaces (n,) have nearly all measured points on their inner side: walls, floors, vaults.
 
     What was seen through a plane, inside the outline of what was measured of it, lies behind a window, a door
     or a niche, and says nothing against the plane; what was seen past its outline does.
@@ -69,9 +69,9 @@ def _holds(merged: MergedSurface, observations: Sequence[Observation], scale: fl
 
 def _passes_inside(plane: Plane, outline: BaseGeometry, origin: FloatArray, rays: FloatArray) -> BoolArray:
     """Tell which rays (n, 3) meet the plane inside an outline in its chart."""
-    reach = plane.ray_ranges(origin, rays)
-    meets = np.isfinite(reach)
+    ranges = plane.ray_ranges(origin, rays)
+    meets = np.isfinite(ranges)
     inside = np.zeros(len(rays), dtype=np.bool_)
-    u, v = plane.to_uv(origin + reach[meets, None] * rays[meets]).T
+    u, v = plane.to_uv(origin + ranges[meets, None] * rays[meets]).T
     inside[meets] = contains_xy(outline, u, v)
     return inside

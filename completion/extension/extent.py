@@ -148,7 +148,7 @@ def find_extent(
         straight = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
         chart = aligned_chart(surface, straight, points, boundaries[index])
     else:
-        raise TypeError(f"no limits are known for a {type(surface).__name__}")
+        raise TypeError(f"no extent is known for a {type(surface).__name__}")
 
     # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
     low, high = np.quantile(chart.to_uv(points), (_OUTLYING, 1 - _OUTLYING), axis=0)
@@ -237,9 +237,9 @@ def _hidden_box(extent: Extent, observations: Sequence[Observation]) -> tuple[Fl
     found = [extent.own_low[None], extent.own_high[None]]
     for seen in observations:
         rays = seen.rays[::2, ::2].reshape(-1, 3)
-        reach = extent.chart.ray_ranges(seen.scan.origin, rays)
-        behind = np.isfinite(reach) & (seen.scan.ranges[::2, ::2].ravel() < reach)
-        uv = extent.chart.to_uv(seen.scan.origin + reach[behind, None] * rays[behind])
+        ranges = extent.chart.ray_ranges(seen.scan.origin, rays)
+        behind = np.isfinite(ranges) & (seen.scan.ranges[::2, ::2].ravel() < ranges)
+        uv = extent.chart.to_uv(seen.scan.origin + ranges[behind, None] * rays[behind])
         found.append(uv[((uv >= low) & (uv <= high)).all(axis=1)])
     places = np.concatenate(found)
     return places.min(axis=0), places.max(axis=0)

@@ -92,7 +92,7 @@ class Patch:
 
     @property
     def observed(self) -> BoolArray:
-        """Cells where the surface was measured."""
+        """Cells (rows, columns) where the surface was measured."""
         return self.evidence.observed
 
     @property
@@ -102,12 +102,12 @@ class Patch:
 
     @property
     def hypothesised_m2(self) -> float:
-        """Inferred area in square metres, cells cut by a limit counted whole."""
+        """Inferred area in square metres, cells at a cut counted whole."""
         return float(self.hypothesised.sum()) * self.grid.cell_area
 
 
 def hull_of(grid: ChartGrid, cells: BoolArray) -> BoolArray:
-    """Cells whose centre lies in the convex hull of the given ones."""
+    """Cells (rows, columns) whose centre lies in the convex hull of the given ones."""
     rows, columns = np.nonzero(cells)
     if len(rows) < 3:
         return cells.copy()
@@ -125,7 +125,7 @@ def _extremes(rows: NDArray[np.int64]) -> NDArray[np.int64]:
 def provenance_of(
     grid: ChartGrid, extent: Extent, observed: BoolArray, hypothesised: BoolArray
 ) -> NDArray[np.int8]:
-    """Give each observed or hypothesised cell its `Provenance`, -1 to the others."""
+    """Give each observed or hypothesised cell (rows, columns) its `Provenance`, -1 to the others."""
     result = np.full(grid.shape, -1, np.int8)
     uv = grid.centres_uv()
     beyond = ((uv < extent.own_low) | (uv > extent.own_high)).any(axis=-1)

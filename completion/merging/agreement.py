@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Agreement: whether two fitted surfaces are one, by their covariances and what real surfaces stray by."""
+"""Agreement: whether two fitted surfaces are one, by their covariances and systematic errors."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Part:
     fit : SurfaceFit
         Covariance inflated for correlated residuals.
     covariance : (k, k) float
-        That, and what the surface and the sensor may stray by systematically.
+        That, and the systematic error of surface and sensor.
     points : (m, 3) float
         Some of its measured points, metres.
     scale : float
-        What a single one of them may stray by, metres.
+        Standard deviation of a single one of them about its surface, metres.
     """
 
     fit: SurfaceFit
@@ -42,10 +42,10 @@ class Part:
 
     @classmethod
     def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, systematic_m: float) -> Part:
-        """A part whose surface may stray by `stray_m` as a whole: a warp as long as the part itself.
+        """Return the part of points (m, 3), with a systematic error: a warp as long as the part.
 
-        Such a warp is one sample of the surface, not many: it moves the parameters by stray^2 (mean g g')^-1,
-        g the gradient of the surface's height by its parameters.
+        Such a warp is one sample of the surface, not many. It adds s^2 (mean g g')^-1 to the covariance, with
+        s the systematic error and g the gradient of the surface's height by its parameters.
         """
         gradient = fit.gradient(points)
         moment = gradient.T @ gradient / len(points)
@@ -87,11 +87,11 @@ def find_candidates(parts: Sequence[Part]) -> BoolArray:
     middles = np.array([one.middle() for one in parts]).reshape(-1, 3)
     height = np.array([one.fit.surface.distance(middles) for one in parts])
     variance = np.array([one.variance_at(middles) for one in parts])
-    reach = _CANDIDATE**2 * (variance + np.diag(variance)[None, :])
+    allowed = _CANDIDATE**2 * (variance + np.diag(variance)[None, :])
     kind = np.array([one.fit.surface.kind for one in parts])
     normal = np.array([one.fit.surface.normal(one.middle()[None])[0] for one in parts]).reshape(-1, 3)
     turned = (kind[:, None] == "plane") & (normal @ normal.T < _LEAST_COSINE)
-    near = (np.square(height) <= reach) & ~turned
+    near = (np.square(height) <= allowed) & ~turned
     return np.asarray(near & near.T & (kind[:, None] == kind[None, :]), dtype=np.bool_)
 
 
@@ -99,7 +99,7 @@ def compare(one: Part, other: Part) -> Agreement:
     """Compare two parts of one kind.
 
     The heights of the other surface above this one, at points of both, are expressed by this one's
-    parameters, and so is the other's covariance. An unrelated surface would lie anywhere within the reach
+    parameters, and so is the other's covariance. An unrelated surface would lie anywhere within the size
     of the points, with any tilt: the evidence is against that.
     """
     here, there = one.fit.surface, other.fit.surface
@@ -117,9 +117,9 @@ def compare(one: Part, other: Part) -> Agreement:
     unit = difference / scale
     chi2 = float(unit @ np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) @ unit)
     _, log_det = np.linalg.slogdet(2 * np.pi * correlation + 1e-12 * np.eye(len(unit)))
-    reach = float(np.linalg.norm(np.ptp(points, axis=0)))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
     log_density = -(chi2 + float(log_det)) / 2 - float(np.log(scale).sum())
-    return Agreement(chi2 / _CHI2[len(unit)], log_density + _log_prior_volume(here, reach))
+    return Agreement(chi2 / _CHI2[len(unit)], log_density + _log_prior_volume(here, size))
 
 
 def lies_on(small: Part, large: Part) -> bool:
@@ -132,10 +132,10 @@ def lies_on(small: Part, large: Part) -> bool:
     return square <= 1 + slack and float(np.median(facing)) > 0.8
 
 
-def _log_prior_volume(surface: object, reach: float) -> float:
-    """Logarithm of the volume of parameters that an unrelated surface within the reach may have."""
+def _log_prior_volume(surface: object, size: float) -> float:
+    """Logarithm of the volume of parameters that an unrelated surface near points of this size may have."""
     lengths = 3 if isinstance(surface, Cylinder) else 1
-    return lengths * float(np.log(2 * reach)) + 2 * float(np.log(2 * _STEEPEST))
+    return lengths * float(np.log(2 * size)) + 2 * float(np.log(2 * _STEEPEST))
 
 
 def _few(points: FloatArray) -> FloatArray:

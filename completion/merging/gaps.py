@@ -40,7 +40,7 @@ def gap_is_hidden(
     one, other : (n, 3), (m, 3) float
         Points of the parts, metres.
     scale : float
-        What the surface may stray by there, metres.
+        Standard deviation of ranges about the surface there, metres.
     observations : sequence of Observation
         All scans.
     tolerance : Tolerance
@@ -68,7 +68,7 @@ def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatAr
 
 
 def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
-    """The nearest of `uv` to the other part, and as many spread over the rest of it."""
+    """The nearest of `uv` to the other part, and as many from all over the rest of it."""
     distance, _ = cKDTree(other).query(uv)
     order = np.argsort(distance, kind="stable")
     half = _N_ENDS // 2

@@ -61,7 +61,7 @@ class _ScanRegion:
     region: Region
     part: Part
     n_pixels: int
-    systematic_m: float  # what neighbouring ranges may stray by together
+    systematic_m: float  # error that neighbouring ranges have in common
     beams: Beams  # of the points in `part`
 
 
@@ -91,37 +91,37 @@ def merge(
     across : bool
         Whether regions are joined across occluders at all.
     """
-    pieces = [
-        _piece(index, region, observation, tolerance)
+    parts = [
+        _scan_region(index, region, observation, tolerance)
         for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
-    group = np.arange(len(pieces))
-    agreements = _agreements(pieces) if across else {}
+    group = np.arange(len(parts))
+    agreements = _agreements(parts) if across else {}
     for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
         if agreement.chi2 > 1:
             break
         if group[i] == group[j] or agreement.log_evidence < _LEAST_EVIDENCE:
             continue
-        if _contradicted(group, group[i], group[j], agreements, pieces):
+        if _contradicted(group, group[i], group[j], agreements, parts):
             continue
-        joined = [pieces[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
-        if _fits_all(joined, tolerance) and _hidden_between(pieces[i], pieces[j], observations, tolerance):
+        joined = [parts[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
+        if _fits_all(joined, tolerance) and _hidden_between(parts[i], parts[j], observations, tolerance):
             group[group == group[j]] = group[i]
     if across:
-        _adopt_small(group, pieces, observations, tolerance)
-    merged = _merged(group, pieces, observations, tolerance)
+        _adopt_small(group, parts, observations, tolerance)
+    merged = _merged(group, parts, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
-def _piece(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
+def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
     pixel = np.flatnonzero(region.mask)
     n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, len(pixel) - 1, min(_N_SAMPLE, len(pixel))).astype(np.int64)]
     points = observation.points.reshape(-1, 3)[pixel]
-    reach = float(np.median(observation.scan.ranges.ravel()[pixel]))
-    stray = float(np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([reach]))[0]))
-    stray = float(np.hypot(stray, tolerance.registration_m))
+    distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
+    systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
+    systematic = float(np.hypot(systematic, tolerance.registration_m))
     scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), tolerance.flatness_m))
     beams = Beams(
         observation.scan.origin,
@@ -133,19 +133,19 @@ def _piece(scan: int, region: Region, observation: Observation, tolerance: Toler
     return _ScanRegion(
         scan=scan,
         region=region,
-        part=Part.of(region.fit, points, scale, stray),
+        part=Part.of(region.fit, points, scale, systematic),
         n_pixels=n_pixels,
-        systematic_m=stray,
+        systematic_m=systematic,
         beams=beams,
     )
 
 
-def _agreements(pieces: Sequence[_ScanRegion]) -> dict[tuple[int, int], Agreement]:
+def _agreements(parts: Sequence[_ScanRegion]) -> dict[tuple[int, int], Agreement]:
     """How the pairs compare that come into question at all."""
-    if len(pieces) < 2:
+    if len(parts) < 2:
         return {}
-    candidates = np.argwhere(np.triu(find_candidates([one.part for one in pieces]), 1))
-    return {(int(i), int(j)): compare(pieces[i].part, pieces[j].part) for i, j in candidates}
+    candidates = np.argwhere(np.triu(find_candidates([one.part for one in parts]), 1))
+    return {(int(i), int(j)): compare(parts[i].part, parts[j].part) for i, j in candidates}
 
 
 def _contradicted(
@@ -153,25 +153,25 @@ def _contradicted(
     one: int,
     other: int,
     agreements: dict[tuple[int, int], Agreement],
-    pieces: Sequence[_ScanRegion],
+    parts: Sequence[_ScanRegion],
 ) -> bool:
     """Tell whether some pair across two groups fails the test that their best pair passed."""
     for i in np.flatnonzero(group == one):
         for j in np.flatnonzero(group == other):
             pair = (min(int(i), int(j)), max(int(i), int(j)))
-            found = agreements.get(pair) or compare(pieces[pair[0]].part, pieces[pair[1]].part)
+            found = agreements.get(pair) or compare(parts[pair[0]].part, parts[pair[1]].part)
             if found.chi2 > 1:
                 return True
     return False
 
 
-def _fits_all(pieces: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
-    """Tell whether one surface leaves each of the pieces no rougher than its own noise and warps do."""
-    start = max(pieces, key=lambda one: one.n_pixels).region.fit.surface
-    (joint,) = improve([start], [one.beams for one in pieces], tolerance.flatness_m, n_rounds=2)
+def _fits_all(parts: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
+    """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
+    start = max(parts, key=lambda one: one.n_pixels).region.fit.surface
+    (joint,) = improve([start], [one.beams for one in parts], tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
-    for one in pieces:
+    for one in parts:
         own = one.region.fit.rms**2 + (_APART * one.systematic_m) ** 2
         slack = 1 + 3 * np.sqrt(2 / len(one.part.points))
         if not np.mean(np.square(joint.distance(one.part.points))) <= slack * own:
@@ -196,18 +196,18 @@ def _hidden_between(
 
 def _adopt_small(
     group: NDArray[np.int64],
-    pieces: Sequence[_ScanRegion],
+    parts: Sequence[_ScanRegion],
     observations: Sequence[Observation],
     tolerance: Tolerance,
 ) -> None:
-    """Put small parts that lie on a much larger one, but say too little of their own, into its group."""
-    by_size = sorted(range(len(pieces)), key=lambda index: -pieces[index].n_pixels)
+    """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
+    by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     for j in reversed(by_size):
-        small = pieces[j]
+        small = parts[j]
         if (group == group[j]).sum() > 1:
             continue
         for i in by_size:
-            large = pieces[i]
+            large = parts[i]
             if small.n_pixels > _SMALL * large.n_pixels:
                 break
             if lies_on(small.part, large.part) and _hidden_between(large, small, observations, tolerance):
@@ -217,12 +217,12 @@ def _adopt_small(
 
 def _merged(
     group: NDArray[np.int64],
-    pieces: Sequence[_ScanRegion],
+    parts: Sequence[_ScanRegion],
     observations: Sequence[Observation],
     tolerance: Tolerance,
 ) -> list[MergedSurface]:
     """One surface for each group, those of several parts fitted anew."""
-    members = [[pieces[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
+    members = [[parts[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
     joined = [several for several in members if len(several) > 1]
     labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
     for number, several in enumerate(joined, start=1):
@@ -238,10 +238,10 @@ def _merged(
     return surfaces + [MergedSurface(one.region.fit, _masks([one], observations), 1) for one in single]
 
 
-def _masks(pieces: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
+def _masks(parts: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
     masks = []
     for index, observation in enumerate(observations):
-        own = [one.region.mask for one in pieces if one.scan == index]
+        own = [one.region.mask for one in parts if one.scan == index]
         none = np.zeros(observation.scan.shape, dtype=np.bool_)
         masks.append(own[0] if len(own) == 1 else np.logical_or.reduce(own) if own else none)
     return tuple(masks)
