@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import os
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
 from nbv.commands.options.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.options.options import (
@@ -37,8 +38,20 @@ _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 All of it at once: unseen demo -o out/demo      All commands: unseen --help
 Many of them, overnight: unseen study STUDY.toml    Tab completion: unseen --install-completion"""
 
+
+class _Commands(TyperGroup):
+    """Commands with flags that are False when not given; to read None as a flag typer loads pydantic."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for option in self.get_params(ctx):
+            if getattr(option, "is_flag", False) and option.default is None:
+                option.default = False
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
     name="unseen",
+    cls=_Commands,
     help="Scan what can be scanned, infer what cannot, and say which is which.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

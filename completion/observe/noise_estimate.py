@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from completion.observe.tiles import cut_tiles
 from scenes.checks import FloatArray
@@ -16,7 +16,8 @@ from scenes.scan.range_image import RangeImage
 _N_RANGE_BINS = 12
 _TILE = 7
 _WINDOW = 9
-_QUARTILE = float(chi2.ppf(0.25, _TILE**2 - 3) / (_TILE**2 - 3))  # of a flat tile's variance
+_FREEDOM = _TILE**2 - 3  # of a plane in a tile
+_QUARTILE = float(2 * gammaincinv(_FREEDOM / 2, 0.25) / _FREEDOM)  # of a flat tile's variance (chi square)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh.path.packing import rectangles
 
 from completion.texturing.chart_texture import GREY, ChartTexture
 from scenes.checks import FloatArray
@@ -61,6 +60,8 @@ def make_atlas(textures: Sequence[ChartTexture | None]) -> Atlas:
     textures : sequence of ChartTexture or None
         One for each surface.
     """
+    from trimesh.path.packing import rectangles  # loads networkx and scipy.stats, and packs at the very end
+
     page = np.full(len(textures), -1, np.int32)
     corner = np.zeros((len(textures), 2), np.int64)
     pages: list[NDArray[np.uint8]] = []

@@ -16,10 +16,8 @@ from completion.result.edit_effect import effect_of
 from completion.result.verification import Finding, Verification, verify
 from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
-from nbv.report.completion_report import completion_page
-from nbv.report.page.page import square_metres
 from nbv.run.manifest import input_digests
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 
@@ -96,6 +94,8 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         for suffix in how.exports:
             completion.export(run.path(f"completed.{suffix}"))
         run.watch.enter("report")
+        from nbv.report.completion_report import completion_page
+
         asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
         title = title_of(request.paths)
         page = completion_page(

@@ -20,11 +20,10 @@ from nbv.coverage.unreachable import unreachable_patches
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
-from nbv.report.page.page import percent
 from nbv.report.pictures.surface_values import fine_coverage
 from nbv.run.csv_table import csv_text
 from nbv.run.manifest import input_digests
-from nbv.run.wording import count
+from nbv.run.wording import count, percent
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View

@@ -15,8 +15,7 @@ from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.report.blocks.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
 from nbv.report.demo_report import demo_page
-from nbv.report.page.page import percent, square_metres
-from nbv.run.wording import count
+from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View

@@ -16,9 +16,8 @@ from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
-from nbv.report.page.page import square_metres
 from nbv.run.manifest import input_digests
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans

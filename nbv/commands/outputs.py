@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.result.completed_model import mesh_area
 from nbv.commands.records import describe_record, read_record
-from nbv.plan.plan_files import COLUMNS
-from nbv.scanning.sensors.sensor_profile import load_profile
 from scenes.checks import InputError
 from scenes.formats.arrays import open_arrays
 from scenes.formats.guard import check_file, reading
@@ -95,6 +92,8 @@ def _folder(path: Path) -> dict[str, Any]:
 
 
 def _sensor(path: Path) -> dict[str, Any]:
+    from nbv.scanning.sensors.sensor_profile import load_profile
+
     profile = load_profile(path)
     held = dict(profile.sensor.to_json())
     return {**held, "geometry": held["kind"], "kind": "sensor", "sources": dict(profile.sources)}
@@ -127,6 +126,8 @@ def _ply(path: Path) -> dict[str, Any] | None:
         head = file.read(1 << 16).partition(b"end_header")[0]
     if b"comment provenance 0 measured" not in head and b"comment state 0 " not in head:
         return None
+    from completion.result.completed_model import mesh_area
+
     mesh = read_mesh_ply(path)
     values = mesh.vertex_properties
     area = mesh_area(mesh.vertices, mesh.faces)
@@ -155,6 +156,8 @@ def _counts(provenance: Any, comments: tuple[str, ...]) -> dict[str, int]:
 
 def _csv(path: Path) -> dict[str, Any] | None:
     """A table of stations or of coverage; None for others."""
+    from nbv.plan.plan_files import COLUMNS
+
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file)
         names = next(rows, [])

@@ -23,9 +23,8 @@ from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
-from nbv.report.page.page import percent, square_metres
 from nbv.run.manifest import input_digests
-from nbv.run.wording import count
+from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement

@@ -15,11 +15,10 @@ from nbv.commands.coverage import CoverageRequest
 from nbv.commands.next_stations import upright_scans
 from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
-from nbv.report.page.page import square_metres
 from nbv.report.scan_coverage_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.manifest import input_digests
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap

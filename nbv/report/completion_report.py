@@ -30,13 +30,12 @@ from nbv.report.page.page import (
     State,
     Table,
     Text,
-    square_metres,
 )
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import Stage, is_single_camera, solid_bounds
 from nbv.report.pictures.picture import picture_of, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from scenes.scan.thumbnail import upright
 
 _MOST_SCANS = 3  # of which pictures are shown

@@ -17,19 +17,7 @@ from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
 from nbv.report.blocks.state_pictures import state_pictures
 from nbv.report.blocks.station_plots import curve, stations
-from nbv.report.page.page import (
-    Bar,
-    Block,
-    Gallery,
-    Headline,
-    Page,
-    Section,
-    Share,
-    State,
-    Text,
-    percent,
-    square_metres,
-)
+from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, Share, State, Text
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.viewer.markers import (
     given_markers,
@@ -39,7 +27,7 @@ from nbv.report.viewer.markers import (
     zone_lines,
 )
 from nbv.report.viewer.scene_view import PALE, scene_view
-from nbv.run.wording import count
+from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.zones import EVERYWHERE, Zones

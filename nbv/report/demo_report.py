@@ -30,13 +30,11 @@ from nbv.report.page.page import (
     State,
     Table,
     Text,
-    percent,
-    square_metres,
 )
 from nbv.report.pictures import picture
 from nbv.report.viewer.markers import view_markers
 from nbv.report.viewer.scene_view import colours_of_views, scene_view
-from nbv.run.wording import count
+from nbv.run.wording import count, percent, square_metres
 from scenes.world.scene import Scene
 
 _STATES: tuple[tuple[State, int], ...] = (

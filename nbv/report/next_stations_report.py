@@ -16,9 +16,9 @@ from nbv.report.blocks.scan_coverage_blocks import (
     surfaces_blocks,
 )
 from nbv.report.blocks.station_tables import PLACE_COLUMNS, place_cells, scans_table
-from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, square_metres
+from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.scan_coverage_report import summary
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.state_mesh import StateMesh
 

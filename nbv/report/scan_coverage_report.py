@@ -15,8 +15,8 @@ from nbv.report.blocks.scan_coverage_blocks import (
     surfaces_blocks,
 )
 from nbv.report.blocks.station_tables import scans_table
-from nbv.report.page.page import Gallery, Page, Section, square_metres
-from nbv.run.wording import count
+from nbv.report.page.page import Gallery, Page, Section
+from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.state_mesh import StateMesh

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from nbv.report.figures.plots import Plot
-from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text, percent
+from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.picture import Picture
-from nbv.run.wording import count
+from nbv.run.wording import count, percent
 from nbv.study.outcome import Outcome
 from nbv.study.spec import StudySpec, common_share
 from nbv.study.study_plots import colour_of, coverage_curves, views_needed

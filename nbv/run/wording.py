@@ -22,3 +22,33 @@ def count(n: int, noun: str, plural: str = "") -> str:
     '1 view measures'
     """
     return f"{n} {noun if n == 1 else plural or noun + 's'}"
+
+
+def percent(fraction: float, digits: int = 1) -> str:
+    """Return a fraction as percent, without the sign: never rounded up to 100 or down to 0.
+
+    Examples
+    --------
+    >>> percent(0.99996), percent(1.0), percent(0.00001), percent(0.5)
+    ('>99.9', '100', '<0.1', '50.0')
+    """
+    if fraction >= 1 or fraction <= 0:
+        return f"{100 * min(max(fraction, 0), 1):.0f}"
+    text, step = f"{100 * fraction:.{digits}f}", 10**-digits
+    if float(text) >= 100:
+        return f">{100 - step:.{digits}f}"
+    return text if float(text) > 0 else f"<{step:.{digits}f}"
+
+
+def square_metres(area: float) -> str:
+    """Return an area in square metres with two to four digits.
+
+    Examples
+    --------
+    >>> square_metres(132.456), square_metres(5.6789), square_metres(0.01234), square_metres(0.0)
+    ('132.5', '5.68', '0.012', '0')
+    """
+    if area <= 0:
+        return "0"
+    small = f"{area:.3f}" if area >= 0.001 else "<0.001"
+    return f"{area:.1f}" if area >= 100 else f"{area:.2f}" if area >= 1 else small

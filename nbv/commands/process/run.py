@@ -162,7 +162,6 @@ def running(
 
     One that only prints says so by `writes`, and nothing is locked or staged.
     """
-    from completion.fitting.result import FitError
     from nbv.run.manifest import Stopwatch
     from scenes.checks import InputError
     from scenes.run.file_limits import limits
@@ -194,7 +193,7 @@ def running(
                 progress=progress,
                 stage=stage,
             )
-    except (InputError, FitError, OSError) as error:
+    except (InputError, OSError) as error:
         _fail(command, str(error))
     except MemoryError:
         _fail(command, _NOT_ENOUGH)

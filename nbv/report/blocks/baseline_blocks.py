@@ -9,8 +9,8 @@ import numpy as np
 
 from nbv.plan.baselines import PLAN, Baseline
 from nbv.plan.plan import Plan
-from nbv.report.page.page import Cell, Section, Table, Text, percent
-from nbv.run.wording import count
+from nbv.report.page.page import Cell, Section, Table, Text
+from nbv.run.wording import count, percent
 
 
 def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, ...]:

@@ -10,8 +10,8 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.unreachable import unreachable_patches
 from nbv.plan.plan import Plan
 from nbv.report.blocks.station_tables import PLACE_COLUMNS, place_cells
-from nbv.report.page.page import Block, Cell, Table, Text, percent, square_metres
-from nbv.run.wording import count
+from nbv.report.page.page import Block, Cell, Table, Text
+from nbv.run.wording import count, percent, square_metres
 from scenes.pose import Pose
 
 _MOST_PATCHES = 30  # in the report; coverage.json has all

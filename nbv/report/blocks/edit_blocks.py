@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from completion.pipeline import Completion
 from completion.result.edit_effect import effect_of
-from nbv.report.page.page import Block, Cell, Section, Table, Text, square_metres
+from nbv.report.page.page import Block, Cell, Section, Table, Text
 from nbv.report.pictures.picture import surface_colour
+from nbv.run.wording import square_metres
 
 
 def edit_sections(completion: Completion) -> tuple[Section, ...]:

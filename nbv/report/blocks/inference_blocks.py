@@ -16,21 +16,10 @@ from nbv.plan.plan import Plan
 from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
 from nbv.report.blocks.state_pictures import state_pictures
 from nbv.report.figures.plots import class_curve
-from nbv.report.page.page import (
-    Bar,
-    Block,
-    Cell,
-    Headline,
-    Section,
-    Share,
-    State,
-    Table,
-    Text,
-    percent,
-    square_metres,
-)
+from nbv.report.page.page import Bar, Block, Cell, Headline, Section, Share, State, Table, Text
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
+from nbv.run.wording import percent, square_metres
 from nbv.visibility.zones import Zones
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene

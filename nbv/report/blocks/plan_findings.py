@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from nbv.coverage.coverage import Coverage
 from nbv.plan.plan import Plan
-from nbv.report.page.page import Bar, Headline, Section, Table, percent, square_metres
+from nbv.report.page.page import Bar, Headline, Section, Table
 from nbv.report.pictures.picture import Picture
-from nbv.run.wording import count
+from nbv.run.wording import count, percent, square_metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)

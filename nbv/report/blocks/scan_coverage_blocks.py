@@ -10,24 +10,14 @@ import numpy as np
 from nbv.online.occupancy import SEEN
 from nbv.report.blocks.station_plots import field_length, fields_of, places_of, zones_caption
 from nbv.report.figures.floor_plan import FloorPlan
-from nbv.report.page.page import (
-    Bar,
-    Block,
-    Cell,
-    Headline,
-    Share,
-    State,
-    Table,
-    Text,
-    square_metres,
-)
+from nbv.report.page.page import Bar, Block, Cell, Headline, Share, State, Table, Text
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
 from nbv.report.pictures.drawing import Canvas, blend, mark_unknown
 from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.state_view import state_view
-from nbv.run.wording import count
+from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from completion.pipeline import Completion
 from completion.result.verification import Finding, Verification, counterpart
-from nbv.report.page.page import Cell, Section, Table, Text, square_metres
+from nbv.report.page.page import Cell, Section, Table, Text
 from nbv.report.pictures.picture import surface_colour
+from nbv.run.wording import square_metres
 
 _FINDINGS = (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
 

@@ -12,7 +12,8 @@ from completion import Completion, CompletionOptions, EvidenceOptions, Finding, 
 from completion.result.verification import counterpart
 from nbv.cli import app
 from nbv.report.blocks.verification_blocks import verification_sections
-from nbv.report.page.page import Page, square_metres
+from nbv.report.page.page import Page
+from nbv.run.wording import square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError

@@ -82,17 +82,26 @@ def test_unseen_alone_shows_the_three_jobs():
         assert line in text
 
 
-def test_the_command_line_itself_imports_nothing_slow():
-    program = (
-        "import importlib.util, sys, types\n"
-        "package = types.ModuleType('nbv')\n"
-        "package.__path__ = importlib.util.find_spec('nbv').submodule_search_locations\n"
-        "sys.modules['nbv'] = package\n"
-        "import nbv.cli\n"
-        "slow = {'numpy', 'scipy', 'trimesh', 'numba', 'matplotlib', 'cv2', 'jinja2'} & set(sys.modules)\n"
-        "assert not slow, slow\n"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)
+SLOW = {"numpy", "scipy", "trimesh", "numba", "matplotlib", "cv2", "jinja2", "pydantic", "rich"}
+REPORTS = {"matplotlib", "jinja2", "scipy.stats"}
+
+
+@pytest.mark.parametrize(
+    ("program", "unwanted"),
+    [
+        ("from nbv.cli import app; app(['plan', '--help'], standalone_mode=False)", SLOW),
+        (
+            "from nbv.cli import app; app(['info', SCAN], standalone_mode=False)",
+            {"matplotlib", "jinja2", "scipy.stats", "completion"},
+        ),
+        ("import nbv.commands.complete", REPORTS),
+    ],
+    ids=["help", "info", "complete"],
+)
+def test_a_command_imports_nothing_slow_that_it_does_not_need(scan, program, unwanted):
+    check = f"import sys\n{program.replace('SCAN', repr(str(scan)))}\nprint({unwanted!r} & set(sys.modules))"
+    ran = subprocess.run([sys.executable, "-c", check], check=True, cwd=ROOT, capture_output=True, text=True)
+    assert ran.stdout.endswith("set()\n"), ran.stdout
 
 
 @pytest.mark.parametrize(

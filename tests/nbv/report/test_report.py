@@ -13,11 +13,12 @@ from nbv.report.blocks.station_plots import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve, range_colours
-from nbv.report.page.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text, percent
+from nbv.report.page.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text
 from nbv.report.pictures.camera import aim, aside_cameras, overview_cameras
 from nbv.report.pictures.drawing import Canvas, passes_hidden
 from nbv.report.pictures.picture import hatch, picture_of, segment_pixels, surface_colour
 from nbv.report.pictures.surface_values import fine_coverage, nearest_samples
+from nbv.run.wording import percent
 from nbv.scanning.scanner import scan_scene
 from nbv.visibility.samples import sample_surface
 from scenes.mesh.labelled_mesh import LabelledMesh
