@@ -25,8 +25,9 @@ from completion.merging.pipeline import MergedSurface, merge
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
 from completion.result.audit import audit
-from completion.result.completed_model import CompletedModel, hypothesised_mesh
+from completion.result.completed_model import CompletedModel
 from completion.result.export import export_completion, save_completion
+from completion.result.labelled_points import hypothesised_mesh
 from completion.result.verification import Verification
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
@@ -94,12 +95,6 @@ class Completion(CompletedModel):
             Another suffix, a folder that does not exist, or pye57 is not installed.
         """
         return export_completion(self, path)
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
-        from completion.result.cards import card_of_completion  # only notebooks need it
-
-        return card_of_completion(self).to_html()
 
 
 def complete(

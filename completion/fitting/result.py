@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from completion.fitting.charts.planar_charts import chart_of
+from scenes.card.card import Card
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
@@ -109,9 +110,39 @@ class SurfaceFit:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""
-        from completion.result.cards import card_of_fit  # only notebooks need it
+        figures = [
+            (f"{name}, {_unit(name)}" if _unit(name) else name, _digits(value))
+            for name, value in self.parameters().items()
+        ]
+        figures += [
+            (f"sd of {name}", f"{_digits(value)} {_deviation_unit(name)}")
+            for name, value in self.parameter_deviations().items()
+        ]
+        figures += [("residual, rms", f"{1000 * self.rms:.3g} mm"), ("points", str(self.n))]
+        title = f"{type(self.surface).__name__.lower()}, {self.metric}"
+        note = "" if self.converged else "The last steps still moved the surface: take it with care."
+        return Card("Surface fit", title, figures, note=note).to_html()
 
-        return card_of_fit(self).to_html()
+
+def _unit(name: str) -> str:
+    """Unit of a parameter by its name; directions and truth values have none."""
+    if name in ("point", "centre", "apex") or name.endswith("radius"):
+        return "m"
+    return "deg" if name.endswith("_deg") else ""
+
+
+def _deviation_unit(name: str) -> str:
+    """Unit of a parameter's deviation: directions deviate by angles in radians."""
+    if name.endswith("_deg"):
+        return "deg"
+    return "rad" if name in ("normal", "direction", "zero_direction") else "m"
+
+
+def _digits(value: object) -> str:
+    """A number or a vector with six digits."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ", ".join(f"{number:.6g}" for number in np.atleast_1d(np.asarray(value, dtype=np.float64)))
 
 
 def surface_parameters(surface: Surface) -> dict[str, object]:

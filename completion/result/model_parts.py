@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from completion.boundary.meshing import ChartMesh, mesh_cells
+from completion.boundary.meshing import ChartMesh
 from completion.extension.patch import Patch
-from completion.result.atlas import Atlas, make_atlas
-from completion.result.completed_model import CompletedModel, LabelledPoints
-from scenes.checks import ColourArray
+from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import PROVENANCE_NAMES
+from scenes.checks import ColourArray, FloatArray
+from scenes.formats.e57.e57_inferred import InferredPoints
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 
 OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
@@ -24,14 +25,13 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     hypothesis can never pass for a measurement. Their textures lie on the pages of one atlas; without
     texture, parts have the colour of their state.
     """
-    atlas, parts = atlas_of(completion), []
-    for index, patch in enumerate(completion.patches):
-        for state, cells in (("observed", patch.observed), ("hypothesised", patch.hypothesised)):
-            mesh = state_mesh(patch, cells, is_hypothesised=state == "hypothesised")
+    parts = []
+    for index, surface in enumerate(completion.derived.surfaces):
+        for state, mesh in (("observed", surface.observed), ("hypothesised", surface.hypothesised)):
             if len(mesh.faces):
-                name = f"{state} {index + 1} {patch.grid.surface.kind}"
-                parts.append(_surface_part(completion, atlas, index, mesh, name))
-    rest = remainder_mesh(completion)
+                name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
+                parts.append(_surface_part(completion, index, mesh, name))
+    rest = completion.derived.remainder
     if len(rest.faces):
         vertices = completion.world_from_reference.apply(rest.vertices)
         faces = rest.faces.astype(np.int64)
@@ -39,11 +39,10 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     return parts
 
 
-def _surface_part(
-    completion: CompletedModel, atlas: Atlas, index: int, mesh: ChartMesh, name: str
-) -> MeshPart:
+def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name: str) -> MeshPart:
     """One state of a surface, with its page of the atlas or the state's colour."""
-    patch, page = completion.patches[index], int(atlas.page[index])
+    atlas, patch = completion.derived.atlas, completion.patches[index]
+    page = int(atlas.page[index])
     vertices = completion.world_from_reference.apply(mesh.vertices)
     faces = mesh.faces.astype(np.int64)
     if page < 0:
@@ -66,35 +65,71 @@ def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
     return np.tile(np.rint(np.array(tint) * 255).astype(np.uint8), (n, 1))
 
 
-def state_mesh(
-    patch: Patch, cells: NDArray[np.bool_], *, is_hypothesised: bool, merged: bool = True
-) -> ChartMesh:
-    """Cells as triangles, few when merged, inferred ones cut where the surface ends."""
-    cuts, trims = (patch.limits.cuts, patch.trims) if is_hypothesised else ((), ())
-    return mesh_cells(patch.grid, cells, cuts, trims, merged=merged)
+def display_mesh(
+    completion: CompletedModel, *, hypothesised: bool = True, mark: bool = False
+) -> LabelledMesh:
+    """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
-
-def remainder_mesh(completion: CompletedModel) -> LabelledPoints:
-    """Measured points of all scans that belong to no completed surface, as one mesh, working frame."""
-    points = completion.observed_mesh()
-    free = (points.surface == 0)[points.faces].any(axis=1)
-    used, index = np.unique(points.faces[free], return_inverse=True)
-    return LabelledPoints(
-        vertices=points.vertices[used],
-        faces=index.reshape(-1, 3).astype(np.int32),
-        surface=points.surface[used],
-        provenance=points.provenance[used],
-        sd=points.sd[used],
-        confidence=points.confidence[used],
-        colour=points.colour[used],
+    Parameters
+    ----------
+    completion : CompletedModel
+        What to show.
+    hypothesised : bool
+        Whether inferred area is shown.
+    mark : bool
+        Paint inferred area in one colour instead of its texture.
+    """
+    corners, colours, labels, face_image, corner_uv = [], [], [], [], []
+    atlas = completion.derived.atlas
+    for index, surface in enumerate(completion.derived.surfaces):
+        states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
+        for state, mesh in enumerate(states):
+            page = -1 if mark and state == 1 else int(atlas.page[index])
+            corners.append(mesh.vertices[mesh.faces])
+            tint = np.array(
+                (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0), np.float32
+            )
+            colours.append(np.broadcast_to(tint, (len(mesh.faces), 3, 3)))
+            labels.append(np.full(len(mesh.faces), state, np.int32))
+            face_image.append(np.full(len(mesh.faces), page, np.int32))
+            corner_uv.append(atlas.coordinates(index, chart_coordinates(mesh, surface.patch))[mesh.faces])
+    rest = completion.derived.remainder
+    corners.append(rest.vertices[rest.faces])
+    colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
+    labels.append(np.zeros(len(rest.faces), np.int32))
+    face_image.append(np.full(len(rest.faces), -1, np.int32))
+    corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
+    vertices = completion.world_from_reference.apply(np.concatenate(corners).reshape(-1, 3))
+    appearance = Appearance(
+        np.concatenate(colours).astype(np.float32),
+        atlas.pages,
+        np.concatenate(face_image),
+        np.concatenate(corner_uv).astype(np.float32),
     )
+    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
 
 
-def atlas_of(completion: CompletedModel) -> Atlas:
-    """The atlas of a completion; without pages when texture was not asked for."""
-    return make_atlas(completion.textures or (None,) * len(completion.patches))
+def inferred_points(completion: CompletedModel) -> list[InferredPoints]:
+    """Return the vertices of what is inferred, surface by surface, in the world."""
+    points, clouds = completion.hypothesised, []
+    for number in np.unique(points.surface):
+        chosen = points.surface == number
+        clouds.append(
+            InferredPoints(
+                name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
+                points=completion.world_from_reference.apply(points.vertices[chosen]),
+                colour=points.colour[chosen],
+                surface=points.surface[chosen],
+                provenance=points.provenance[chosen],
+                confidence=points.confidence[chosen],
+                sd=points.sd[chosen],
+                legend=dict(PROVENANCE_NAMES),
+            )
+        )
+    return clouds
 
 
-def chart_coordinates(mesh: ChartMesh, patch: Patch) -> NDArray[np.float64]:
+def chart_coordinates(mesh: ChartMesh, patch: Patch) -> FloatArray:
     """Chart coordinates (n, 2) of the vertices, going on where the chart closes."""
     return patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])

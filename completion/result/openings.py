@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import shapely
 from scipy import ndimage
@@ -16,6 +15,7 @@ from completion.boundary.edges import Edge
 from completion.edits.surface_edits import SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
+from completion.result.outline import straight_corners, trace_cells
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
@@ -103,12 +103,10 @@ def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatAr
     """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow."""
     filled = ndimage.binary_fill_holes(hole)
     scaled = np.kron(filled, np.ones((2, 2), np.uint8))  # so that contours run along the cells' sides
-    found, _ = cv2.findContours(scaled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    chain = max(found, key=len)[:, 0, ::-1].astype(np.int64)
+    chain = max(trace_cells(scaled, holes=False), key=len)
     if len(chain) < 8:
         return None
-    corners = cv2.approxPolyDP(chain[:, ::-1].astype(np.int32).reshape(-1, 1, 2), 2.5, closed=True)
-    corners = corners.reshape(-1, 2)[:, ::-1]
+    corners = straight_corners(chain, 2.5, closed=True)
     if len(corners) < 3:
         return None
     cells = (chain + 0.5) / 2

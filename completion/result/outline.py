@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Boundary: the outline of a completed surface, each stretch with its kind, provenance and confidence."""
+"""Outline: where a completed surface ends, each part with its kind, provenance and confidence."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
+
+_LEAST_CHAIN = 4  # cells of an outline
+_BESIDE = 1.5  # cells between an outline and what it follows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,20 +76,56 @@ def outline_cells(patch: Patch) -> OutlineCells:
     return OutlineCells(mask, _kinds(patch, beyond), provenances, ends)
 
 
-def trace_boundary(patch: Patch) -> list[BoundarySegment]:
-    """Outline of the measured and inferred cells, cut where its kind or provenance changes."""
-    cells = outline_cells(patch)
+def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment]:
+    """Return the outline of the measured and inferred cells, cut where its kind or provenance changes.
+
+    Parameters
+    ----------
+    grid : ChartGrid
+        The chart's cells.
+    cells : OutlineCells
+        What is known of each.
+    """
     kinds, provenances, ends = cells.kinds, cells.provenances, cells.confidence
     segments = []
-    for contour in _contours(cells.inside):
-        row, column = contour[:, 0], contour[:, 1]
+    for chain in trace_cells(cells.inside):
+        if len(chain) < _LEAST_CHAIN:
+            continue
+        row, column = chain.T
         code = [(str(kinds[r, c]), str(provenances[r, c])) for r, c in zip(row, column, strict=True)]
         for start, end in _runs(code):
             kind, provenance = code[start]
-            stretch = np.take(contour, range(start, end + 2), axis=0, mode="wrap")
+            stretch = np.take(chain, range(start, end + 2), axis=0, mode="wrap")
             confidence = float(np.mean(ends[row[start : end + 1], column[start : end + 1]]))
-            segments.append(BoundarySegment(kind, provenance, confidence, _polyline(patch.grid, stretch)))
+            segments.append(BoundarySegment(kind, provenance, confidence, _polyline(grid, stretch)))
     return segments
+
+
+def trace_cells(mask: BoolArray, *, holes: bool = True) -> list[NDArray[np.int64]]:
+    """Return the outlines of a mask (rows, columns) as closed chains of its own cells.
+
+    Parameters
+    ----------
+    mask : (rows, columns) bool
+        Cells to go round.
+    holes : bool
+        Whether the outlines of holes are wanted, too.
+
+    Returns
+    -------
+    list of (n, 2) int64
+        Row and column of neighbouring cells; the first follows the last.
+    """
+    mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
+    found, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
+    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in found]
+
+
+def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) -> NDArray[np.int64]:
+    """Return those cells (k, 2) of a chain (n, 2) whose polygon stays within `slack` cells of the others."""
+    points = chain[:, ::-1].astype(np.int32).reshape(-1, 1, 2)
+    corners = cv2.approxPolyDP(points, slack, closed=closed).reshape(-1, 2)
+    return np.asarray(corners[:, ::-1], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,13 +169,13 @@ def _kinds(patch: Patch, beyond: _Beyond) -> NDArray[np.str_]:
 def _provenances(patch: Patch) -> NDArray[np.str_]:
     """Provenance that each cell would have on the outline."""
     grid = patch.grid
-    reach = 1.5 * float(grid.cell.max())
+    beside = _BESIDE * float(grid.cell.max())
     uv = grid.centres_uv()
     result = np.full(grid.shape, "shadow-limit", dtype="<U16")
     for stretch in patch.stretches:
         progress = stretch.progress(uv)
-        hidden = (progress >= -reach) & (progress <= abs(stretch.end - stretch.start) + reach)
-        result[hidden & (np.abs(stretch.curve.across(uv)) <= reach)] = str(stretch.provenance)
+        hidden = (progress >= -beside) & (progress <= abs(stretch.end - stretch.start) + beside)
+        result[hidden & (np.abs(stretch.curve.across(uv)) <= beside)] = str(stretch.provenance)
     result[_near(patch, _found_cuts(patch))] = str(Cue.ARCHITECTURAL)
     result[_near(patch, patch.verdict.ends) | _near_openings(patch)] = "user"
     return np.where(patch.hypothesised, result, "measured")
@@ -159,14 +198,8 @@ def _near(patch: Patch, others: Sequence[Surface]) -> BoolArray:
     centres = patch.grid.centres()
     near = np.zeros(len(centres), dtype=np.bool_)
     for cut in others:
-        near |= cut.distance(centres) <= 1.5 * float(patch.grid.cell.max())
+        near |= cut.distance(centres) <= _BESIDE * float(patch.grid.cell.max())
     return near.reshape(patch.grid.shape)
-
-
-def _contours(mask: BoolArray) -> list[NDArray[np.int64]]:
-    """Closed chains (n, 2) of boundary cells, row and column, outer ones and holes."""
-    found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in found if len(contour) >= 4]
 
 
 def _runs(code: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
@@ -177,6 +210,5 @@ def _runs(code: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
 
 def _polyline(grid: ChartGrid, chain: NDArray[np.int64]) -> FloatArray:
     """World points of a chain of cells, straightened to within a cell."""
-    straight = cv2.approxPolyDP(chain.astype(np.int32).reshape(-1, 1, 2), 1.0, closed=False).reshape(-1, 2)
-    cells = straight.astype(np.float64) + 0.5
-    return grid.surface.from_uv(grid.uv_of(cells[:, 0], cells[:, 1]))
+    row, column = straight_corners(chain, 1.0, closed=False).T.astype(np.float64) + 0.5
+    return grid.surface.from_uv(grid.uv_of(row, column))

@@ -16,43 +16,41 @@ from scipy.spatial import cKDTree
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel
-from completion.result.model_parts import state_mesh
-from completion.result.openings import Opening, find_openings
-from completion.result.outline import OutlineCells, outline_cells
-from completion.result.straightening import guides_of, straightened
-from scenes.checks import BoolArray, FloatArray
+from completion.result.derived_model import DerivedSurface
+from completion.result.openings import Opening
+from completion.result.outline import OutlineCells
+from completion.result.straightening import polygon_parts
+from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
 
 FORMAT = "unseen polygons 1"
 _LEVEL, _UPRIGHT = float(np.cos(np.radians(10.0))), float(np.sin(np.radians(10.0)))
-_LEAST_CELLS = 9  # of a part or a hole
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
 
 
 @dataclass(frozen=True, slots=True)
-class _Word:
-    """What is said of a place on an outline."""
+class _Label:
+    """What is known of a place on an outline."""
 
     kind: str
     provenance: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rim:
-    """A surface's cells beside its outline, what is said of them, and which is nearest to a place."""
+class _BoundaryCells:
+    """A surface's cells (n, 2) beside its outline, what is known of them, and which is nearest to a place."""
 
     cells: NDArray[np.int64]
-    words: OutlineCells
+    known: OutlineCells
     tree: cKDTree
 
     @classmethod
-    def of(cls, patch: Patch) -> _Rim:
-        words = outline_cells(patch)
-        inner = ndimage.binary_erosion(words.inside, np.ones((3, 3)))
-        cells = np.argwhere(words.inside & ~inner)
+    def of(cls, grid: ChartGrid, known: OutlineCells) -> _BoundaryCells:
+        inner = ndimage.binary_erosion(known.inside, np.ones((3, 3)))
+        cells = np.argwhere(known.inside & ~inner)
         row, column = (cells + 0.5).T.astype(np.float64)
-        return cls(cells, words, cKDTree(patch.grid.uv_of(row, column)))
+        return cls(cells, known, cKDTree(grid.uv_of(row, column)))
 
 
 def polygons_record(completion: CompletedModel) -> dict[str, Any]:
@@ -65,18 +63,17 @@ def polygons_record(completion: CompletedModel) -> dict[str, Any]:
     elsewhere straightened to within a cell; parts and holes of fewer than nine cells are left out.
     """
     planes = [
-        _surface(completion, number)
-        for number, patch in enumerate(completion.patches, start=1)
-        if isinstance(patch.grid.surface, Plane)
+        _surface(completion, number, surface)
+        for number, surface in enumerate(completion.derived.surfaces, start=1)
+        if isinstance(surface.patch.grid.surface, Plane)
     ]
     return {"format": FORMAT, "unit": "m", "mode": completion.mode, "surfaces": planes}
 
 
-def _surface(completion: CompletedModel, number: int) -> dict[str, Any]:
-    patch, world = completion.patches[number - 1], completion.world_from_reference
+def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
+    patch, world = surface.patch, completion.world_from_reference
     normal = world.rotate(patch.grid.surface.normal(np.zeros((1, 3))))[0]
-    area = surface_polygon(patch)
-    rim = _Rim.of(patch)
+    area, boundary = surface.polygon, _BoundaryCells.of(patch.grid, surface.outline)
     return {
         "id": number,
         "role": _role(normal, encloses=patch.limits.encloses),
@@ -90,14 +87,15 @@ def _surface(completion: CompletedModel, number: int) -> dict[str, Any]:
         "area_m2": float(area.area),
         "polygons": [
             {
-                "outer": _ring(completion, patch, rim, polygon.exterior, anticlockwise=True),
+                "outer": _ring(completion, patch, boundary, polygon.exterior, anticlockwise=True),
                 "holes": [
-                    _ring(completion, patch, rim, hole, anticlockwise=False) for hole in polygon.interiors
+                    _ring(completion, patch, boundary, hole, anticlockwise=False)
+                    for hole in polygon.interiors
                 ],
             }
-            for polygon in _polygons(area)
+            for polygon in polygon_parts(area)
         ],
-        "openings": [_opening(completion, patch, normal, found) for found in find_openings(patch)],
+        "openings": [_opening(completion, patch, normal, found) for found in surface.openings],
     }
 
 
@@ -110,66 +108,8 @@ def _role(normal: FloatArray, *, encloses: bool) -> str:
     return "wall" if abs(normal[2]) <= _UPRIGHT else "surface"
 
 
-def surface_polygon(patch: Patch) -> Any:
-    """Measured and inferred area as a polygon of the chart, or several (shapely geometry), `straightened`.
-
-    Parts and holes of fewer than nine cells are left out.
-    """
-    grid = patch.grid
-    mesh = state_mesh(patch, patch.hypothesised, is_hypothesised=True, merged=False)
-    corners = grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])[mesh.faces]
-    sides = corners[:, 1:] - corners[:, :1]
-    areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
-    covered = np.bincount(mesh.face_cell, areas, patch.observed.size).reshape(grid.shape)
-    whole = patch.observed | (covered > (1 - 1e-6) * grid.cell_area)
-    cut = shapely.polygons(corners[~whole.ravel()[mesh.face_cell]])
-    size, least = float(grid.cell.max()), _LEAST_CELLS * grid.cell_area
-    parts = [shapely.set_precision(part, size * 1e-4) for part in (*_raster_polygons(grid, whole), *cut)]
-    guides, straight = guides_of(patch), []
-    for part in _without_small(shapely.union_all(parts, grid_size=size * 1e-4), least):
-        straight += _without_small(straightened(part, guides, size), least)
-    return shapely.union_all(straight)
-
-
-def _without_small(area: Any, least_m2: float) -> list[Any]:
-    """The polygons of a geometry without parts and holes of less than an area."""
-    return [
-        shapely.Polygon(
-            part.exterior, [hole for hole in part.interiors if shapely.Polygon(hole).area >= least_m2]
-        )
-        for part in _polygons(area)
-        if part.area >= least_m2
-    ]
-
-
-def _raster_polygons(grid: ChartGrid, cells: BoolArray) -> list[Any]:
-    """Polygons of the chart whose sides are those of the cells."""
-    rows, columns = (int(n) for n in grid.shape)
-    runs = []
-    padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
-    for row in range(rows):
-        step = np.diff(padded[row])
-        runs += [(row, a, b) for a, b in zip(*(np.flatnonzero(step == s) for s in (1, -1)), strict=True)]
-    if not runs or columns == 0:
-        return []
-    row, low, high = np.array(runs, dtype=np.float64).T
-    left, top = grid.uv_of(row, low).T
-    right, bottom = grid.uv_of(row + 1, high).T
-    return [shapely.coverage_union_all(shapely.box(left, top, right, bottom))]
-
-
-def _polygons(area: Any) -> list[Any]:
-    """The polygons of a geometry, largest first."""
-    parts = [
-        part
-        for part in shapely.get_parts(shapely.get_parts(area))
-        if part.geom_type == "Polygon" and part.area > 0
-    ]
-    return sorted(parts, key=lambda part: -part.area)
-
-
 def _ring(
-    completion: CompletedModel, patch: Patch, rim: _Rim, ring: Any, *, anticlockwise: bool
+    completion: CompletedModel, patch: Patch, boundary: _BoundaryCells, ring: Any, *, anticlockwise: bool
 ) -> dict[str, Any]:
     """Points of a ring, more where its state changes, and what is said of each edge."""
     uv = np.asarray(shapely.get_coordinates(ring), dtype=np.float64)[:-1]
@@ -177,7 +117,7 @@ def _ring(
         uv = uv[::-1]
     points, edges = [], []
     for k in range(len(uv)):
-        for place, edge in _stretches(patch, rim, uv[k], uv[(k + 1) % len(uv)]):
+        for place, edge in _stretches(patch, boundary, uv[k], uv[(k + 1) % len(uv)]):
             points.append(place)
             edges.append(edge)
     local = patch.grid.surface.from_uv(np.array(points))
@@ -188,40 +128,42 @@ def _ring(
 
 
 def _stretches(
-    patch: Patch, rim: _Rim, start: FloatArray, end: FloatArray
+    patch: Patch, boundary: _BoundaryCells, start: FloatArray, end: FloatArray
 ) -> list[tuple[FloatArray, dict[str, Any]]]:
     """An edge, cut where what is said of it changes: the beginning of each stretch, and what is said."""
     n = max(int(np.ceil(np.linalg.norm(end - start) / float(patch.grid.cell.max()))), 1)
     places = start + (np.arange(n) + 0.5)[:, None] / n * (end - start)
-    _, index = rim.tree.query(places)
-    row, column = rim.cells[index].T
-    words = [
-        _Word(str(rim.words.kinds[r, c]), str(rim.words.provenances[r, c]))
+    _, index = boundary.tree.query(places)
+    row, column = boundary.cells[index].T
+    labels = [
+        _Label(str(boundary.known.kinds[r, c]), str(boundary.known.provenances[r, c]))
         for r, c in zip(row, column, strict=True)
     ]
     found = []
-    for first, last in _runs(words):
-        confidence = float(np.mean(rim.words.confidence[row[first : last + 1], column[first : last + 1]]))
+    for first, last in _runs(labels):
+        confidence = float(
+            np.mean(boundary.known.confidence[row[first : last + 1], column[first : last + 1]])
+        )
         edge = {
-            "state": "measured" if words[first].provenance == "measured" else "inferred",
-            "kind": words[first].kind,
-            "provenance": words[first].provenance,
+            "state": "measured" if labels[first].provenance == "measured" else "inferred",
+            "kind": labels[first].kind,
+            "provenance": labels[first].provenance,
             "confidence": confidence,
         }
         found.append((start + first / n * (end - start), edge))
     return found
 
 
-def _runs(words: Sequence[_Word]) -> list[tuple[int, int]]:
-    """First and last index of each stretch of equal words; short ones join what comes before, or after."""
-    starts = [0, *(k for k in range(1, len(words)) if words[k] != words[k - 1])]
-    long = [a for a, b in zip(starts, [*starts[1:], len(words)], strict=True) if b - a >= _SHORT]
+def _runs(labels: Sequence[_Label]) -> list[tuple[int, int]]:
+    """First and last index of each stretch of equal labels; short ones join what comes before, or after."""
+    starts = [0, *(k for k in range(1, len(labels)) if labels[k] != labels[k - 1])]
+    long = [a for a, b in zip(starts, [*starts[1:], len(labels)], strict=True) if b - a >= _SHORT]
     kept: list[int] = []
     for start in long:
-        if not kept or words[start] != words[kept[-1]]:
+        if not kept or labels[start] != labels[kept[-1]]:
             kept.append(start)
     begins = [0, *kept[1:]] if kept else [0]
-    return list(zip(begins, [b - 1 for b in [*begins[1:], len(words)]], strict=True))
+    return list(zip(begins, [b - 1 for b in [*begins[1:], len(labels)]], strict=True))
 
 
 def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:

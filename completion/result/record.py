@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from completion.edits.file import edit_record
-from completion.extension.patch import Patch, Provenance
 from completion.fitting.result import surface_parameters
 from completion.result.completed_model import CompletedModel
-from completion.result.edit_effect import effect_of
-from completion.result.openings import find_openings
-from completion.result.outline import trace_boundary
+from completion.result.derived_model import DerivedSurface
+from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
 
 
@@ -21,7 +20,10 @@ def completion_record(completion: CompletedModel, verification: Verification | N
     """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
     record: dict[str, Any] = {
         "edits": [edit_record(edit) for edit in completion.edits],
-        "surfaces": [_surface_record(completion, number) for number in range(1, len(completion.patches) + 1)],
+        "surfaces": [
+            _surface_record(completion, number, surface)
+            for number, surface in enumerate(completion.derived.surfaces, start=1)
+        ],
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
@@ -31,7 +33,7 @@ def completion_record(completion: CompletedModel, verification: Verification | N
             {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
             for seen in completion.observations
         ],
-        "provenance": {str(member.value): {"name": provenance_word(member)} for member in Provenance},
+        "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
@@ -53,8 +55,8 @@ def _verification_record(completion: CompletedModel, verification: Verification)
     return {**totals, "surfaces": surfaces}
 
 
-def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
-    patch, world = completion.patches[number - 1], completion.world_from_reference
+def _surface_record(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
+    patch, world = surface.patch, completion.world_from_reference
     fit = patch.source.fit
     return {
         "id": number,
@@ -69,7 +71,7 @@ def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
         "hypothesised_m2": patch.hypothesised_m2,
         "encloses": patch.limits.encloses,
         "texture": _texture_record(completion, number),
-        "user": _user_record(patch),
+        "user": _user_record(surface),
         "openings": [
             {
                 "area_m2": opening.area_m2,
@@ -77,7 +79,7 @@ def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
                 "provenance": "user" if opening.declared else "inferred",
                 "points": world.apply(opening.points).tolist(),
             }
-            for opening in find_openings(patch)
+            for opening in surface.openings
         ],
         "boundary": [
             {
@@ -86,7 +88,7 @@ def _surface_record(completion: CompletedModel, number: int) -> dict[str, Any]:
                 "confidence": segment.confidence,
                 "points": world.apply(segment.points).tolist(),
             }
-            for segment in trace_boundary(patch)
+            for segment in surface.boundary
         ],
     }
 
@@ -110,17 +112,6 @@ def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] |
     }
 
 
-def _user_record(patch: Patch) -> dict[str, Any]:
+def _user_record(surface: DerivedSurface) -> dict[str, Any]:
     """What a person had done to a surface, and what came of it."""
-    effect = effect_of(patch)
-    return {
-        "actions": list(patch.verdict.actions),
-        "filled_m2": effect.filled_m2,
-        "vetoed_m2": effect.vetoed_m2,
-        "measured_m2": effect.measured_m2,
-    }
-
-
-def provenance_word(provenance: Provenance) -> str:
-    """Return a provenance as files write it."""
-    return provenance.name.lower().replace("_", "-")
+    return {"actions": list(surface.patch.verdict.actions), **asdict(surface.effect)}

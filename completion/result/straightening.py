@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Straightening: outlines of cells laid on the edges that a surface is known to have, and their corners."""
+"""Straightening: a surface's cells as polygons, laid on the edges that the surface is known to have."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ import numpy as np
 import shapely
 
 from completion.boundary.curves import Line, meeting_line
+from completion.boundary.meshing import ChartMesh
+from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
 _REACH = 3.0  # cells between an outline and the edge that it follows
 _MEETING = 10.0  # the same where it meets another surface
 _BEYOND = 2.0  # cells by which an outline may follow an edge past where it was seen
 _ROUGH = 1.0  # cells that an outline may be off its polygon
+_LEAST_CELLS = 9  # of a part or a hole
 _PARALLEL = float(np.sin(np.radians(10.0)))
 
 
@@ -38,6 +41,66 @@ class Guide:
     line: Line
     runs: FloatArray
     reach_m: float
+
+
+def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
+    """Measured and inferred area as a polygon of the chart, or several (shapely geometry), `straightened`.
+
+    Parts and holes of fewer than nine cells are left out.
+
+    Parameters
+    ----------
+    patch : Patch
+        A completed plane.
+    mesh : ChartMesh
+        Its inferred cells, every cell by itself.
+    """
+    grid = patch.grid
+    corners = grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])[mesh.faces]
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    covered = np.bincount(mesh.face_cell, areas, patch.observed.size).reshape(grid.shape)
+    whole = patch.observed | (covered > (1 - 1e-6) * grid.cell_area)
+    cut = shapely.polygons(corners[~whole.ravel()[mesh.face_cell]])
+    size, least = float(grid.cell.max()), _LEAST_CELLS * grid.cell_area
+    parts = [shapely.set_precision(part, size * 1e-4) for part in (*_of_cells(grid, whole), *cut)]
+    guides, straight = guides_of(patch), []
+    for part in _without_small(shapely.union_all(parts, grid_size=size * 1e-4), least):
+        straight += _without_small(straightened(part, guides, size), least)
+    return shapely.union_all(straight)
+
+
+def _without_small(area: Any, least_m2: float) -> list[Any]:
+    """The polygons of a geometry without parts and holes of less than an area."""
+    return [
+        shapely.Polygon(
+            part.exterior, [hole for hole in part.interiors if shapely.Polygon(hole).area >= least_m2]
+        )
+        for part in polygon_parts(area)
+        if part.area >= least_m2
+    ]
+
+
+def _of_cells(grid: ChartGrid, cells: BoolArray) -> list[Any]:
+    """The cells as polygons of the chart, their sides those of the cells; none without cells."""
+    step = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, low), (_, high) = (
+        np.argwhere(step > 0).T.astype(np.float64),
+        np.argwhere(step < 0).T.astype(np.float64),
+    )
+    if not len(row):
+        return []
+    return [shapely.coverage_union_all(shapely.box(*grid.uv_of(row, low).T, *grid.uv_of(row + 1, high).T))]
+
+
+def polygon_parts(area: Any) -> list[Any]:
+    """The polygons of a geometry, largest first."""
+    parts = [
+        part
+        for part in shapely.get_parts(shapely.get_parts(area))
+        if part.geom_type == "Polygon" and part.area > 0
+    ]
+    return sorted(parts, key=lambda part: -part.area)
 
 
 def guides_of(patch: Patch) -> list[Guide]:

@@ -12,7 +12,6 @@ from completion.edits.file import read_edits
 from completion.extension.extent import Mode
 from completion.options import CompletionOptions
 from completion.pipeline import Completion, complete
-from completion.result.edit_effect import effect_of
 from completion.result.verification import Finding, Verification, verify
 from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
@@ -177,7 +176,7 @@ def _lines_of_edits(completion: Completion) -> list[str]:
     """What came of a person's edits."""
     if not completion.edits:
         return []
-    effects = [effect_of(patch) for patch in completion.patches]
+    effects = [surface.effect for surface in completion.derived.surfaces]
     filled, vetoed = sum(one.filled_m2 for one in effects), sum(one.vetoed_m2 for one in effects)
     lines = [f"edits     {len(completion.edits)}, by which {square_metres(filled)} m2 are inferred"]
     if vetoed > 0:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.meshing import mesh_cells
 from completion.extension.patch import Patch
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
@@ -73,8 +72,7 @@ class CompletedSurfaces:
 
     def measured(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Measured surface without the gaps between pixels: vertices (n, 3), world, and faces (m, 3)."""
-        patches = self.completion.patches
-        meshes = [mesh_cells(patch.grid, patch.observed, (), merged=True) for patch in patches]
+        meshes = [surface.observed for surface in self.completion.derived.surfaces]
         start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         faces = [mesh.faces + first for mesh, first in zip(meshes, start, strict=False)]
         vertices = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])

@@ -18,13 +18,12 @@ from completion import (
     pipeline,
 )
 from completion.observe.tolerance import Tolerance
-from completion.result.export import completed_glb, display_mesh
-from completion.result.openings import find_openings
-from completion.result.outline import trace_boundary
+from completion.result.model_parts import display_mesh, model_parts
 from completion.result.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError
+from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -152,7 +151,7 @@ def test_scans_without_colour_are_left_grey():
     bare = RangeImage(scan.ranges, scan.projection, scan.world_from_sensor, sigma_m=0.0)
     found = complete(bare)
     assert set(found.textures) == {None}
-    assert len(completed_glb(found)) > 1000
+    assert len(glb_of(model_parts(found))) > 1000
 
 
 def test_files_say_what_is_inferred(chair, tmp_path):
@@ -201,11 +200,11 @@ def test_openings_are_found_and_outlines_closed():
     depth = np.full(camera.shape, 3.0)
     depth[40:70, 60:100] = 5.0  # a window
     scan = RangeImage(depth / camera.directions()[..., 2], camera, Pose.identity(), sigma_m=0.0)
-    wall = complete(scan, PLAIN).patches[0]
-    (opening,) = find_openings(wall)
+    (wall,) = complete(scan, PLAIN).derived.surfaces[:1]
+    (opening,) = wall.openings
     pixel = 3.0 / camera.fx
     assert opening.area_m2 == pytest.approx(30 * 40 * pixel**2, rel=0.1)
-    outline = trace_boundary(wall)
+    outline = wall.boundary
     assert {segment.kind for segment in outline} >= {"edge", "frame"}
     assert all(segment.provenance == "measured" for segment in outline)
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from completion.pipeline import Completion
-from completion.result.edit_effect import effect_of
 from nbv.report.page.page import Block, Cell, Section, Table, Text
 from nbv.report.pictures.picture import surface_colour
 from nbv.run.wording import square_metres
@@ -15,13 +14,13 @@ def edit_sections(completion: Completion) -> tuple[Section, ...]:
     if not completion.edits:
         return ()
     rows = []
-    for number, patch in enumerate(completion.patches, start=1):
-        if patch.verdict.actions:
-            effect = effect_of(patch)
+    for number, surface in enumerate(completion.derived.surfaces, start=1):
+        if surface.patch.verdict.actions:
+            effect = surface.effect
             areas = (effect.filled_m2, effect.vetoed_m2, effect.measured_m2)
             cells = tuple(Cell(square_metres(area)) for area in areas)
             name = Cell(str(number), swatch=surface_colour(number))
-            rows.append((name, Cell(", ".join(patch.verdict.actions)), *cells))
+            rows.append((name, Cell(", ".join(surface.patch.verdict.actions)), *cells))
     columns = ("Surface", "Edits", "#filled, m\u00b2", "#stays empty, m\u00b2", "#measured, m\u00b2")
     note = (
         "filled: inferred because a person says so, whatever the method's confidence. stays empty: accepted, "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from completion.pipeline import Completion
-from completion.result.export import display_mesh
+from completion.result.model_parts import display_mesh
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
 from nbv.report.pictures.picture import Picture, picture_of

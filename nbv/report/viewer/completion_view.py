@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.meshing import mesh_cells
+from completion.boundary.meshing import ChartMesh
 from completion.extension.patch import Patch, Provenance
-from completion.result.atlas import Atlas, make_atlas
+from completion.result.atlas import Atlas
 from completion.result.completed_model import CompletedModel
-from completion.result.model_parts import remainder_mesh
-from completion.result.openings import find_openings
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import cut_finely
@@ -29,7 +27,7 @@ from nbv.report.viewer.scan_channels import (
     scan_sightings,
 )
 from nbv.report.viewer.thinning import thinned
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 from scenes.scan.range_image import RangeImage
 
@@ -77,8 +75,8 @@ def completion_view(
     """
     world = completion.world_from_reference
     scans = [seen.scan.transformed(world) for seen in completion.observations]
-    atlas = make_atlas(completion.textures or (None,) * len(completion.patches))
-    pieces = [*_surfaces(completion, atlas), _remainder(completion)]
+    atlas = completion.derived.atlas
+    pieces = [*_surfaces(completion), _remainder(completion)]
     occluders = {0, *occluding(completion.patches)}
     groups = (
         (
@@ -93,7 +91,9 @@ def completion_view(
         ),
         ("inferred", "hypothesised (inferred)", [p for p in pieces if p.is_inferred]),
     )
-    outlines = [world.apply(hole.points) for patch in completion.patches for hole in find_openings(patch)]
+    outlines = [
+        world.apply(hole.points) for surface in completion.derived.surfaces for hole in surface.openings
+    ]
     names = _names(completion)
     most_sd = max((float(p.sd.max(initial=0)) for p in pieces), default=0.0)
     layers = [
@@ -123,32 +123,19 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
     return sorted(found)
 
 
-def _surfaces(completion: CompletedModel, atlas: Atlas) -> Iterator[_Pieces]:
+def _surfaces(completion: CompletedModel) -> Iterator[_Pieces]:
     """Measured and inferred pieces of each surface, the latter by provenance."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
-    for index, patch in enumerate(completion.patches):
-        yield _pieces(
-            completion,
-            atlas,
-            index=index,
-            cells=patch.observed,
-            why=Provenance.MEASURED,
-            limit_m2=total / _PIECES,
-        )
-        for why in sorted(set(np.unique(patch.provenance[patch.hypothesised]))):
-            here = patch.hypothesised & (patch.provenance == why)
-            yield _pieces(
-                completion, atlas, index=index, cells=here, why=Provenance(int(why)), limit_m2=total / _PIECES
-            )
+    for index, surface in enumerate(completion.derived.surfaces):
+        for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
+            yield _pieces(completion, index, mesh, why, total / _PIECES)
 
 
 def _pieces(
-    completion: CompletedModel, atlas: Atlas, index: int, cells: BoolArray, why: Provenance, limit_m2: float
+    completion: CompletedModel, index: int, mesh: ChartMesh, why: Provenance, limit_m2: float
 ) -> _Pieces:
     """Cells of one surface, cut finely."""
-    patch, is_inferred = completion.patches[index], why != Provenance.MEASURED
-    cuts, trims = (patch.limits.cuts, patch.trims) if is_inferred else ((), ())
-    mesh = mesh_cells(patch.grid, cells, cuts, trims, merged=True)
+    patch, atlas = completion.patches[index], completion.derived.atlas
     uv = atlas.coordinates(index, patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
     whole = np.concatenate([mesh.vertices, uv, mesh.cells], axis=1)[mesh.faces]
     parts = cut_finely(whole.reshape(-1, 3, 7), limit_m2)[0]
@@ -160,7 +147,7 @@ def _pieces(
     return _Pieces(
         corners=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
         number=index + 1,
-        is_inferred=is_inferred,
+        is_inferred=why != Provenance.MEASURED,
         provenance=np.full(n, int(why)),
         sd=patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
         confidence=patch.confidence[row, column],
@@ -172,7 +159,7 @@ def _pieces(
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest = remainder_mesh(completion)
+    rest = completion.derived.remainder
     vertices = completion.world_from_reference.apply(rest.vertices)
     vertices, faces, kept = thinned(vertices, rest.faces, _MOST_FACES)
     n = len(faces)

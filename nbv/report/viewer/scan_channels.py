@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.extension.patch import Provenance
-from completion.result.record import provenance_word
+from completion.result.labelled_points import PROVENANCE_NAMES
 from nbv.coverage.measurement import measured_samples
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import surface_rgb
@@ -26,7 +26,7 @@ _PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6)  # of `Provenance`, numbers in the
 def provenance_categories() -> tuple[Category, ...]:
     """How a place came to be in the model, each with its colour."""
     colours = (picture.MEASURED, *(surface_rgb(k) for k in _PROVENANCE_COLOURS[1:]))
-    return tuple(Category(provenance_word(why), colours[int(why)]) for why in Provenance)
+    return tuple(Category(PROVENANCE_NAMES[str(why.value)], colours[int(why)]) for why in Provenance)
 
 
 def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sightings:

@@ -13,8 +13,7 @@ from shapely import Polygon
 from completion.boundary.curves import Line
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from completion.result.export import inferred_points
-from completion.result.model_parts import model_parts
+from completion.result.model_parts import inferred_points, model_parts
 from completion.result.polygons import polygons_record
 from completion.result.straightening import Guide, straightened
 from scenes.checks import InputError

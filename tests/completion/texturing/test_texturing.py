@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.atlas import make_atlas
-from completion.result.export import completed_glb
+from completion.result.model_parts import model_parts
 from completion.texturing.chart_texture import spread_colour
 from completion.texturing.light import cast_shadows
 from completion.texturing.material import same_material
@@ -20,6 +20,7 @@ from completion.texturing.texture_samples import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.files.scene_loading import load_scene
+from scenes.formats.meshes.glb import glb_of
 from scenes.pose import Pose
 from scenes.world.building import Finish, SceneBuilder
 from scenes.world.finishes import brick
@@ -184,7 +185,7 @@ def test_large_textures_go_to_several_pages(monkeypatch):
 
 def test_the_model_holds_each_page_once():
     completion = wall(-0.25)
-    glb = completed_glb(completion)
+    glb = glb_of(model_parts(completion))
     assert glb.count(b"\x89PNG") == 1
     scene = trimesh.load_scene(trimesh.util.wrap_as_stream(glb), file_type="glb")
     names = {name.split()[0] for name in scene.geometry}

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Labelled points: measured or inferred area as a mesh whose every vertex says where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.boundary.meshing import ChartMesh, mesh_cells, mesh_range_image
+from completion.evidence.chart_grid import ChartGrid
+from completion.extension.patch import Patch, Provenance
+from completion.observe.observation import Observation
+from completion.texturing.chart_texture import ChartTexture
+from scenes.checks import ColourArray, FloatArray
+from scenes.mesh.labelled_mesh import triangle_areas
+
+PROVENANCE_NAMES = {str(member.value): member.name.lower().replace("_", "-") for member in Provenance}
+"""Names of the provenances in files, by their numbers as text."""
+_GREY = 160  # sRGB of what has no colour
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledPoints:
+    """A mesh whose every vertex says where it comes from.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        Metres.
+    faces : (m, 3) int32
+        Triangles.
+    surface : (n,) int32
+        Number of the surface, from 1; 0 for none.
+    provenance : (n,) int32
+        A `Provenance`.
+    sd : (n,) float
+        Predicted standard deviation, metres.
+    confidence : (n,) float
+        Probability that the surface is there; 1 for what was measured.
+    colour : (n, 3) uint8
+        sRGB.
+    charts : tuple of ChartMesh
+        Inferred area: the cells of each surface, every cell by itself, that were joined; empty for scans.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    surface: NDArray[np.int32]
+    provenance: NDArray[np.int32]
+    sd: FloatArray
+    confidence: FloatArray
+    colour: ColourArray
+    charts: tuple[ChartMesh, ...] = ()
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the triangles, square metres."""
+        return mesh_area(self.vertices, self.faces)
+
+    def part(self, kept: NDArray[np.bool_]) -> LabelledPoints:
+        """Return some of the faces (m,) with the vertices that they use, in their order."""
+        used, index = np.unique(self.faces[kept], return_inverse=True)
+        return LabelledPoints(
+            vertices=self.vertices[used],
+            faces=index.reshape(-1, 3).astype(np.int32),
+            surface=self.surface[used],
+            provenance=self.provenance[used],
+            sd=self.sd[used],
+            confidence=self.confidence[used],
+            colour=self.colour[used],
+        )
+
+
+def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:
+    """Area in square metres of triangles (m, 3) of vertices (n, 3) in metres."""
+    return float(triangle_areas(vertices[faces]).sum())
+
+
+def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture | None]) -> LabelledPoints:
+    """Return all inferred cells as one mesh, with provenance and predicted deviation at every vertex.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+        The completed surfaces, working frame.
+    textures : sequence of ChartTexture or None
+        Colour of each; empty when texture was not asked for.
+    """
+    charts = tuple(
+        mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
+        for patch in patches
+    )
+    found = [
+        _labelled(patch, index + 1, mesh, textures[index] if index < len(textures) else None)
+        for index, (patch, mesh) in enumerate(zip(patches, charts, strict=True))
+        if len(mesh.faces)
+    ]
+    return replace(_joined(found), charts=charts)
+
+
+def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None) -> LabelledPoints:
+    """Inferred cells of one surface; where faces meet in a vertex, the largest value counts."""
+    n = len(mesh.vertices)
+    provenance, confidence = np.zeros(n, np.int32), np.zeros(n)
+    of_face = patch.provenance.ravel()[mesh.face_cell].astype(np.int32)
+    np.maximum.at(provenance, mesh.faces.ravel(), np.repeat(of_face, 3))
+    np.maximum.at(confidence, mesh.faces.ravel(), np.repeat(patch.confidence.ravel()[mesh.face_cell], 3))
+    return LabelledPoints(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        surface=np.full(n, number, np.int32),
+        provenance=provenance,
+        sd=patch.source.fit.standard_deviation(mesh.vertices),
+        confidence=confidence,
+        colour=_vertex_colour(mesh, patch.grid, texture),
+    )
+
+
+def _vertex_colour(mesh: ChartMesh, grid: ChartGrid, texture: ChartTexture | None) -> ColourArray:
+    if texture is None:
+        return np.full((len(mesh.vertices), 3), _GREY, np.uint8)
+    return texture.colour_at(grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
+
+
+def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
+    """Return all measured points of all scans as one mesh, working frame.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        The scans.
+    owners : sequence of (rows, columns) int32
+        For each, the number of the surface that each pixel belongs to; 0 for none.
+    """
+    return _joined([_scan_mesh(seen, owner) for seen, owner in zip(observations, owners, strict=True)])
+
+
+def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
+    footprint = np.where(seen.valid, seen.scan.ranges, 0.0) * seen.scan.projection.pixel_angle
+    sigma = np.where(seen.valid, seen.sigma, 0.0)
+    faces = mesh_range_image(seen.points, seen.valid, 6 * footprint + 6 * sigma, seen.scan.origin)
+    used = np.flatnonzero(seen.valid.ravel())
+    number = np.full(seen.valid.size, -1, np.int32)
+    number[used] = np.arange(len(used), dtype=np.int32)
+    colour = np.full((len(used), 3), _GREY, np.uint8)
+    if seen.scan.colour is not None:
+        colour = _in_8_bits(seen.scan.colour.reshape(-1, 3)[used])
+    return LabelledPoints(
+        vertices=seen.points.reshape(-1, 3)[used],
+        faces=number[faces],
+        surface=owner.ravel()[used],
+        provenance=np.full(len(used), Provenance.MEASURED, np.int32),
+        sd=sigma.ravel()[used],
+        confidence=np.ones(len(used)),
+        colour=colour,
+    )
+
+
+def _in_8_bits(colour: NDArray[np.floating[Any]]) -> ColourArray:
+    """Colours 0..1 as 0..255."""
+    return np.asarray(np.rint(np.clip(colour, 0, 1) * 255), dtype=np.uint8)
+
+
+def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
+    """All parts as one mesh, in their order."""
+    start = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + offset for part, offset in zip(parts, start, strict=False)]
+    return LabelledPoints(
+        vertices=np.concatenate([np.zeros((0, 3)), *(part.vertices for part in parts)]),
+        faces=np.concatenate([np.zeros((0, 3), np.int32), *faces]).astype(np.int32),
+        surface=np.concatenate([np.zeros(0, np.int32), *(part.surface for part in parts)]),
+        provenance=np.concatenate([np.zeros(0, np.int32), *(part.provenance for part in parts)]),
+        sd=np.concatenate([np.zeros(0), *(part.sd for part in parts)]),
+        confidence=np.concatenate([np.zeros(0), *(part.confidence for part in parts)]),
+        colour=np.concatenate([np.zeros((0, 3), np.uint8), *(part.colour for part in parts)]),
+    )
