@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from completion.fitting.charts.planar_charts import chart_of
-from scenes.card.card import Card
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 
@@ -110,6 +109,8 @@ class SurfaceFit:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""
+        from scenes.card.card import Card  # only notebooks need it
+
         figures = [
             (f"{name}, {_unit(name)}" if _unit(name) else name, _digits(value))
             for name, value in self.parameters().items()

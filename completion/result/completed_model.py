@@ -17,10 +17,8 @@ from completion.result.audit import AuditResult
 from completion.result.derived_model import DerivedModel, DerivedSurface
 from completion.result.labelled_points import LabelledPoints
 from completion.texturing.chart_texture import ChartTexture
-from scenes.card.card import INFERRED, MEASURED, Card, Share
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
-from scenes.scan.thumbnail import thumbnails
 
 _MOST_SURFACES = 6  # that a card lists
 
@@ -106,6 +104,9 @@ class CompletedModel:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
+        from scenes.card.card import INFERRED, MEASURED, Card, Share  # only notebooks need it and the picture
+        from scenes.scan.thumbnail import thumbnails
+
         observed, inferred = self.observed_m2, self.hypothesised_m2
         whole = max(observed + inferred, 1e-12)
         more = f" (+{100 * inferred / observed:.1f} %)" if observed > 0 else ""
