@@ -126,7 +126,7 @@ def _ply(path: Path) -> dict[str, Any] | None:
         head = file.read(1 << 16).partition(b"end_header")[0]
     if b"comment provenance 0 measured" not in head and b"comment state 0 " not in head:
         return None
-    from completion.result.completed_model import mesh_area
+    from completion.result.labelled_points import mesh_area
 
     mesh = read_mesh_ply(path)
     values = mesh.vertex_properties
