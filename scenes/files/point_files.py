@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,18 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, check_point, frozen_copy, usable_rows
-from scenes.files.scan_files import METRES_PER_UNIT, Units, read_scans, split_index
+from scenes.files.scan_files import ScanSource, Units, check_units, itself, open_scans, split_index
 from scenes.formats.arrays import open_arrays
-from scenes.formats.e57.e57 import count_e57, read_e57_points
+from scenes.formats.e57.e57 import E57File
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
 from scenes.formats.las.las import read_las_points
 from scenes.formats.raw_points import RawPoints, joined
+from scenes.formats.scans.npz import scans_in
 from scenes.formats.scans.pcd import read_pcd_points
 from scenes.formats.scans.ply_points import read_ply_points
 from scenes.formats.scans.point_table import read_point_table
-from scenes.formats.scans.ptx import count_ptx, read_ptx_points
+from scenes.formats.scans.ptx import PtxFile
 from scenes.formats.scans.scan_ply import is_scan_ply
+from scenes.scan.range_image import RangeImage
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
 POINT_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".ptx")
@@ -94,14 +96,17 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     InputError
         Unusable file: the message names file, line where there are lines, cause and cure.
     """
-    if units not in METRES_PER_UNIT:
-        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    metres = check_units(units)
     source, number = split_index(path)
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
-    raw = _from_scans(os.fspath(path)) if source.is_dir() else _from_file(check_file(source), number)
+    raw = (
+        _from_scans(open_scans(source).read(number))
+        if source.is_dir()
+        else _from_file(check_file(source), number)
+    )
     name = source.name if number is None else f"{source.name}#{number}"
-    cloud = _cloud(raw, METRES_PER_UNIT[units], name)
+    cloud = _cloud(raw, metres, name)
     if not len(cloud.points):
         raise InputError(f"{source}: holds no finite point")
     return cloud
@@ -137,8 +142,8 @@ def _from_file(file: Path, number: int | None) -> RawPoints:
             f"{', '.join(POINT_SUFFIXES)}, RGB-D folders"
         )
     readers: dict[str, Callable[[], RawPoints]] = {
-        ".e57": partial(_from_several, file, number, count_e57, read_e57_points),
-        ".ptx": partial(_from_several, file, number, count_ptx, read_ptx_points),
+        ".e57": partial(_from_several, E57File, file, number),
+        ".ptx": partial(_from_several, PtxFile, file, number),
         ".npz": partial(_from_npz, file, number),
     }
     with reading(file, f"points in {suffix[1:].upper()} format"):
@@ -151,42 +156,39 @@ def _from_file(file: Path, number: int | None) -> RawPoints:
             return RawPoints(table.points, table.normals, warnings=table.warnings)
         if suffix == ".ply":
             if is_scan_ply(file):
-                return _from_scans(os.fspath(file))
+                return _from_scans(open_scans(file).read())
             return read_ply_points(file)
         if suffix == ".pcd":
             return read_pcd_points(file)
         return read_las_points(file)
 
 
-def _from_scans(path: str) -> RawPoints:
+def _from_scans(scans: Sequence[RangeImage]) -> RawPoints:
     """All valid points of organised scans, in the world."""
     found = []
-    for scan in read_scans(path):
+    for scan in scans:
         colour = colour_bytes(scan)
         seen = None if colour is None else colour[scan.valid]
         found.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=seen))
     return joined(found)
 
 
-def _from_several(
-    file: Path,
-    number: int | None,
-    count: Callable[[Path], int],
-    read: Callable[[Path, int], RawPoints],
-) -> RawPoints:
+def _from_several(opened: Callable[[Path], E57File | PtxFile], file: Path, number: int | None) -> RawPoints:
     """All valid points of the scans of a file, structured or not, or of the one that is picked."""
-    n_scans = count(file)
+    scans = opened(file)
+    n_scans = len(scans)
     if number is not None and not 1 <= number <= n_scans:
         raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
     wanted = range(n_scans) if number is None else [number - 1]
-    return joined([read(file, index) for index in wanted])
+    return joined([scans.points(index) for index in wanted])
 
 
 def _from_npz(file: Path, number: int | None) -> RawPoints:
     """Arrays `points` and `normals`, or else a scan."""
     with open_arrays(file) as arrays:
         if "points" not in arrays.files:
-            return _from_scans(os.fspath(file) + ("" if number is None else f"#{number}"))
+            readers = tuple(partial(itself, scan) for scan in scans_in(arrays, file.stem))
+            return _from_scans(ScanSource(file, "npz", readers).read(number))
         if number not in (None, 1):
             raise InputError(f"holds one cloud, so there is no #{number}")
         points = np.asarray(arrays["points"], dtype=np.float64)

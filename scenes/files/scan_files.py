@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.formats.e57.e57 import count_e57, read_e57
+from scenes.formats.e57.e57 import E57File
 from scenes.formats.e57.e57_writer import write_e57
 from scenes.formats.guard import check_file, reading
 from scenes.formats.las.las import read_las_scan, write_las
@@ -23,7 +23,7 @@ from scenes.formats.rgbd.rgbd_writer import Layout, write_rgbd
 from scenes.formats.scans.cloud import NO_RAYS
 from scenes.formats.scans.npz import read_npz, write_npz
 from scenes.formats.scans.pcd import read_pcd, write_pcd
-from scenes.formats.scans.ptx import count_ptx, read_ptx, write_ptx
+from scenes.formats.scans.ptx import PtxFile, write_ptx
 from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
 from scenes.formats.trajectory import poses_at, read_poses
@@ -62,6 +62,31 @@ class ScanSource:
     readers: tuple[Callable[[], RangeImage], ...]
     registered: bool = True
     times: tuple[float, ...] | None = None
+
+    def read(
+        self,
+        number: int | None = None,
+        poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+        units: Units = "m",
+    ) -> list[RangeImage]:
+        """Return all scans, or scan `number` from 1; poses and units as for `read_scans`.
+
+        Raises
+        ------
+        InputError
+            Damaged, no such scan, several frames without poses, or poses of another number.
+        """
+        picked = _pick(self, number)
+        given = _given_poses(poses, self, picked)
+        if given is None and not self.registered and len(picked) > 1:
+            raise InputError(
+                f"{self.path}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
+                "or pick one frame with PATH#k"
+            )
+        scans = [self.readers[k]() for k in picked]
+        if given is not None:
+            scans = [replace(scan, world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+        return [in_metres(scan, units) for scan in scans]
 
 
 def open_scans(
@@ -111,11 +136,10 @@ def _guarded(
 def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[Callable[[], RangeImage]]:
     """One reader a scan of the file."""
     if suffix == ".npz":
-        return [partial(_itself, scan) for scan in read_npz(source)]
-    if suffix == ".e57":
-        return [partial(read_e57, source, k) for k in range(count_e57(source))]
-    if suffix == ".ptx":
-        return [partial(read_ptx, source, k) for k in range(count_ptx(source))]
+        return [partial(itself, scan) for scan in read_npz(source)]
+    if suffix in (".e57", ".ptx"):
+        opened = E57File(source) if suffix == ".e57" else PtxFile(source)
+        return [partial(opened.scan, k) for k in range(len(opened))]
     if suffix == ".pcd":
         return [partial(read_pcd, source, intrinsics)]
     if suffix in _LAS_SUFFIXES:
@@ -125,7 +149,8 @@ def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[C
     return [partial(read_scan_ply, source)]
 
 
-def _itself(scan: RangeImage) -> RangeImage:
+def itself(scan: RangeImage) -> RangeImage:
+    """Return a scan that was read already: its own reader."""
     return scan
 
 
@@ -185,24 +210,22 @@ def read_scans(
     InputError
         Unusable input, several frames without poses, or poses of another number.
     """
+    check_units(units)
+    base, number = split_index(path)
+    return open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).read(number, poses, units)
+
+
+def check_units(units: Units) -> float:
+    """Return the metres of a unit.
+
+    Raises
+    ------
+    InputError
+        An unknown one.
+    """
     if units not in METRES_PER_UNIT:
         raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
-    base, number = split_index(path)
-    source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
-    picked = _pick(source, number)
-    given = _given_poses(poses, source, picked)
-    if given is None and not source.registered and len(picked) > 1:
-        raise InputError(
-            f"{base}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
-            "or pick one frame with PATH#k"
-        )
-    scans = []
-    for index, k in enumerate(picked):
-        scan = source.readers[k]()
-        if given is not None:
-            scan = replace(scan, world_from_sensor=given[index])
-        scans.append(in_metres(scan, units))
-    return scans
+    return METRES_PER_UNIT[units]
 
 
 def _pick(source: ScanSource, number: int | None) -> list[int]:
@@ -248,12 +271,13 @@ def read_scan(
     InputError
         As `read_scans`, and when there are several and none was picked.
     """
+    check_units(units)
     base, number = split_index(path)
-    if number is None:
-        n_scans = len(open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).readers)
-        if n_scans > 1:
-            raise InputError(f"{base}: holds {n_scans} scans; pick one with {base}#1 to {base}#{n_scans}")
-    return read_scans(path, intrinsics=intrinsics, depth_scale=depth_scale, poses=poses, units=units)[0]
+    source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
+    n_scans = len(source.readers)
+    if number is None and n_scans > 1:
+        raise InputError(f"{base}: holds {n_scans} scans; pick one with {base}#1 to {base}#{n_scans}")
+    return source.read(number, poses, units)[0]
 
 
 def in_metres(scan: RangeImage, units: Units) -> RangeImage:

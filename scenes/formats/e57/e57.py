@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.formats.documents import parse_json
 from scenes.formats.e57.e57_inferred import INFERRED
 from scenes.formats.e57.e57_structure import check_e57
@@ -30,100 +30,92 @@ _CURE = (
 )
 
 
-def _open(path: Path) -> Any:
-    """Open a file whose structure was checked."""
-    module = import_extra("pye57", "e57")
-    check_e57(path)
-    return module.E57(str(path))
+class E57File:
+    """The scans of an E57 file, opened once; clouds of inferred points are none.
 
-
-def count_e57(path: Path) -> int:
-    """Return how many scans the file holds; clouds of inferred points are none."""
-    with _open(path) as file:
-        return len(_measured(file))
-
-
-def _measured(file: Any) -> list[int]:
-    """The file's own numbers, from 0, of what was measured."""
-    return [k for k in range(file.scan_count) if INFERRED not in _text(file.get_header(k), "description")]
-
-
-def read_e57(path: Path, index: int) -> RangeImage:
-    """Return scan `index` (from 0) of an E57 file.
-
-    Pixel (row, column) of the image is the file's own rowIndex, columnIndex, less their minima; rows may
-    run upwards. Azimuths of columns and elevations of rows are estimated from the points, unless a file of
-    ours states them, and the measured points are kept. A scan without a pose stands at the origin, upright.
-    An unstructured scan with a pose becomes the spherical image that `scan_from_station` makes of its points.
+    Parameters
+    ----------
+    path : Path
+        The file; it stays open as long as this.
 
     Raises
     ------
     InputError
-        Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
+        No E57, damaged, or the extra is missing.
     """
-    with _open(path) as file:
-        scans = _measured(file)
-        own = scans[index]
-        header = file.get_header(own)
+
+    def __init__(self, path: Path) -> None:
+        module = import_extra("pye57", "e57")
+        check_e57(path)
+        self._stem, self._file = path.stem, module.E57(str(path))
+        headers = enumerate(map(self._file.get_header, range(self._file.scan_count)))
+        self._own = [k for k, header in headers if INFERRED not in _text(header, "description")]
+
+    def __len__(self) -> int:
+        return len(self._own)
+
+    def scan(self, index: int) -> RangeImage:
+        """Return scan `index` (from 0).
+
+        Pixel (row, column) of the image is the file's own rowIndex, columnIndex, less their minima; rows may
+        run upwards. Azimuths of columns and elevations of rows are estimated from the points, unless a file
+        of ours states them, and the measured points are kept. A scan without a pose stands at the origin,
+        upright. An unstructured scan with a pose becomes the spherical image that `scan_from_station` makes
+        of its points.
+
+        Raises
+        ------
+        InputError
+            Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
+        """
+        header = self._file.get_header(self._own[index])
+        name = _text(header, "name")
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
         if missing and header.has_pose():
-            return _projected(path, index, _text(header, "name") or path.stem)
+            return _projected(self.points(index), name or self._stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
-        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
-        pose = _read_pose(header) @ SCANNER_FROM_SENSOR
-        description, name = _text(header, "description"), _text(header, "name")
-        several = len(scans) > 1
-    local, kept = _points(data)
-    points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
-    row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
-    if not len(row):
-        raise InputError(f"scan {index + 1} has no valid point")
-    name = name or (f"{path.stem}#{index + 1}" if several else path.stem)
-    light = None if data.get("intensity") is None else np.asarray(data["intensity"], np.float32)[kept]
-    left_out = _left_out(local)
-    return _grid(
-        points,
-        row,
-        column=column,
-        colours=_colours(data, kept),
-        light=light,
-        pose=pose,
-        description=description,
-        name=name,
-        left_out=left_out,
-    )
+        data, pose = self._read(index), _read_pose(header)
+        points, kept = _points(data)
+        if not kept.any():
+            raise InputError(f"scan {index + 1} has no valid point")
+        name = name or (f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem)
+        scan = _gridded(data, points, kept, pose, name=name, ours=_ours(_text(header, "description")))
+        return replace(scan, warnings=(*_left_out(points), *scan.warnings))
+
+    def points(self, index: int) -> RawPoints:
+        """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
+
+        Structured or not; a scan without pose and grid may have been merged from several, so that its place
+        is None.
+
+        Raises
+        ------
+        InputError
+            Damaged, or without coordinates.
+        """
+        header, data = self._file.get_header(self._own[index]), self._read(index)
+        pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in data
+        points, kept = _points(data)
+        world = pose.apply(np.asarray(points[kept], dtype=np.float64))
+        colours = _colours(data, kept)
+        return RawPoints(
+            world,
+            origins=pose.translation if is_one_scan else None,
+            colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
+            warnings=_left_out(points),
+        )
+
+    def _read(self, index: int) -> dict[str, Any]:
+        data: dict[str, Any] = self._file.read_scan_raw(self._own[index], ignore_unsupported_fields=True)
+        return data
 
 
-def _projected(path: Path, index: int, name: str) -> RangeImage:
+def _projected(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
-    cloud = read_e57_points(path, index)
     colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
     return replace(scan_from_station(cloud.points, cloud.origins, name, colour), warnings=cloud.warnings)
-
-
-def read_e57_points(path: Path, index: int) -> RawPoints:
-    """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
-
-    Structured or not; a scan without pose and grid may have been merged from several, so that its place is
-    None.
-    """
-    with _open(path) as file:
-        own = _measured(file)[index]
-        header = file.get_header(own)
-        data = file.read_scan_raw(own, ignore_unsupported_fields=True)
-        pose = _read_pose(header)
-        is_one_scan = header.has_pose() or "rowIndex" in data
-    points, kept = _points(data)
-    world = pose.apply(np.asarray(points[kept], dtype=np.float64))
-    colours = _colours(data, kept)
-    return RawPoints(
-        world,
-        origins=pose.translation if is_one_scan else None,
-        colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
-        warnings=_left_out(points),
-    )
 
 
 def _left_out(points: FloatArray) -> tuple[str, ...]:
@@ -132,22 +124,20 @@ def _left_out(points: FloatArray) -> tuple[str, ...]:
     return (f"{n_bad} of {len(points)} points are not finite and were left out",) if n_bad else ()
 
 
-def _grid(
-    points: FloatArray,
-    row: Any,
-    column: Any,
-    colours: Any,
-    light: Any,
+def _gridded(
+    data: dict[str, Any],
+    local: FloatArray,
+    kept: BoolArray,
     pose: Pose,
-    description: str,
+    *,
     name: str,
-    left_out: tuple[str, ...],
+    ours: dict[str, Any] | None,
 ) -> RangeImage:
-    """Sort points into their pixels and find the projection; of several returns the first is kept."""
-    ours = _ours(description)
-    fit = None
+    """Sort points (n, 3) of the scanner's frame into their pixels and find the projection."""
+    points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
+    row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
     if ours is None:
-        row, column = row - row.min(), column - column.min()
+        fit, row, column = None, row - row.min(), column - column.min()
         rows, columns = int(row.max()) + 1, int(column.max()) + 1
     else:
         fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
@@ -155,24 +145,28 @@ def _grid(
     check_size(rows, columns)
     if rows * columns > 1000 * len(points) + 1_000_000:
         raise InputError(f"{len(points)} points in a grid of {rows} x {columns}: are its indices damaged?")
-    image = np.full((rows, columns, 3), np.nan)
-    image[row[::-1], column[::-1]] = points[::-1]
-    channels: list[Any] = [None, None]
-    for k, (values, shape) in enumerate(((colours, (rows, columns, 3)), (light, (rows, columns)))):
-        if values is not None:
-            channels[k] = np.zeros(shape, np.float32)
-            channels[k][row[::-1], column[::-1]] = values[::-1]
+
+    def image(values: Any, empty: float) -> Any:
+        """Values of the points in their pixels; of several returns the first is kept."""
+        if values is None:
+            return None
+        pixels = np.full((rows, columns, *values.shape[1:]), empty, values.dtype)
+        pixels[row[::-1], column[::-1]] = values[::-1]
+        return pixels
+
+    light = data.get("intensity")
+    organised = image(points, np.nan)
     scan = organised_scan(
-        image,
-        fit or fit_grid(image),
-        world_from_sensor=pose,
-        colour=channels[0],
+        organised,
+        fit or fit_grid(organised),
+        world_from_sensor=pose @ SCANNER_FROM_SENSOR,
+        colour=image(_colours(data, kept), 0),
         name=name,
-        intensity=channels[1],
+        intensity=image(None if light is None else np.asarray(light, np.float32)[kept], 0),
     )
-    n_more = len(points) - int(np.isfinite(image).all(axis=-1).sum())
+    n_more = len(points) - int(np.isfinite(organised).all(axis=-1).sum())
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
-    return replace(described(scan, ours), warnings=(*left_out, *several))
+    return replace(described(scan, ours), warnings=several)
 
 
 def _ours(description: str) -> dict[str, Any] | None:

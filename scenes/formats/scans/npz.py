@@ -42,11 +42,16 @@ def write_npz(scan: RangeImage, path: Path) -> None:
 def read_npz(path: Path) -> list[RangeImage]:
     """Return the scans of a file of ours (one), or of a benchmark file with `range_tenth_mm` (several)."""
     with open_arrays(path) as arrays:
-        if "header" in arrays.files and "ranges" in arrays.files:
-            return [_read_ours(arrays)]
-        if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
-            return _read_tenth_mm(arrays, path.stem)
-        keys = ", ".join(sorted(arrays.files)) or "nothing"
+        return scans_in(arrays, path.stem)
+
+
+def scans_in(arrays: ArrayFile, stem: str) -> list[RangeImage]:
+    """Return the scans of an open file of that name, as `read_npz`."""
+    if "header" in arrays.files and "ranges" in arrays.files:
+        return [_read_ours(arrays)]
+    if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
+        return _read_tenth_mm(arrays, stem)
+    keys = ", ".join(sorted(arrays.files)) or "nothing"
     raise InputError(
         f"holds {keys}, which is no scan; expected header and ranges, or range_tenth_mm, "
         "world_from_sensor and intrinsics"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import InputError
 from scenes.formats.guard import check_size, import_extra
 from scenes.formats.header import (
     colour_bytes,
@@ -68,7 +68,13 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     header = _read_header(path)
     if header.height == 1:
         return _projected(path, header)
-    cloud = _read_cloud(path, header)
+    return _organised(_read_cloud(path, header), header, intrinsics, path.stem)
+
+
+def _organised(
+    cloud: Any, header: _PcdHeader, intrinsics: tuple[float, float, float, float] | None, name: str
+) -> RangeImage:
+    """An organised cloud as a scan."""
     values, shape = cloud.pc_data, (header.height, header.width)
     missing = {"x", "y", "z"} - set(values.dtype.names)
     if missing:
@@ -77,16 +83,24 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
     colour = _unpack_colour(values, shape)
     light = [values[field].reshape(shape) for field in _INTENSITIES if field in values.dtype.names]
-    viewpoint = _viewpoint(cloud.metadata.viewpoint)
-    return _placed_scan(
-        points,
-        colour,
-        intensity=light[0] if light else None,
-        pose=viewpoint,
-        header=header,
-        intrinsics=intrinsics,
-        name=path.stem,
-    )
+    pose, ours = _viewpoint(cloud.metadata.viewpoint), from_comments(header.comments)
+    if intrinsics is not None:
+        fit = GridFit(PinholeProjection(header.width, header.height, *intrinsics), 0.0)
+    elif ours is not None:
+        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
+    elif not np.isfinite(points).any():
+        raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
+    else:
+        try:
+            fit = fit_grid(points)
+        except InputError:
+            points = pose.inverse().apply(points)
+            fit = fit_grid(points)
+    if fit.projection.shape != shape:
+        raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
+    intensity = light[0] if light else None
+    scan = organised_scan(points, fit, world_from_sensor=pose, colour=colour, name=name, intensity=intensity)
+    return described(scan, ours)
 
 
 def _projected(path: Path, header: _PcdHeader) -> RangeImage:
@@ -131,7 +145,7 @@ def read_pcd_points(path: Path) -> RawPoints:
     if np.allclose(pose.matrix, np.eye(4)):
         return replace(held, origins=pose.translation if header.height > 1 else None)
     try:
-        scan = read_pcd(path) if header.height > 1 and normals is None else None
+        scan = _organised(cloud, header, None, path.stem) if header.height > 1 and normals is None else None
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
@@ -169,37 +183,6 @@ def _columns(values: Any, names: Iterable[str]) -> Any:
     if not set(names) <= set(values.dtype.names):
         return None
     return np.stack([values[name] for name in names], axis=-1)
-
-
-def _placed_scan(
-    points: FloatArray,
-    colour: Any,
-    intensity: Any,
-    pose: Pose,
-    header: _PcdHeader,
-    intrinsics: tuple[float, float, float, float] | None,
-    name: str,
-) -> RangeImage:
-    """Give the points their projection, and ours the rest of what its comments say."""
-    ours = from_comments(header.comments)
-    if intrinsics is not None:
-        fit = GridFit(PinholeProjection(header.width, header.height, *intrinsics), 0.0)
-    elif ours is not None:
-        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
-    elif not np.isfinite(points).any():
-        raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
-    else:
-        try:
-            fit = fit_grid(points)
-        except InputError:
-            points = pose.inverse().apply(points)
-            fit = fit_grid(points)
-    if fit.projection.shape != (header.height, header.width):
-        raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
-    return described(
-        organised_scan(points, fit, world_from_sensor=pose, colour=colour, name=name, intensity=intensity),
-        ours,
-    )
 
 
 def _read_header(path: Path) -> _PcdHeader:

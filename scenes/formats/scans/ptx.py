@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import count, islice
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,81 +26,113 @@ _NO_INTENSITY = 0.5  # what stands for an intensity that is not known
 _HEADER_LINES = 10  # columns, rows, 4 lines of scanner position and axes, 4 of the transform
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _PtxScan:
-    """One scan as it stands in the file: world from scanner, and (rows, columns, 4 or 7) numbers."""
+class _Header(NamedTuple):
+    """Rows and columns of a scan, and its transform (4, 4) as it stands in the file."""
 
-    pose: Pose
-    table: FloatArray
-
-
-def count_ptx(path: Path) -> int:
-    """Return how many scans the file holds, checking that none is cut short."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        return sum(1 for _ in _scans(file))
+    shape: tuple[int, int]
+    transform: FloatArray
 
 
-def read_ptx(path: Path, index: int) -> RangeImage:
-    """Return scan `index` (from 0) of a PTX file.
+class PtxFile:
+    """The scans of a PTX file, opened once and walked through to count them; each is parsed when asked for.
 
-    Points are in the scanner's frame (z up) and run column by column; pixel (row, column) keeps the file's
-    order, so rows usually run upwards. The translation of the transform is its last line. The projection is
-    estimated from the points.
+    Parameters
+    ----------
+    path : Path
+        The file; it stays open as long as this.
 
     Raises
     ------
     InputError
-        Truncated, without points, not rigid, or no projection explains the grid.
+        A header that is none, or a scan that is cut short.
     """
-    found, n_scans = _scan(path, index)
-    points = found.table[..., :3].copy()
-    n_bad = int((~np.isfinite(points).all(axis=-1)).sum())
-    left_out = (f"{n_bad} of {points[..., 0].size} points are not finite and were left out",) if n_bad else ()
-    points[(points == 0).all(axis=-1)] = np.nan
-    if not np.isfinite(points).any():
-        raise InputError(f"scan {index + 1} has no return")
-    points = SCANNER_FROM_SENSOR.inverse().apply(points)
-    colour = colour_from_bytes(found.table[..., 4:7]) if found.table.shape[2] == 7 else None
-    name = f"{path.stem}#{index + 1}" if n_scans > 1 else path.stem
-    light = found.table[..., 3]
-    known = None if (light == _NO_INTENSITY).all() else light
-    pose = found.pose @ SCANNER_FROM_SENSOR
-    return replace(
-        organised_scan(
-            points, fit_grid(points), world_from_sensor=pose, colour=colour, name=name, intensity=known
-        ),
-        warnings=left_out,
-    )
 
+    def __init__(self, path: Path) -> None:
+        self._stem, self._starts = path.stem, list[int]()
+        self._file = path.open(encoding="utf-8", errors="replace")
+        weakref.finalize(self, self._file.close)
+        start = self._file.tell()
+        while (header := self._header()) is not None:
+            self._starts.append(start)
+            rows, columns = header.shape
+            n_present = sum(1 for _ in self._lines(rows * columns))
+            if n_present < rows * columns:
+                raise InputError(f"truncated: {rows * columns} points announced, {n_present} present")
+            start = self._file.tell()
 
-def read_ptx_points(path: Path, index: int) -> RawPoints:
-    """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
+    def __len__(self) -> int:
+        return len(self._starts)
 
-    No projection is needed.
-    """
-    found, _ = _scan(path, index)
-    table = found.table.reshape(-1, found.table.shape[2])
-    table = table[(table[:, :3] != 0).any(axis=1)]
-    colour = checked_bytes(table[:, 4:7]) if table.shape[1] == 7 else None
-    return RawPoints(found.pose.apply(table[:, :3]), origins=found.pose.translation, colour=colour)
+    def scan(self, index: int) -> RangeImage:
+        """Return scan `index` (from 0).
 
+        Points are in the scanner's frame (z up) and run column by column; pixel (row, column) keeps the
+        file's order, so rows usually run upwards. The translation of the transform is its last line. The
+        projection is estimated from the points.
 
-def _scan(path: Path, index: int) -> tuple[_PtxScan, int]:
-    """Return scan `index` (from 0), and how many the file holds."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        scans = list(_scans(file, wanted=index))
-    found = scans[index] if 0 <= index < len(scans) else None
-    if found is None:
-        raise InputError(f"there is no scan {index + 1}: there are {len(scans)}")
-    return found, len(scans)
+        Raises
+        ------
+        InputError
+            Without points, not rigid, or no projection explains the grid.
+        """
+        pose, table = self._parse(index)
+        points = table[..., :3].copy()
+        n_bad = int((~np.isfinite(points).all(axis=-1)).sum())
+        left_out = f"{n_bad} of {points[..., 0].size} points are not finite and were left out"
+        points[(points == 0).all(axis=-1)] = np.nan
+        if not np.isfinite(points).any():
+            raise InputError(f"scan {index + 1} has no return")
+        points, light = SCANNER_FROM_SENSOR.inverse().apply(points), table[..., 3]
+        scan = organised_scan(
+            points,
+            fit_grid(points),
+            world_from_sensor=pose @ SCANNER_FROM_SENSOR,
+            colour=colour_from_bytes(table[..., 4:7]) if table.shape[2] == 7 else None,
+            name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
+            intensity=None if (light == _NO_INTENSITY).all() else light,
+        )
+        return replace(scan, warnings=(left_out,) if n_bad else ())
 
+    def points(self, index: int) -> RawPoints:
+        """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
 
-def _scans(file: TextIO, wanted: int | None = None) -> Iterator[_PtxScan | None]:
-    """Walk through the scans of a file; the wanted one is parsed, for the others None is yielded."""
-    for index in count():
-        lines = [line for line in islice(file, _HEADER_LINES) if line.strip()]
+        No projection is needed.
+
+        Raises
+        ------
+        InputError
+            There is no such scan, or its pose is not rigid.
+        """
+        pose, table = self._parse(index)
+        table = table.reshape(-1, table.shape[2])
+        table = table[(table[:, :3] != 0).any(axis=1)]
+        colour = checked_bytes(table[:, 4:7]) if table.shape[1] == 7 else None
+        return RawPoints(pose.apply(table[:, :3]), origins=pose.translation, colour=colour)
+
+    def _parse(self, index: int) -> tuple[Pose, FloatArray]:
+        """World from scanner, and the numbers (rows, columns, 4 or 7) of scan `index`."""
+        if not 0 <= index < len(self):
+            raise InputError(f"there is no scan {index + 1}: there are {len(self)}")
+        self._file.seek(self._starts[index])
+        header = self._header()
+        if header is None:
+            raise InputError(f"scan {index + 1} is gone: was the file changed?")
+        rows, columns = header.shape
+        pose = rounded_pose(header.transform.T)  # for row vectors: the translation is the last line
+        table = np.loadtxt(self._lines(rows * columns), dtype=np.float64, ndmin=2)
+        if table.shape[1] not in (4, 7):
+            raise InputError(f"points have {table.shape[1]} numbers; expected x y z intensity [r g b]")
+        return pose, table.reshape(columns, rows, -1).swapaxes(0, 1)
+
+    def _lines(self, n: int) -> Iterator[str]:
+        """The next n lines; unlike the file's own iterator this leaves it able to tell its place."""
+        return islice(iter(self._file.readline, ""), n)
+
+    def _header(self) -> _Header | None:
+        """The header of the next scan, None at the end of the file."""
+        lines = [line for line in self._lines(_HEADER_LINES) if line.strip()]
         if not lines:
-            return
+            return None
         if len(lines) < _HEADER_LINES:
             raise InputError(f"truncated: a scan's header has {_HEADER_LINES} lines, {len(lines)} present")
         numbers = [[float(word) for word in line.split()] for line in lines]
@@ -107,17 +140,7 @@ def _scans(file: TextIO, wanted: int | None = None) -> Iterator[_PtxScan | None]
             raise InputError("not a PTX file: expected columns, rows, 4 lines of 3 numbers and 4 of 4")
         columns, rows = int(numbers[0][0]), int(numbers[1][0])
         check_size(rows, columns)
-        points = list(islice(file, rows * columns))
-        if len(points) < rows * columns:
-            raise InputError(f"truncated: {rows * columns} points announced, {len(points)} present")
-        if index != wanted:
-            yield None
-            continue
-        pose = rounded_pose(np.array(numbers[6:]).T)  # for row vectors: the translation is the last line
-        table = np.loadtxt(points, dtype=np.float64, ndmin=2)
-        if table.shape[1] not in (4, 7):
-            raise InputError(f"points have {table.shape[1]} numbers; expected x y z intensity [r g b]")
-        yield _PtxScan(pose, table.reshape(columns, rows, -1).swapaxes(0, 1))
+        return _Header((rows, columns), np.array(numbers[6:]))
 
 
 def write_ptx(scan: RangeImage, path: Path) -> None:

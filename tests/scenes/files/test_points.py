@@ -13,7 +13,7 @@ from scenes.checks import InputError
 from scenes.files.point_files import POINT_SUFFIXES, PointCloud, read_points
 from scenes.files.scan_files import read_scan, write_scan, write_scans
 from scenes.formats.meshes.ply import write_mesh_ply
-from scenes.formats.scans.ptx import read_ptx_points
+from scenes.formats.scans.ptx import PtxFile
 from scenes.pose import Pose
 from scenes.run.file_limits import limits
 from tests.helpers.data_paths import data_path, requires_data
@@ -377,4 +377,4 @@ def test_real_files() -> None:
 def test_a_scan_that_is_not_there_is_named(tmp_path: Path) -> None:
     write_scan(example_scan(LASER, colour=False), tmp_path / "one.ptx")
     with pytest.raises(InputError, match="there is no scan 3: there are 1"):
-        read_ptx_points(tmp_path / "one.ptx", 2)
+        PtxFile(tmp_path / "one.ptx").points(2)

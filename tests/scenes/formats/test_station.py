@@ -81,7 +81,7 @@ def test_places_and_points_that_cannot_be_meant_are_refused(cloud):
 
 def test_complete_takes_mere_points_with_their_origin(cloud, tmp_path, monkeypatch):
     page = Page("", "", "", (), None, (), {}, 0)
-    monkeypatch.setattr("nbv.commands.complete.completion_page", lambda *_: page)
+    monkeypatch.setattr("nbv.report.completion_report.completion_page", lambda *_, **__: page)
     points, origin = cloud
     file = tmp_path / "room.xyz"
     np.savetxt(file, points)
