@@ -125,7 +125,7 @@ def evaluation(
         costs = study.costs()
         run.costs.update(costs)
         lines = [cost_line(method, cost) for method, cost in costs.items()]
-        run.finish([], options, result.headline(), [*result.lines(), *lines])
+        run.finish(options, result.headline(), [*result.lines(), *lines])
 
 
 @dataclass(slots=True, eq=False)

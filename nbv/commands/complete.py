@@ -15,7 +15,6 @@ from completion.pipeline import Completion, complete
 from completion.result.verification import Finding, Verification, verify
 from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count, square_metres
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
@@ -71,11 +70,11 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
     """Complete the scans of `request` and write model, record and report."""
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
+        run.read([*request.inputs, *([how.edits] if how.edits else [])])
         scans = read_request(request)
         run.warn(doubts_of(scans))
         options = how.resolved()
-        inputs = [*request.inputs, *([how.edits] if how.edits else [])]
-        journal = run.journal(inputs, {**request.options(), **how.options()})
+        journal = run.journal({**request.options(), **how.options()})
         completion = complete(
             scans,
             options,
@@ -105,9 +104,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             n_threads=shared.threads,
             verification=verification,
         )
-        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+        run.report(page)
         resolved = {**asked, "resolved": _settled(options, len(scans))}
-        run.finish(inputs, resolved, summary_of(completion), lines_of(completion, verification))
+        run.finish(resolved, summary_of(completion), lines_of(completion, verification))
 
 
 def verify_first(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.pictures.surface_values import fine_coverage
 from nbv.run.csv_table import csv_text
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count, percent
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -83,6 +82,8 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
     """Measure the coverage of `scene` by a plan's views or by scans, and write it."""
     with running("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
+        files = [request.plan] if request.plan else request.scans.inputs
+        run.read([scene, request.sensor, *files])
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         run.warn(world.warnings)
         measured = _measure(run, world, request)
@@ -104,9 +105,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             seed=shared.seed,
             n_threads=shared.threads,
         )
-        files = [request.plan] if request.plan else request.scans.inputs
-        inputs = [scene, request.sensor, *files]
-        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+        run.report(page)
         resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
         summary = {
             "stations": len(measured.stations),
@@ -120,7 +119,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             f"{percent(coverage.met)} % of the area, "
             f"{percent(coverage.met_of_reachable)} % of what can be reached"
         )
-        run.finish(inputs, resolved, summary, [line])
+        run.finish(resolved, summary, [line])
 
 
 def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:

@@ -35,6 +35,7 @@ TEXTURING = TexturingOptions(max_samples=12_000)  # less to search than by defau
 def run_demo(shared: Shared) -> None:
     """Plan views, complete the scans of a few of them, compare with the truth, and write everything."""
     with running("demo", shared, default="out/demo", is_folder=True) as run:
+        run.read([f"builtin:{SCENE}"])
         scene, sensor, threads = builtin_scene(SCENE), load_sensor(SENSOR), shared.threads
         caster = scene.ray_caster(threads)
         plan = plan_views(
@@ -83,7 +84,7 @@ def run_demo(shared: Shared) -> None:
             seed=shared.seed,
             n_threads=threads,
         )
-        page.write(run.path("report.html"))
+        run.report(page)
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
         lines = [
@@ -96,7 +97,7 @@ def run_demo(shared: Shared) -> None:
             f"{percent(comparison.within_close)} % of it within 2 cm of the true surface",
             f"open {run.out / 'report.html'}",
         ]
-        run.finish([f"builtin:{SCENE}"], asked, summary, lines)
+        run.finish(asked, summary, lines)
 
 
 def best_views(views: Sequence[View], samples: SurfaceSamples, caster: RayCaster, n: int) -> list[int]:

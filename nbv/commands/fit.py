@@ -32,6 +32,8 @@ def run_fit(
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
     with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         run.watch.enter("load")
+        if shared.out is not None:
+            run.read([points])
         cloud = read_points(points, units)
         along = cloud.rays(origin) if rays or origin is not None else None
         run.watch.enter("fit")
@@ -49,7 +51,7 @@ def run_fit(
             raise FitError(f"{points}: {error}") from error
         if shared.out is not None:
             write_json(run.path(), held)
-            run.keep([points], options)
+            run.keep(options)
         if shared.as_json or not shared.quiet:
             typer.echo(json_text(held).rstrip())
 

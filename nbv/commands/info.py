@@ -36,9 +36,10 @@ def run_info(
         if shared.out is None:  # nothing is written, so there is nothing to make a manifest for
             run.say(held, lines)
             return
+        run.read([file])
         write_json(run.path(), held)
         options = {"up": up, "units": units, "intrinsics": intrinsics, "depth_scale": depth_scale}
-        run.finish([file], options, held, lines)
+        run.finish(options, held, lines)
 
 
 def _lines(held: dict[str, Any]) -> list[str]:

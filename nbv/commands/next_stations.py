@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from nbv.commands.plan import PlanRequest
@@ -16,7 +15,6 @@ from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import with_aperture
 from nbv.report.next_stations_report import next_stations_page
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations
@@ -32,6 +30,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
     """Plan the next stations after the scans of `request`, and write plan, coverage so far and report."""
     with running("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
+        run.read(request.inputs)
         zones, requirement = request.zones(), request.requirement()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
@@ -68,9 +67,9 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         page = next_stations_page(
             plan, coverage, title=title, options=asked, seed=shared.seed, n_threads=shared.threads
         )
-        replace(page, inputs=input_digests(request.inputs)).write(run.path("report.html"))
+        run.report(page)
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
-        run.finish(request.inputs, resolved, summary_of(plan, coverage), lines_of(plan, coverage))
+        run.finish(resolved, summary_of(plan, coverage), lines_of(plan, coverage))
 
 
 def upright_scans(request: ScanRequest, up: Axis) -> list[RangeImage]:

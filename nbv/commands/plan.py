@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import remote_visibility
 from nbv.report.coverage_report import plan_page
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -102,6 +101,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
     """Plan views of `scene` and write plan, coverage and report."""
     with running("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
+        run.read([scene, *request.inputs])
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         run.warn(world.warnings)
@@ -109,7 +109,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         scans = read_request(request.scans) if request.scans.paths else []
         run.warn(doubts_of(scans))
-        journal = run.journal([scene, *request.inputs], request.options())
+        journal = run.journal(request.options())
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,
@@ -154,11 +154,10 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             baselines=baselines,
             scans=scans,
         )
-        inputs = [scene, *request.inputs]
-        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+        run.report(page)
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         summary = {**summary_of(plan), "warnings": world.warnings}
-        run.finish(inputs, resolved, summary, lines_of(plan))
+        run.finish(resolved, summary, lines_of(plan))
 
 
 def baselines_of(

@@ -73,6 +73,7 @@ def run_scan(
     is_folder = stand.file is not None and not (shared.out or default).suffix
     with running("scan", shared, default=str(default), is_folder=is_folder) as run:
         run.watch.enter("load")
+        run.read([scene, sensor, *([stand.file] if stand.file else [])])
         poses = stand.poses()
         world = open_scene(scene, up=up, units=units)
         run.warn(world.warnings)
@@ -104,9 +105,8 @@ def run_scan(
             "noise": noise, "effects": taken[0].noise, "truth": truth, "up": up, "units": units,
         }  # fmt: skip
         errs = "exact ranges" if taken[0].noise == "none" else f"errs by {taken[0].noise}"
-        inputs = [scene, sensor, *([stand.file] if stand.file else [])]
         lines = [_line(taken), f"{profile.sensor.name}: {errs}"]
-        run.finish(inputs, options, {**summary, "warnings": world.warnings}, lines)
+        run.finish(options, {**summary, "warnings": world.warnings}, lines)
 
 
 def _summary(taken: Sequence[RangeImage]) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from nbv.commands.process.run import Shared, running
 from nbv.commands.scans import instruments_of, title_of
 from nbv.report.scan_coverage_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
@@ -36,6 +34,7 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
     """Report what the scans of `request` have measured, and what completion makes of it."""
     with running("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
+        run.read([request.sensor, *request.scans.inputs])
         requirement = Requirement(
             max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m
         )
@@ -64,9 +63,8 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
             seed=shared.seed,
             n_threads=shared.threads,
         )
-        inputs = [request.sensor, *request.scans.inputs]
-        replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
-        run.finish(inputs, asked, coverage.to_json(), lines_of(coverage))
+        run.report(page)
+        run.finish(asked, coverage.to_json(), lines_of(coverage))
 
 
 def csv_of(coverage: ScanCoverage) -> str:

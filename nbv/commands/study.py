@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from nbv.commands.process.run import Run, Shared, running
 from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
 from nbv.run.cluster import workers_of
-from nbv.run.manifest import input_digests
 from nbv.run.wording import count
 from nbv.study.outcome import Outcome
 from nbv.study.pipeline import run_study
@@ -26,6 +24,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
     with running("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
         run.watch.enter("load")
         spec = read_study(file)
+        run.read([file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)])
         check_results(spec.results)
         with workers_of(scheduler, shared.threads) as workers:
             outcomes = run_study(
@@ -33,9 +32,8 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
             )
         run.watch.enter("report")
         options = _options(spec)
-        inputs = [file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)]
-        _write(run, spec, outcomes=outcomes, options=options, stem=Path(file).stem, inputs=inputs)
-        run.finish(inputs, options, _summary(outcomes), _lines(outcomes, common_share(spec)))
+        _write(run, spec, outcomes=outcomes, options=options, stem=Path(file).stem)
+        run.finish(options, _summary(outcomes), _lines(outcomes, common_share(spec)))
 
 
 def _write(
@@ -44,7 +42,6 @@ def _write(
     outcomes: tuple[Outcome, ...],
     options: dict[str, Any],
     stem: str,
-    inputs: list[str],
 ) -> None:
     names = [f"plans/{outcome.case.name}.json" for outcome in outcomes]
     run.kept.update({name: run.out / name for name in names})
@@ -52,7 +49,7 @@ def _write(
     page, plots = study_page(spec, outcomes, options, run.shared.seed, stem)
     for name, plot in plots.items():
         write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
-    replace(page, inputs=input_digests(inputs)).write(run.path("report.html"))
+    run.report(page)
 
 
 def _options(spec: StudySpec) -> dict[str, Any]:

@@ -58,6 +58,7 @@ def run_texture(
     """Fill the masked pixels of `image`, of a surface with shading apart, or grow a texture of `shape`."""
     with running("texture", shared, default="texture.png", is_folder=False) as run:
         _format_of(run.out)
+        run.read([image] if mask is None else [image, mask])
         pixels = read_image(image)
         hole = None if mask is None else read_mask(mask)
 
@@ -111,7 +112,7 @@ def run_texture(
         line = f"{summary['filled']} pixels, window {made.window}"
         if summary["alarms"]:
             line += f"; look at it: {', '.join(summary['alarms'])}"
-        run.finish([image] if mask is None else [image, mask], options, summary, [line])
+        run.finish(options, summary, [line])
 
 
 def texture_bytes(shape: tuple[int, ...], grown: tuple[int, int] | None, *, is_surface: bool = False) -> int:

@@ -43,65 +43,71 @@ def sha256_of(path: Path) -> str:
     return digest.hexdigest()
 
 
-def input_records(given: Iterable[str]) -> list[dict[str, Any]]:
-    """Describe inputs: path, bytes and SHA-256 of each file; of a folder, every file in it.
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a run reads, hashed once.
+
+    Attributes
+    ----------
+    records : tuple of dict
+        For each input its name, and the bytes and SHA-256 of its files; of what is no file the name alone.
+    """
+
+    records: tuple[dict[str, Any], ...] = ()
+
+    def digests(self) -> tuple[tuple[str, str], ...]:
+        """Return name and SHA-256 of each input that is a file; of a folder, of the list of its files' own.
+
+        Names have no folders: a report is the same wherever its inputs lie.
+        """
+        found = []
+        for record in self.records:
+            name = Path(record["input"]).name
+            if "sha256" in record:
+                found.append((name, record["sha256"]))
+            elif "files" in record:
+                lines = "".join(f"{file['sha256']}  {file['name']}\n" for file in record["files"])
+                found.append((f"{name}/", hashlib.sha256(lines.encode()).hexdigest()))
+        return tuple(dict.fromkeys(found))
+
+    def key(self, options: Mapping[str, Any], seed: int) -> str:
+        """Return what tells a run by what it is made of: the SHA-256 of versions, inputs, options, seed."""
+        made_of = {"versions": versions(), "inputs": self.records, "options": dict(options), "seed": seed}
+        return hashlib.sha256(json_text(made_of).encode()).hexdigest()
+
+
+def read_inputs(given: Iterable[str]) -> Inputs:
+    """Hash inputs: each file once, of a folder every file in it.
 
     `builtin:NAME` and other things that are no files are named alone; `PATH#k` stands for PATH.
 
     Examples
     --------
-    >>> input_records(["builtin:two_occluders"])
-    [{'input': 'builtin:two_occluders'}]
+    >>> read_inputs(["builtin:two_occluders"]).records
+    ({'input': 'builtin:two_occluders'},)
     """
-    return [_input_record(text) for text in given]
+    known: dict[Path, dict[str, Any]] = {}
+    records = []
+    for text in given:
+        before, mark, _number = text.rpartition("#")
+        path = Path(text) if Path(text).exists() or not mark else Path(before)
+        if path not in known:
+            known[path] = _record(path)
+        records.append({"input": text, **known[path]})
+    return Inputs(tuple(records))
 
 
-def input_digests(given: Iterable[str]) -> tuple[tuple[str, str], ...]:
-    """Return name and SHA-256 of each input that is a file; of a folder, of the list of its files' own.
-
-    Names have no folders: a report is the same wherever its inputs lie.
-
-    Examples
-    --------
-    >>> input_digests(["builtin:two_occluders"])
-    ()
-    """
-    found = []
-    for record in input_records(given):
-        name = Path(record["input"]).name
-        if "sha256" in record:
-            found.append((name, record["sha256"]))
-        elif "files" in record:
-            lines = "".join(f"{file['sha256']}  {file['name']}\n" for file in record["files"])
-            found.append((f"{name}/", hashlib.sha256(lines.encode()).hexdigest()))
-    return tuple(dict.fromkeys(found))
-
-
-def _input_record(text: str) -> dict[str, Any]:
-    before, mark, _number = text.rpartition("#")
-    path = Path(text) if Path(text).exists() or not mark else Path(before)
+def _record(path: Path) -> dict[str, Any]:
     if path.is_file():
-        return {"input": text, **_file_record(path)}
+        return _file_record(path)
     if path.is_dir():
         held = sorted(file for file in path.rglob("*") if file.is_file())
-        files = [{"name": file.relative_to(path).as_posix(), **_file_record(file)} for file in held]
-        return {"input": text, "files": files}
-    return {"input": text}
+        return {"files": [{"name": file.relative_to(path).as_posix(), **_file_record(file)} for file in held]}
+    return {}
 
 
 def _file_record(path: Path) -> dict[str, Any]:
     return {"bytes": path.stat().st_size, "sha256": sha256_of(path)}
-
-
-def run_key(inputs: Iterable[str], options: Mapping[str, Any], seed: int) -> str:
-    """Return what tells a run by what it is made of: the SHA-256 of versions, inputs, options and seed."""
-    made_of = {
-        "versions": versions(),
-        "inputs": input_records(inputs),
-        "options": dict(options),
-        "seed": seed,
-    }
-    return hashlib.sha256(json_text(made_of).encode()).hexdigest()
 
 
 @dataclass(slots=True, eq=False)
@@ -151,7 +157,7 @@ def write_manifest(
     *,
     command: str,
     seed: int,
-    inputs: Iterable[str],
+    inputs: Inputs,
     options: Mapping[str, Any],
     threads: int | None,
     outputs: Mapping[str, Path],
@@ -167,8 +173,8 @@ def write_manifest(
         The command that ran.
     seed : int
         Its seed.
-    inputs : iterable of str
-        Paths and `builtin:` names as they were given.
+    inputs : Inputs
+        What was read.
     options : mapping
         Every option with the value that was used, defaults included.
     threads : int, optional
@@ -182,7 +188,7 @@ def write_manifest(
         "command": command,
         "versions": versions(),
         "seed": seed,
-        "inputs": input_records(inputs),
+        "inputs": inputs.records,
         "options": dict(options),
         "threads": threads if threads is not None else os.cpu_count(),
         "platform": platform.platform(),

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,8 @@ from nbv.commands.process.interruption import interruptible
 from nbv.commands.process.progress import Progress, progress_bars
 
 if TYPE_CHECKING:
-    from nbv.run.manifest import Stopwatch
+    from nbv.report.page.page import Page
+    from nbv.run.manifest import Inputs, Stopwatch
     from scenes.run.journal import FileJournal
     from scenes.run.staged_outputs import Stage
 
@@ -56,7 +57,7 @@ class Shared:
     limits: Mapping[str, int] = field(default_factory=dict)
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, kw_only=True)
 class Run:
     """One run of a command, whose outputs all appear at its end.
 
@@ -76,6 +77,8 @@ class Run:
         Tells how far a stage is.
     stage : Stage
         Where outputs wait until all are written.
+    inputs : Inputs
+        What the command reads, as hashed by `read`.
     kept : dict of str to Path
         Outputs that are in the folder already, by their names there.
     costs : dict
@@ -89,6 +92,7 @@ class Run:
     watch: Stopwatch
     progress: Progress
     stage: Stage
+    inputs: Inputs
     kept: dict[str, Path] = field(default_factory=dict)
     costs: dict[str, Any] = field(default_factory=dict)
 
@@ -96,26 +100,29 @@ class Run:
         """Return where to write an output; a command with one output file need not name it."""
         return self.stage.path(name or self.out.name)
 
-    def journal(self, inputs: Sequence[str], options: Mapping[str, Any]) -> FileJournal:
+    def read(self, inputs: Iterable[str]) -> None:
+        """Hash the inputs, once for journal, report and manifest: paths and names as they were given."""
+        from nbv.run.manifest import read_inputs
+
+        self.inputs = read_inputs(inputs)
+
+    def journal(self, options: Mapping[str, Any]) -> FileJournal:
         """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
-        from nbv.run.manifest import run_key
         from scenes.run.journal import FileJournal
 
-        key = run_key(inputs, {"command": self.command, **options}, self.shared.seed)
+        key = self.inputs.key({"command": self.command, **options}, self.shared.seed)
         return FileJournal(self.out / _JOURNAL, key)
 
-    def finish(
-        self,
-        inputs: Sequence[str],
-        options: Mapping[str, Any],
-        summary: Mapping[str, Any],
-        lines: Sequence[str],
-    ) -> None:
+    def report(self, page: Page) -> None:
+        """Write the report, which names the inputs and their SHA-256."""
+        replace(page, inputs=self.inputs.digests()).write(self.path("report.html"))
+
+    def finish(self, options: Mapping[str, Any], summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Write the manifest; print `summary` as JSON, or `lines` for people."""
-        written = self.keep(inputs, options)
+        written = self.keep(options)
         self.say({**summary, "files": [str(file) for file in written]}, [*lines, f"written to {self.out}"])
 
-    def keep(self, inputs: Sequence[str], options: Mapping[str, Any]) -> list[Path]:
+    def keep(self, options: Mapping[str, Any]) -> list[Path]:
         """Write the manifest, put all outputs in place, and return their paths, the manifest's last."""
         from nbv.run.manifest import manifest_path, write_manifest
 
@@ -126,7 +133,7 @@ class Run:
             self.stage.path(manifest),
             command=self.command,
             seed=self.shared.seed,
-            inputs=inputs,
+            inputs=self.inputs,
             options={**options, "max_memory": self.shared.max_memory, "limits": dict(self.shared.limits)},
             threads=self.shared.threads,
             outputs=outputs,
@@ -162,7 +169,7 @@ def running(
 
     One that only prints says so by `writes`, and nothing is locked or staged.
     """
-    from nbv.run.manifest import Stopwatch
+    from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
     from scenes.run.file_limits import limits
     from scenes.run.lock import locked
@@ -192,6 +199,7 @@ def running(
                 watch=watch,
                 progress=progress,
                 stage=stage,
+                inputs=Inputs(),
             )
     except (InputError, OSError) as error:
         _fail(command, str(error))

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from nbv.report.page.page import Page
+from nbv.run import manifest
 from tests.helpers.data_paths import ROOT
 
 TINY = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 70.0\nwidth = 72\nheight = 72\n'
@@ -345,6 +346,13 @@ def test_complete_writes_what_the_contract_names(completed):
     assert {output["name"] for output in manifest["outputs"]} == names
     assert manifest["options"]["resolved"]["mode"] == "standard"
     assert len(manifest["inputs"][0]["sha256"]) == 64
+
+
+def test_inputs_are_hashed_once_for_journal_report_and_manifest(scan, tmp_path, monkeypatch):
+    hashed, sha256_of = [], manifest.sha256_of
+    monkeypatch.setattr(manifest, "sha256_of", lambda path: hashed.append(path) or sha256_of(path))
+    succeed("complete", scan, "--mode", "conservative", "--no-texture", "-o", tmp_path)
+    assert hashed.count(scan) == 1
 
 
 def test_complete_is_the_same_for_any_number_of_threads(completed, scan, tmp_path):

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 from nbv.run.manifest import (
+    Inputs,
     Stopwatch,
-    input_digests,
-    input_records,
     manifest_path,
+    read_inputs,
     sha256_of,
     version_of,
     write_manifest,
@@ -26,13 +26,13 @@ def test_inputs_are_files_folders_numbered_scans_and_names(tmp_path):
     (tmp_path / "folder" / "depth").mkdir(parents=True)
     (tmp_path / "folder" / "depth" / "1.png").write_bytes(b"1")
     (tmp_path / "scan.e57").write_bytes(b"22")
-    records = input_records(
+    records = read_inputs(
         [str(tmp_path / "scan.e57#2"), str(tmp_path / "folder"), "builtin:office", "generic60"]
-    )
+    ).records
     assert records[0]["bytes"] == 2
     assert records[0]["sha256"] == hashlib.sha256(b"22").hexdigest()
     assert [file["name"] for file in records[1]["files"]] == ["depth/1.png"]
-    assert records[2:] == [{"input": "builtin:office"}, {"input": "generic60"}]
+    assert records[2:] == ({"input": "builtin:office"}, {"input": "generic60"})
 
 
 def test_manifest_goes_into_a_folder_and_beside_a_file():
@@ -50,7 +50,7 @@ def test_manifest_holds_all_that_is_promised(tmp_path):
         tmp_path / "manifest.json",
         command="scan",
         seed=7,
-        inputs=["builtin:two_occluders"],
+        inputs=read_inputs(["builtin:two_occluders"]),
         options={"sensor": "generic60"},
         threads=2,
         outputs={"parts/result.txt": output},
@@ -69,7 +69,14 @@ def test_manifest_holds_all_that_is_promised(tmp_path):
 
 def test_threads_default_to_the_cores(tmp_path):
     write_manifest(
-        tmp_path / "m.json", command="x", seed=0, inputs=[], options={}, threads=None, outputs={}, times={}
+        tmp_path / "m.json",
+        command="x",
+        seed=0,
+        inputs=Inputs(),
+        options={},
+        threads=None,
+        outputs={},
+        times={},
     )
     assert json.loads((tmp_path / "m.json").read_text())["threads"] >= 1
 
@@ -91,8 +98,8 @@ def test_inputs_are_named_without_their_folders_and_hashed(tmp_path):
     folder.mkdir()
     (folder / "b.png").write_bytes(b"b")
     given = [str(one), f"{one}#2", str(folder), "builtin:office", "generic60"]
-    found = input_digests(given)
+    found = read_inputs(given).digests()
     assert [name for name, _ in found] == ["one.ply", "one.ply#2", "frames/"]
     assert found[0][1] == found[1][1] == hashlib.sha256(b"ply").hexdigest()
     (folder / "b.png").write_bytes(b"c")
-    assert input_digests(given)[2] != found[2]
+    assert read_inputs(given).digests()[2] != found[2]
