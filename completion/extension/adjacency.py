@@ -31,7 +31,7 @@ class Adjacency:
     encloses : (n,) bool
         Surfaces with nearly all measured points on their inner side: walls, floor, ceiling, vault.
     meets : (n, n) bool
-        Pairs that were seen to meet.
+        Pairs that lie side by side in some scan, in a crease or across a jump.
     standing : (n,) float
         Probability that what stands at right angles to an enclosing plane goes on down to it, 0 for others.
     """

@@ -57,6 +57,49 @@ def test_every_kind_of_cell_gets_its_label():
     assert not (found.observed & (found.labels != Label.VISIBLE)).any()
 
 
+SAID = {  # what one scan measures along the ray through a place, and whose pixel that is: 1 is the surface
+    "own": (3.0, 1),
+    "nobody's": (3.0, 0),
+    "another's": (3.0, 2),
+    "before": (1.5, 2),
+    "beyond": (5.0, 2),
+    "no echo": (np.inf, 0),
+}
+WEIGHED = [  # two scans, one after the other: label of the place, whether it counts as measured
+    ("own", "own", Label.VISIBLE, True),
+    ("own", "before", Label.VISIBLE, True),
+    ("own", "no echo", Label.VISIBLE, True),
+    ("own", "beyond", Label.VISIBLE, True),  # what was measured stays
+    ("own", "nobody's", Label.VISIBLE, True),
+    ("nobody's", "nobody's", Label.VISIBLE, False),  # but far from own pixels it is something else
+    ("another's", "another's", Label.VISIBLE, False),
+    ("another's", "before", Label.VISIBLE, False),
+    ("before", "before", Label.OCCLUDED, False),
+    ("before", "no echo", Label.OCCLUDED, False),
+    ("before", "beyond", Label.FREE, False),  # one beam is a veto
+    ("no echo", "beyond", Label.FREE, False),
+    ("another's", "beyond", Label.FREE, False),
+    ("no echo", "no echo", Label.NO_RETURN, False),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "label", "is_measured"), WEIGHED)
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_scans_are_weighed_whatever_their_order(one, other, label, is_measured, turned):
+    observations, owners = [], []
+    for said in (other, one) if turned else (one, other):
+        depth, owner = SAID[said]
+        scan = replace(SCAN, ranges=np.full((120, 120), depth) / CAMERA.directions()[..., 2])
+        observations.append(observe(scan, Pose.identity()))
+        owners.append(np.full((120, 120), owner, np.int32))
+    found = weigh(GRID, EXACT, Scans(tuple(observations), tuple(owners), USUAL), 1)
+    assert label_at(found, 0.02, 0.02) == label
+    _, cell = GRID.cells_of(np.array([[0.02, 0.02, 3.0]]))
+    assert found.observed.ravel()[cell[0]] == found.own.ravel()[cell[0]] == is_measured
+    assert (found.pixel.ravel()[cell[0]] >= 0) == is_measured or one == other == "nobody's"
+    assert (found.occluder.ravel()[cell[0]] == 2) == ("before" in (one, other))
+
+
 def test_free_in_any_scan_beats_occluded_and_visible_cells_stay():
     depth = np.full((120, 120), 3.0)
     depth[30:90, 10:60] = 5.0  # the second scan looks through where the first saw the box
