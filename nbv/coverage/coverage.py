@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nbv.coverage.surface_classes import INFERRED, MODELLED
 from nbv.coverage.visibility_history import VisibilityHistory
+from nbv.run.showing import show_report
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 UNREACHABLE, REACHABLE, MET = 0, 1, 2
 STATES = ("unreachable", "reachable", "met")
+_MOST_LISTED, _LEAST_LISTED = 5, 0.0005  # surfaces on a card; fractions that it tells
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,15 +275,33 @@ class Coverage:
         self, scene: Scene, stations: Sequence[View] | Sequence[RangeImage], *, n_threads: int | None = None
     ) -> Path:
         """Show the full report of this coverage of `scene` by `stations`; see `nbv.show`."""
-        from nbv.report.display import show  # jinja2 and matplotlib: only where a report is asked for
-
-        return show(self, scene, stations, n_threads=n_threads)
+        return show_report(self, scene, stations, n_threads=n_threads)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured, missed and unreachable area."""
-        from nbv.plan.cards import card_of_coverage  # only notebooks need it
+        from nbv.coverage.card_parts import area_bar  # only notebooks need cards
+        from scenes.card.card import Card
 
-        return card_of_coverage(self).to_html()
+        total, reasons = self.total_m2, self.reasons()
+        figures = [
+            ("surface", f"{total:.2f} m\u00b2, {len(self.samples)} samples"),
+            ("counts as measured", self.requirement.describe()),
+            ("measured", f"{100 * self.met:.1f} %, {self.met * total:.2f} m\u00b2"),
+            ("of what can be reached", f"{100 * self.met_of_reachable:.1f} %"),
+        ]
+        figures += [
+            (f"unreachable: {name.replace('_', ' ')}", f"{100 * share:.1f} %")
+            for name, share in reasons.items()
+            if share >= _LEAST_LISTED
+        ]
+        missed = sorted(self.by_surface(), key=lambda row: (row.met - row.reachable) * row.area_m2)
+        figures += [
+            (f"missed on {row.name}", f"{(row.reachable - row.met) * row.area_m2:.2f} m\u00b2")
+            for row in missed[:_MOST_LISTED]
+            if row.reachable - row.met > _LEAST_LISTED
+        ]
+        bar = area_bar(met=self.met, inferred=self.modelled + self.inferred, reachable=self.reachable)
+        return Card("Coverage", "which surface is measured as required", figures, bar=bar).to_html()
 
     def _is(self, kind: int) -> BoolArray:
         """Samples of a class; none where completion does not stand in for views."""

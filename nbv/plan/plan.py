@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,8 @@ from nbv.cover.cover import LowerBound
 from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import Shares
 from nbv.plan.stations import Stations
+from nbv.run.showing import show_report
+from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import sensor_from_profile
 from nbv.scanning.view import View
@@ -129,15 +132,32 @@ class Plan:
 
     def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
         """Show the full report of this plan of `scene`; see `nbv.show`."""
-        from nbv.report.display import show  # jinja2 and matplotlib: only where a report is asked for
-
-        return show(self, scene, n_threads=n_threads)
+        return show_report(self, scene, n_threads=n_threads)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: views, coverage and its curve."""
-        from nbv.plan.cards import card_of_plan  # only notebooks need it
+        from nbv.coverage.card_parts import area_bar, coverage_curve  # only notebooks need cards
+        from scenes.card.card import Card, CardPicture, Share
 
-        return card_of_plan(self).to_html()
+        figures = [
+            ("views", f"{len(self.views)} of {self.n_candidates} candidates"),
+            ("sensor", self.sensor.name),
+            ("counts as measured", self.requirement.describe()),
+        ]
+        pictures, one = list[CardPicture](), self.coverage
+        bar: Sequence[Share] = ()
+        if one is not None:
+            figures += [("measured", f"{100 * one.met:.1f} % of {one.total_m2:.1f} m\u00b2")]
+            bar = area_bar(met=one.met, inferred=one.modelled + one.inferred, reachable=one.reachable)
+            before = self.resumed_from.met_fraction if self.resumed_from else None
+            met = [before or 0.0, *(view.met_fraction or 0.0 for view in self.views)]
+            pictures = [coverage_curve(met, one.reachable)]
+        if self.lower_bound is not None:
+            figures += [("lower bound", count(self.lower_bound.views, "view"))]
+        if self.stations is not None:
+            figures += [("tour", f"{self.stations.tour.length_m:.1f} m")]
+        title, note = f"method {self.method}", f"stopped because: {self.stopped_because}"
+        return Card("View plan", title, figures, bar=bar, pictures=pictures, note=note).to_html()
 
 
 def read_plan(path: str | Path) -> Plan:

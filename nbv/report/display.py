@@ -19,6 +19,7 @@ from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.page.page import Page
 from nbv.report.scan_page import scan_page
+from nbv.run.showing import register
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
@@ -163,3 +164,6 @@ def _show_inline(path: Path) -> bool:
     display: Any = sys.modules["IPython.display"]
     display.display(display.HTML(f"<div>{frame}</div>"))
     return True
+
+
+register(show)

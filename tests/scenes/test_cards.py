@@ -203,7 +203,7 @@ def test_a_fill_shows_the_image_and_its_sources(channels):
 def test_cards_cost_nothing_until_they_are_shown():
     code = (
         "import sys, nbv.plan.plan; "
-        "print([m for m in ('jinja2', 'matplotlib', 'nbv.plan.cards', 'scenes.card.card') if m in "
+        "print([m for m in ('jinja2', 'matplotlib', 'nbv.report.display', 'scenes.card.card') if m in "
         "sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
