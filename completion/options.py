@@ -67,7 +67,7 @@ class CompletionOptions:
         lengths = ("sigma_m", "registration_m", "max_sd_m")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
 
-    def extension_rules(self) -> ExtensionRules:
+    def rules(self) -> ExtensionRules:
         """Return what a continuation may use, and how sure it must be."""
         return ExtensionRules(
             mode=self.mode, max_sd_m=self.max_sd_m, max_cells=self.evidence.max_cells, cues=self.cues

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -18,16 +19,16 @@ from completion.boundary.continuation import Cue
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import find_adjacency
-from completion.extension.extent import find_extent, with_ends
+from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.merging.pipeline import MergedSurface, merge
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
-from completion.result.audit import audit
+from completion.result.audit import AuditResult, audit
 from completion.result.completed_model import CompletedModel
 from completion.result.export import export_completion, save_completion
-from completion.result.labelled_points import hypothesised_mesh
+from completion.result.labelled_points import LabelledPoints, hypothesised_mesh
 from completion.result.verification import Verification
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
@@ -40,6 +41,7 @@ from scenes.scan.range_image import RangeImage
 Progress = Callable[[str, int, int], None]
 _BYTES_KEPT = 350  # of every pixel, to the end: points, normals, regions, surfaces, textures
 _BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
+_NOT_KEPT = ("noise and normals",)  # by the journal: they are made again as fast as read
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
 
@@ -138,51 +140,33 @@ def complete(
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
         raise InputError("nothing to complete: give at least one scan")
-    _require_memory(scans)
     seed = int(np.random.default_rng(rng).integers(2**63))
     tolerance, world_from_reference = options.tolerance(len(scans)), scans[0].world_from_sensor
     reference_from_world = world_from_reference.inverse()
-    largest = max(scan.ranges.size for scan in scans)
-    with threads(_BYTES_A_PIXEL * largest, n_threads) as pool:
-        steps = _Steps(pool, progress or (lambda _stage, _done, _total: None), journal)
+    with _Steps.over(scans, n_threads, progress, journal) as steps:
         observations = steps.each(
-            "noise and normals",
-            lambda scan: observe(scan, reference_from_world, options.sigma_m),
-            scans,
-            kept=False,
+            "noise and normals", lambda scan: observe(scan, reference_from_world, options.sigma_m), scans
         )
 
         # 2. Segment: cut each scan into regions on planes and cylinders.
         regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
 
-        # 3. Merge: join the regions that are one surface, then as a person says.
+        # 3. Merge: join the regions that are one surface, then join and part as a person says.
         across = Cue.MERGING in options.cues
         merged = journal.step("merge", lambda: merge(observations, regions, tolerance, across=across))
-        edited = apply_edits(
-            merged,
-            options.edits,
-            observations=observations,
-            world_from_reference=world_from_reference,
-            flatness_m=tolerance.flatness_m,
-        )
+        edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
         seen = Scans(tuple(observations), tuple(number_pixels(surfaces, observations)), tolerance)
 
-        # 4. Bound: where each surface was seen to end, and which surfaces meet and enclose one another.
+        # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [find_boundary_pixels(one.fit, one.masks, observations, tolerance) for one in surfaces]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
         # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
         def extended(index: int) -> Patch:
-            extent = find_extent(index, surfaces, boundaries, adjacency, seen.observations, cues=options.cues)
+            extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues)
             return extend(
-                surfaces[index],
-                boundaries[index],
-                with_ends(extent, edited[index].edits.ends),
-                scans=seen,
-                number=index + 1,
-                edits=edited[index].edits,
-                rules=options.extension_rules(),
+                boundaries[index], extent, edited[index], scans=seen, number=index + 1, rules=options.rules()
             )
 
         patches = steps.each("extend", extended, range(len(surfaces)))
@@ -195,23 +179,12 @@ def complete(
 
     # 7. Audit: cast every measured beam against all inferred area.
     mesh = hypothesised_mesh(patches, textures)
-    steps.tell("audit", 0, 1)
-    audited = audit(
-        mesh.vertices,
-        mesh.faces,
-        mesh.sd,
-        [one.scan for one in observations],
-        [one.sigma for one in observations],
-        tolerance=tolerance,
-        n_threads=n_threads,
-    )
-    steps.tell("audit", 1, 1)
     return Completion(
         observations=seen.observations,
         patches=tuple(patches),
         textures=tuple(textures),
         hypothesised=mesh,
-        audit=audited,
+        audit=_audited(mesh, seen, n_threads, steps.tell),
         owners=seen.owners,
         mode=options.mode,
         edits=options.edits,
@@ -243,13 +216,19 @@ def number_pixels(
     return owners
 
 
-def _require_memory(scans: Sequence[RangeImage]) -> None:
-    n_pixels = sum(scan.ranges.size for scan in scans)
-    require(
-        _BYTES_KEPT * n_pixels,
-        f"completing {len(scans)} scans of {n_pixels:,} pixels",
-        "complete fewer of them at once, smaller ones, or give more memory",
+def _audited(mesh: LabelledPoints, scans: Scans, n_threads: int | None, tell: Progress) -> AuditResult:
+    tell("audit", 0, 1)
+    result = audit(
+        mesh.vertices,
+        mesh.faces,
+        mesh.sd,
+        [one.scan for one in scans.observations],
+        [one.sigma for one in scans.observations],
+        tolerance=scans.tolerance,
+        n_threads=n_threads,
     )
+    tell("audit", 1, 1)
+    return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,14 +239,27 @@ class _Steps:
     tell: Progress
     journal: Journal
 
-    def each(
-        self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In], *, kept: bool = True
-    ) -> list[_Out]:
-        """Apply `work` to every item, in order; without `kept` the journal is not told."""
-        journal = self.journal if kept else NO_JOURNAL
+    @classmethod
+    @contextmanager
+    def over(
+        cls, scans: Sequence[RangeImage], n_threads: int | None, progress: Progress | None, journal: Journal
+    ) -> Iterator[_Steps]:
+        """As many threads as the memory allows for these scans; refuse more pixels than fit."""
+        sizes = [scan.ranges.size for scan in scans]
+        require(
+            _BYTES_KEPT * sum(sizes),
+            f"completing {len(scans)} scans of {sum(sizes):,} pixels",
+            "complete fewer of them at once, smaller ones, or give more memory",
+        )
+        with threads(_BYTES_A_PIXEL * max(sizes), n_threads) as pool:
+            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal)
+
+    def each(self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]) -> list[_Out]:
+        """Apply `work` to every item on the pool, in order."""
 
         def step(number: int, item: _In) -> _Out:
-            return journal.step(f"{stage}-{number:04d}", lambda: work(item))
+            name = f"{stage}-{number:04d}"
+            return work(item) if stage in _NOT_KEPT else self.journal.step(name, lambda: work(item))
 
         jobs = [self.pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
         self.tell(stage, 0, len(jobs))

@@ -16,13 +16,13 @@ from completion.boundary.edges import Edge, edge_along, find_edges
 from completion.boundary.hidden_regions import HiddenRegions, divide_hidden
 from completion.boundary.labelling import label_regions
 from completion.boundary.meshing import Trim
+from completion.edits.application import EditedSurface
 from completion.edits.surface_edits import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans, weigh
 from completion.extension.confidence import estimate
-from completion.extension.extent import Extent, Mode, lay_grid
+from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, hull_of, provenance_of
-from completion.merging.pipeline import MergedSurface
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -53,13 +53,12 @@ class ExtensionRules:
 
 
 def extend(
-    surface: MergedSurface,
     boundary: BoundaryPixels,
     extent: Extent,
+    edited: EditedSurface,
     *,
     scans: Scans,
     number: int,
-    edits: SurfaceEdits,
     rules: ExtensionRules,
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its extent.
@@ -70,22 +69,21 @@ def extend(
 
     Parameters
     ----------
-    surface : MergedSurface
-        The fit and the pixels behind it, working frame.
     boundary : BoundaryPixels
-        Of its regions, in the chart of the fit.
+        Of the surface's regions, in the chart of its fit.
     extent : Extent
-        How far it may go.
+        How far it may go, by what was measured.
+    edited : EditedSurface
+        The surface, working frame, and what a person says of it.
     scans : Scans
         All scans.
     number : int
         This surface's number in `scans.owners`, from 1.
-    edits : SurfaceEdits
-        What a person says of it.
     rules : ExtensionRules
         What may be used, and how sure the result must be.
     """
     # 1. Weigh: what the scans say of each cell of the chart.
+    surface, edits, extent = edited.surface, edited.edits, with_ends(extent, edited.edits.ends)
     grid = lay_grid(surface, extent, scans.observations, rules.max_cells)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
+from completion.edits.application import EditedSurface
 from completion.edits.surface_edits import SurfaceEdits, Wish
 from completion.evidence.evidence import Label, Scans
 from completion.extension.extent import Extent, with_ends
@@ -47,7 +48,7 @@ def centres(seen: str) -> np.ndarray:
     return ray / ray[:, 2:] * 3.0
 
 
-def extended(seen: str, *, edits=None, accepts=None, ends=(), cut=None, mode="standard", sd=0.0) -> Patch:
+def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", sd=0.0) -> Patch:
     """Extend the wall; `cut` is an x at which an enclosing plane closes the right side."""
     projection = camera(seen)
     depth = np.array([[DEPTH[symbol] for symbol in row] for row in seen.split()])
@@ -68,12 +69,11 @@ def extended(seen: str, *, edits=None, accepts=None, ends=(), cut=None, mode="st
     if accepts is not None:
         edits = SurfaceEdits(wishes=(Wish(accepts),))
     return extend(
-        wall,
         find_boundary_pixels(fit, wall.masks, [observation], USUAL),
-        with_ends(extent, ends),
+        extent,
+        EditedSurface(wall, edits or SurfaceEdits()),
         scans=Scans((observation,), (mask.astype(np.int32),), USUAL),
         number=1,
-        edits=edits or SurfaceEdits(),
         rules=replace(RULES, mode=mode),
     )
 
@@ -135,7 +135,8 @@ TABLE = {
         ("..... .???. .???. .....", {"accepts": True},
          "mmmmm m---m m---m mmmmm"),
     "a person may set the end":
-        ("....#### ....#### ....#### ....####", {"ends": (Plane((0.86, 0, 0), (-1, 0, 0)),)},
+        ("....#### ....#### ....#### ....####",
+         {"edits": SurfaceEdits(ends=(Plane((0.86, 0, 0), (-1, 0, 0)),))},
          "mmmmuu-- mmmmuu-- mmmmuu-- mmmmuu--"),
     "what a person joined is the person's":
         ("..##.. ..##.. ..##.. ..##..", {"edits": SurfaceEdits(actions=("merge",))},
