@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts load when they are first used
 
 from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 
@@ -40,7 +40,12 @@ def rotation_of(quaternion: object, what: str) -> FloatArray:
         raise InputError(
             f"{what} has the quaternion {parts.tolist()} of length {length:.3g}, which is no rotation"
         )
-    return np.asarray(Rotation.from_quat(parts).as_matrix(), dtype=np.float64)
+    return np.asarray(scipy.spatial.transform.Rotation.from_quat(parts).as_matrix(), dtype=np.float64)
+
+
+def quaternion_of(rotation: FloatArray) -> list[float]:
+    """Return the quaternion x, y, z, w of a rotation (3, 3), of length 1."""
+    return [float(part) for part in scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat()]
 
 
 def _scale_of(rotation: FloatArray) -> str:

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from scenes.checks import FloatArray
 from scenes.files.scan_files import ScanSource, Units, in_metres
 from scenes.files.scene_loading import units_doubt
 from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
@@ -27,10 +28,12 @@ def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict
         warnings.append("all scans have the same pose; if they were taken from several places, register them")
     if source.registered and (doubt := convention_doubt(scans)):
         warnings.append(doubt)
-    entries = [_describe_scan(scan, k + 1) for scan, k in zip(scans, picked, strict=True)]
-    for entry in entries:
-        warnings += [f"scan {entry['number']}: {text}" for text in entry.pop("warnings")]
-    points = np.vstack([np.reshape(_bounds(scan), (2, 3)) for scan in scans])
+    measured = [_measure(scan) for scan in scans]
+    entries = []
+    for scan, k, sizes in zip(scans, picked, measured, strict=True):
+        entries.append(_describe_scan(scan, k + 1, sizes))
+        warnings += [f"scan {k + 1}: {text}" for text in _doubts(scan, sizes)]
+    points = np.vstack([sizes.bounds for sizes in measured])
     finite = points[np.isfinite(points).all(axis=1)]
     return {
         "kind": "scan" if len(scans) == 1 else "scans",
@@ -44,11 +47,18 @@ def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict
     }
 
 
-def _bounds(scan: RangeImage) -> Any:
+class _Measures(NamedTuple):
+    """What all points of a scan are needed for: bounds (2, 3), and how far they lie from their pixels."""
+
+    bounds: FloatArray
+    grid_residual: float | None
+
+
+def _measure(scan: RangeImage) -> _Measures:
     points = scan.points()[scan.valid]
     if not len(points):
-        return np.full((2, 3), np.nan)
-    return np.stack([points.min(axis=0), points.max(axis=0)])
+        return _Measures(np.full((2, 3), np.nan), None)
+    return _Measures(np.stack([points.min(axis=0), points.max(axis=0)]), _grid_residual(scan))
 
 
 def _all_at_one_place(scans: Sequence[RangeImage]) -> bool:
@@ -56,7 +66,7 @@ def _all_at_one_place(scans: Sequence[RangeImage]) -> bool:
     return all(np.allclose(scan.world_from_sensor.matrix, first, atol=1e-9) for scan in scans[1:])
 
 
-def _describe_scan(scan: RangeImage, number: int) -> dict[str, Any]:
+def _describe_scan(scan: RangeImage, number: int, measured: _Measures) -> dict[str, Any]:
     """One scan: size, share of valid pixels, ranges, projection, pose."""
     ranges = scan.ranges[scan.valid]
     statistics = [float(pick(ranges)) for pick in (np.min, np.median, np.max)] if len(ranges) else [None] * 3
@@ -67,24 +77,23 @@ def _describe_scan(scan: RangeImage, number: int) -> dict[str, Any]:
         "columns": scan.shape[1],
         "valid_share": float(scan.valid.mean()),
         "range_m": dict(zip(("min", "median", "max"), statistics, strict=True)),
-        "bounds_m": None if not len(ranges) else _bounds(scan),
+        "bounds_m": None if not len(ranges) else measured.bounds,
         "projection": describe_projection(scan.projection),
         "has_colour": scan.colour is not None,
         "has_intensity": scan.intensity is not None,
         "has_truth": scan.truth is not None,
         "measured_points_off_rays": scan.sensor_points is not None,
-        "grid_residual_px": _grid_residual(scan),
+        "grid_residual_px": measured.grid_residual,
         "sigma_m": scan.sigma_m,
         "sensor": scan.sensor,
         "noise": scan.noise,
         "world_from_sensor": scan.world_from_sensor.matrix,
-        "warnings": scan_warnings(scan),
     }
 
 
 def _grid_residual(scan: RangeImage) -> float | None:
     """Median distance in pixels of the measured points from their own pixels, None where they lie on them."""
-    if scan.sensor_points is None or not scan.valid.any():
+    if scan.sensor_points is None:
         return None
     seen = scan.projection.pixels(scan.sensor_points[scan.valid])
     off = np.hypot(*(seen - np.argwhere(scan.valid)).T)
@@ -92,26 +101,28 @@ def _grid_residual(scan: RangeImage) -> float | None:
 
 
 def scan_warnings(scan: RangeImage) -> list[str]:
-    """Say what is doubtful about a scan: what was left out, its unit or depth scale, its grid."""
+    """Return what is doubtful about a scan: what was left out, its unit or depth scale, its grid."""
+    return _doubts(scan, _measure(scan))
+
+
+def _doubts(scan: RangeImage, measured: _Measures) -> list[str]:
     found = list(scan.warnings)
     if not scan.valid.any():
         return [*found, "nothing came back in any pixel"]
     median, n_before = float(np.median(scan.ranges[scan.valid])), len(found)
     if median > _FAR_M or median < _NEAR_M:
         found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
-    extent = np.diff(_bounds(scan), axis=0)
-    diagonal = float(np.linalg.norm(extent))
+    diagonal = float(np.linalg.norm(np.diff(measured.bounds, axis=0)))
     doubt = units_doubt(diagonal) if diagonal > 0 else ""
     if doubt and len(found) == n_before:
         found.append(doubt)
     if scan.valid.mean() < 0.05:
         found.append(f"only {scan.valid.mean():.1%} of the pixels came back")
-    return found + [text for text in (_grid_doubt(scan), _camera_doubt(scan)) if text]
+    return found + [text for text in (_grid_doubt(measured.grid_residual), _camera_doubt(scan)) if text]
 
 
-def _grid_doubt(scan: RangeImage) -> str:
+def _grid_doubt(residual: float | None) -> str:
     """A warning where measured points lie off their own pixels, "" otherwise."""
-    residual = _grid_residual(scan)
     if residual is None or residual <= SPHERICAL_LIMIT_PX:
         return ""
     return (

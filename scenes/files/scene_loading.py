@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-import trimesh
 
 from scenes.checks import FloatArray, InputError
 from scenes.files.scan_files import METRES_PER_UNIT, Units
@@ -122,7 +121,7 @@ def _part(placed: Any, node: str) -> _Part | None:
     """Return a node's geometry in the file's world frame, None for points and lines."""
     transform, key = placed.graph[node]
     geometry = placed.geometry[key]
-    if not isinstance(geometry, trimesh.Trimesh) or np.shape(geometry.faces)[1:] != (3,):
+    if np.shape(getattr(geometry, "faces", ()))[1:] != (3,):
         return None
     matrix = np.asarray(transform, dtype=np.float64)
     with np.errstate(invalid="ignore"):  # what is not finite is counted later

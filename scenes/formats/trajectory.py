@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError, check_finite
 from scenes.formats.colmap import colmap_matrices, is_colmap
 from scenes.formats.documents import parse_json, read_text
 from scenes.formats.guard import reading
-from scenes.pose import Pose, rotation_of
+from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_text
 
 TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
@@ -151,5 +150,4 @@ def write_timed_poses(path: Path, times: Sequence[float] | FloatArray, poses: Se
 
 
 def _line(pose: Pose) -> str:
-    quaternion = Rotation.from_matrix(pose.rotation).as_quat()
-    return " ".join(repr(float(number)) for number in [*pose.translation, *quaternion])
+    return " ".join(repr(float(number)) for number in [*pose.translation, *quaternion_of(pose.rotation)])

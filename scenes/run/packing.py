@@ -17,8 +17,8 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 _STRUCTURE = "structure"
 _PACKAGES = ("scenes", "texture", "completion", "nbv")
@@ -98,7 +98,7 @@ def _packed(value: Any, arrays: list[NDArray[Any]]) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return ["class", _name(type(value)), *([k, _packed(v, arrays)] for k, v in fields.items())]
-    if isinstance(value, csr_array):
+    if type(value).__name__ == "csr_array":
         parts = (value.data, value.indices, value.indptr, value.shape)
         return ["csr", *(_packed(part, arrays) for part in parts)]
     if isinstance(value, np.ndarray | np.generic):
@@ -134,7 +134,7 @@ def _unpacked(held: Any, arrays: dict[str, NDArray[Any]]) -> Any:
         return {_unpacked(k, arrays): _unpacked(v, arrays) for k, v in rest}
     items = [_unpacked(item, arrays) for item in rest]
     if what == "csr":
-        return csr_array(tuple(items[:3]), shape=items[3])
+        return scipy.sparse.csr_array(tuple(items[:3]), shape=items[3])
     return _MAKERS[what](items)
 
 

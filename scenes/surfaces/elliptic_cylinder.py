@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import ellipe, ellipeinc
+import scipy  # its parts load when they are first used
 
 from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
@@ -63,7 +63,7 @@ class EllipticCylinder:
     @property
     def period(self) -> float:
         """The perimeter: s returns after it."""
-        return float(4 * self.radii[1] * ellipe(self._parameter))
+        return float(4 * self.radii[1] * scipy.special.ellipe(self._parameter))
 
     @property
     def _parameter(self) -> float:
@@ -97,7 +97,7 @@ class EllipticCylinder:
     def to_uv(self, points: FloatArray) -> FloatArray:
         """Chart coordinates (n, 2): arc length and height of the feet of `points`."""
         cosine, sine = ellipse_feet(*self._section(points), *self.radii)
-        arc = self.radii[1] * ellipeinc(np.arctan2(sine, cosine), self._parameter)
+        arc = self.radii[1] * scipy.special.ellipeinc(np.arctan2(sine, cosine), self._parameter)
         return np.stack([arc, (points - self.point) @ self.direction], axis=-1)
 
     def from_uv(self, uv: FloatArray) -> FloatArray:
@@ -106,7 +106,7 @@ class EllipticCylinder:
         angle = 2 * np.pi * wanted / self.period
         for _ in range(_N_ARC_STEPS):
             speed = smaller * np.sqrt(1 - self._parameter * np.sin(angle) ** 2)
-            change = (smaller * ellipeinc(angle, self._parameter) - wanted) / speed
+            change = (smaller * scipy.special.ellipeinc(angle, self._parameter) - wanted) / speed
             angle = angle - np.clip(change, -0.5, 0.5)
             if np.abs(change).max(initial=0.0) < 1e-15:
                 break

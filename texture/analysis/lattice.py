@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
 
 from texture.analysis.masked_correlation import Correlator
 from texture.analysis.phase import cut_tiles, measure_tiles
@@ -196,7 +196,8 @@ def _is_beyond_valley(
 ) -> bool:
     """Say whether the correlation falls on the straight way to a displacement, and rises again."""
     steps = np.linspace(0, 1, 2 * int(np.abs(place).max()) + 1)
-    way = map_coordinates(correlation, np.outer(place, steps) + np.array(reach)[:, None], order=1)
+    places = np.outer(place, steps) + np.array(reach)[:, None]
+    way = scipy.ndimage.map_coordinates(correlation, places, order=1)
     return bool(way.min() <= way[-1] - VALLEY)
 
 

@@ -2,8 +2,8 @@
 """Correlation of one masked image with another at every displacement, by Fourier transforms."""
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 _LEAST_SPREAD = 1e-6  # 8-bit levels: less is the transforms' rounding
 
@@ -49,7 +49,7 @@ class Correlator:
             other: NDArray[np.complex128], here: NDArray[np.complex128], is_summed: bool = False
         ) -> NDArray[np.float64]:
             product = np.conj(other) * here
-            full = irfft2(product.sum(axis=0) if is_summed else product, s=self._size(within.shape))
+            full = scipy.fft.irfft2(product.sum(axis=0) if is_summed else product, s=self._size(within.shape))
             rows, columns = (np.arange(-far, far + 1) for far in reach)
             return np.asarray(full[..., rows[:, None], columns])
 
@@ -71,10 +71,11 @@ class Correlator:
         """Return the transforms of what counts, of each channel's values, of the sum of their squares."""
         centred = np.moveaxis(np.where(within[..., None], values - self._middle, 0), 2, 0)
         size = self._size(within.shape)
-        counts = rfft2(within.astype(np.float64), s=size)
-        return counts, rfft2(centred, s=size), rfft2((centred**2).sum(axis=0), s=size)
+        counts = scipy.fft.rfft2(within.astype(np.float64), s=size)
+        return counts, scipy.fft.rfft2(centred, s=size), scipy.fft.rfft2((centred**2).sum(axis=0), s=size)
 
     @staticmethod
     def _size(shape: tuple[int, ...]) -> tuple[int, int]:
         """Return a size at which nothing meets itself round the edge."""
-        return next_fast_len(2 * shape[0], real=True), next_fast_len(2 * shape[1], real=True)
+        rows, columns = (scipy.fft.next_fast_len(2 * size, real=True) for size in shape)
+        return rows, columns

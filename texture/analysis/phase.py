@@ -4,8 +4,8 @@
 from itertools import pairwise, product
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from texture.analysis.masked_correlation import Correlator
 
@@ -56,9 +56,9 @@ def _measure_tile(
     total, weight, n_used = np.zeros(len(steps)), np.zeros(len(steps)), 0
     for repetition in _list_repetitions(periods, reach):
         places = (repetition + steps + np.array(reach)).T
-        meets = map_coordinates(is_met.astype(np.float64), places, order=1) == 1
+        meets = scipy.ndimage.map_coordinates(is_met.astype(np.float64), places, order=1) == 1
         if meets.any():
-            total += np.where(meets, map_coordinates(correlation, places, order=1), 0)
+            total += np.where(meets, scipy.ndimage.map_coordinates(correlation, places, order=1), 0)
             weight += meets
             n_used += 1
         if n_used == N_REPETITIONS:

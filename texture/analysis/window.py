@@ -2,8 +2,8 @@
 """The window's size, chosen from the sample when the caller names none."""
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy import ndimage
 
 SMALLEST_CHOICE, LARGEST_CHOICE = 7, 23
 UNRELATED, REPEATED = 0.2, 0.5  # autocorrelation where a feature ends, and where it returns
@@ -54,7 +54,7 @@ def _find_feature(centred: NDArray[np.float64], usable: NDArray[np.bool_]) -> in
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     side = 2 * LARGEST_CHOICE + 1
-    return np.asarray(ndimage.uniform_filter(values, side, mode="constant"), dtype=np.float64)
+    return np.asarray(scipy.ndimage.uniform_filter(values, side, mode="constant"), dtype=np.float64)
 
 
 def _autocorrelate(centred: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.float64]:

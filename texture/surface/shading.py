@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from skimage.morphology import convex_hull_image
 
 _DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
 _ROUNDS = 10  # of reweighting
@@ -97,8 +96,10 @@ def _within_hull(
         hull &= wrap[0] | _span(rows)[:, None]
         hull &= wrap[1] | _span(columns)
     else:
+        from skimage.morphology import convex_hull_image  # slow to load: only where something is filled
+
         hull = np.asarray(convex_hull_image(known), dtype=np.bool_) | known
-    nearest = distance_transform_edt(~hull, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(~hull, return_distances=False, return_indices=True)
     return np.asarray(logs[tuple(nearest)], dtype=np.float64)
 
 

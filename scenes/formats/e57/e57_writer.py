@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import InputError
 from scenes.formats.e57.e57 import content_guid
@@ -17,6 +16,7 @@ from scenes.formats.e57.e57_inferred import EXTENSION, InferredPoints, field_nod
 from scenes.formats.guard import import_extra
 from scenes.formats.header import colour_bytes, scan_header
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
+from scenes.pose import quaternion_of
 from scenes.run.atomic import atomic_path, json_text
 from scenes.scan.range_image import RangeImage
 
@@ -166,7 +166,7 @@ def _structure(lib: Any, image_file: Any, values: dict[str, Any]) -> Any:
 def _pose(lib: Any, image_file: Any, scan: RangeImage) -> Any:
     """World from the scanner's frame as quaternion and translation."""
     pose = scan.world_from_sensor @ SCANNER_FROM_SENSOR.inverse()
-    x, y, z, w = (float(part) for part in Rotation.from_matrix(pose.rotation).as_quat())
+    x, y, z, w = quaternion_of(pose.rotation)
     node = lib.StructureNode(image_file)
     node.set("rotation", _structure(lib, image_file, {"w": w, "x": x, "y": y, "z": z}))
     shift = {axis: float(value) for axis, value in zip("xyz", pose.translation, strict=True)}

@@ -6,12 +6,10 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-import trimesh
 from PIL import Image
-from trimesh.visual.material import PBRMaterial
-from trimesh.visual.texture import TextureVisuals
 
 from scenes.checks import FloatArray
 from scenes.mesh.appearance import linear_from_srgb
@@ -25,6 +23,8 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
     """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform."""
     if not any(len(part.faces) for part in parts):
         return empty_glb()
+    import trimesh  # slow to load: only where a mesh is written
+
     scene = trimesh.Scene(base_frame="world")
     transform = node_transform(np.vstack([part.vertices for part in parts]))
     origin = (np.linalg.inv(_Y_UP) @ transform)[:3, 3]
@@ -34,7 +34,8 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
         if part.image is not None:
             if id(part.image) not in pages:
                 pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
-            mesh.visual = TextureVisuals(uv=part.uv, material=_material(part, *pages[id(part.image)]))
+            material = _material(part, *pages[id(part.image)])
+            mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
         elif part.colour is not None:
             mesh.visual.vertex_colors = part.colour
         scene.add_geometry(mesh, node_name=part.name, geom_name=part.name, transform=transform)
@@ -58,10 +59,12 @@ def empty_glb() -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
 
 
-def _material(part: MeshPart, name: str, page: Image.Image) -> PBRMaterial:
+def _material(part: MeshPart, name: str, page: Image.Image) -> Any:
     """A texture with its mean tint, which glTF holds in linear light; parts that look alike share it."""
     tint = np.full(3, 1.0) if part.colour is None else linear_from_srgb(part.colour.mean(axis=0) / 255)
     factor = None if (tint > 0.999).all() else [*(round(float(c) * 255) for c in tint), 255]
+    from trimesh.visual.material import PBRMaterial  # slow to load: only where a mesh is written
+
     return PBRMaterial(
         name=name,
         baseColorTexture=page,

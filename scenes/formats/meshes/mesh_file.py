@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import trimesh
-
 from scenes.checks import InputError
 from scenes.formats.guard import check_file
 from scenes.formats.meshes.gltf import read_gltf
@@ -102,6 +100,8 @@ def read_mesh_file(file: Path) -> MeshFile:
     if suffix == ".off":
         placed = _read_off(file)
         return MeshFile(placed, sum(len(one.faces) for one in placed.geometry.values()), beside.warnings)
+    import trimesh  # slow to load: only where a mesh is read
+
     stream = io.BytesIO(data or file.read_bytes())
     placed = trimesh.load_scene(
         stream, file_type=suffix[1:], resolver=Beside(file), process=False, split_objects=True
@@ -113,6 +113,8 @@ def read_mesh_file(file: Path) -> MeshFile:
 
 def _read_off(file: Path) -> Any:
     """An OFF file, which is read here since trimesh leaves its colours out."""
+    import trimesh  # slow to load: only where a mesh is read
+
     off = read_off(file)
     colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
     return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})

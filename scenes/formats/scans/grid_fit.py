@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import isotonic_regression
+import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
@@ -172,7 +172,7 @@ def _monotonic(angles: FloatArray) -> FloatArray:
     step = float(np.median(np.diff(angles))) if len(angles) > 1 else 0.0
     sign = -1.0 if step < 0 else 1.0
     if len(angles) > 1 and not (np.diff(angles) * sign > 0).all():
-        rising = np.asarray(isotonic_regression(sign * angles).x)
+        rising = np.asarray(scipy.optimize.isotonic_regression(sign * angles).x)
         angles = sign * (rising + np.arange(len(angles)) * max(abs(step), 1e-9) * 1e-3)
     return angles
 

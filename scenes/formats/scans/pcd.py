@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import InputError
 from scenes.formats.guard import check_size, import_extra
@@ -26,7 +25,7 @@ from scenes.formats.header import (
 from scenes.formats.raw_points import RawPoints
 from scenes.formats.scans.grid_fit import GridFit, fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
-from scenes.pose import Pose, rotation_of
+from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.file_limits import check_limit, check_unpacked
 from scenes.scan.projection import PinholeProjection
@@ -285,7 +284,7 @@ def write_pcd(scan: RangeImage, path: Path) -> None:
         columns.append(scan.intensity.ravel())
         fields, types = [*fields, "intensity"], [*types, np.float32]
     cloud = module.PointCloud.from_points(columns, fields, types)
-    x, y, z, w = (float(part) for part in Rotation.from_matrix(scan.world_from_sensor.rotation).as_quat())
+    x, y, z, w = quaternion_of(scan.world_from_sensor.rotation)
     viewpoint = (*(float(part) for part in scan.origin), w, x, y, z)
     rows, width = scan.shape
     cloud.metadata = cloud.metadata.derive(width=width, height=rows, viewpoint=viewpoint)

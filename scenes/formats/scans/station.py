@@ -6,9 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing
-from scipy.spatial import cKDTree
 
 from scenes.checks import FloatArray, InputError, check_point, check_points
 from scenes.formats.guard import check_size
@@ -115,7 +114,7 @@ def _binned(angles: FloatArray) -> _Bins:
         bins = _bins(angles, step)
         filled = np.zeros(bins.projection.shape, dtype=np.bool_)
         filled[bins.row, bins.column] = True
-        between = binary_closing(np.pad(filled, 2), np.ones((3, 3)))[2:-2, 2:-2]
+        between = scipy.ndimage.binary_closing(np.pad(filled, 2), np.ones((3, 3)))[2:-2, 2:-2]
         if filled.sum() >= _FILLED * between.sum() or min(filled.shape) < 8:
             return bins
         step = step * _WIDER
@@ -136,7 +135,7 @@ def _steps(angles: FloatArray) -> FloatArray:
     flat = angles.copy()
     flat[:, 0] *= np.cos(angles[:, 1])
     sample = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
-    _, near = cKDTree(flat).query(flat[sample], k=9)
+    _, near = scipy.spatial.cKDTree(flat).query(flat[sample], k=9)
     way = np.abs(flat[near[:, 1:]] - flat[sample, None])
     is_level = way[..., 0] >= way[..., 1]
     found = []
