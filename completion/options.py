@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -79,3 +79,9 @@ class CompletionOptions:
             flatness_m=self.segmentation.flatness_m,
             registration_m=self.registration_m if n_scans > 1 else 0.0,
         )
+
+    def in_force(self, n_scans: int) -> CompletionOptions:
+        """Return the options with the tolerances that hold for so many scans, the edits apart."""
+        held = self.tolerance(n_scans)
+        evidence = replace(self.evidence, flatness_m=held.flatness_m, registration_m=held.registration_m)
+        return replace(self, edits=(), evidence=evidence)

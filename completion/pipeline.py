@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TypeVar
@@ -29,7 +29,7 @@ from completion.result.audit import AuditResult, audit
 from completion.result.completed_model import CompletedModel
 from completion.result.export import export_completion, save_completion
 from completion.result.labelled_points import LabelledPoints, hypothesised_mesh
-from completion.result.verification import Verification
+from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import texture_patch
@@ -190,6 +190,20 @@ def complete(
         edits=options.edits,
         world_from_reference=world_from_reference,
     )
+
+
+def verify_first(
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    *,
+    n_threads: int | None = None,
+    journal: Journal = NO_JOURNAL,
+) -> Verification:
+    """Complete the first scan alone and let the others confirm or refute what was inferred."""
+    plain = replace(options, texture=False, edits=())
+    alone = complete(scans[:1], plain, n_threads=n_threads, journal=journal)
+    evidence = replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m)
+    return verify(alone, scans[1:], evidence, registration_m=options.registration_m, sigma_m=options.sigma_m)
 
 
 def number_pixels(

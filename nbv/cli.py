@@ -181,7 +181,7 @@ def complete(
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     from nbv.commands.complete import CompleteRequest, run_complete
-    from nbv.commands.scans import ScanRequest
+    from scenes.files.scan_request import ScanRequest
 
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     request = ScanRequest(

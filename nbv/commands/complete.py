@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
 from completion.options import CompletionOptions
-from completion.pipeline import Completion, complete
-from completion.result.verification import Finding, Verification, verify
+from completion.pipeline import Completion, complete, verify_first
+from completion.result.verification import Finding, Verification
 from nbv.commands.process.run import Shared, running
-from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.run.wording import count, square_metres
-from scenes.run.journal import NO_JOURNAL, Journal
-from scenes.scan.range_image import RangeImage
+from scenes.files.scan_request import ScanRequest, read_request
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,9 +68,12 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *([how.edits] if how.edits else [])])
-        scans = read_request(request)
-        run.warn(doubts_of(scans))
+        given = read_request(request)
+        scans = given.scans
+        run.warn(given.doubts)
         options = how.resolved()
+        asked = {**request.options(), "instruments": given.instruments, **how.options()}
+        resolved = {**asked, "resolved": asdict(options.in_force(len(scans)))}
         journal = run.journal({**request.options(), **how.options()})
         completion = complete(
             scans,
@@ -86,7 +86,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
-            verification = verify_first(scans, options, shared.threads, journal.part("first"))
+            verification = verify_first(
+                scans, options, n_threads=shared.threads, journal=journal.part("first")
+            )
         run.watch.enter("save")
         completion.save(run.stage.folder, verification)
         for suffix in how.exports:
@@ -94,47 +96,16 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
 
-        asked = {**request.options(), "instruments": instruments_of(scans), **how.options()}
-        title = title_of(request.paths)
         page = completion_page(
             completion,
-            title,
+            request.title,
             options=asked,
             seed=shared.seed,
             n_threads=shared.threads,
             verification=verification,
         )
         run.report(page)
-        resolved = {**asked, "resolved": _settled(options, len(scans))}
         run.finish(resolved, summary_of(completion), lines_of(completion, verification))
-
-
-def verify_first(
-    scans: Sequence[RangeImage],
-    options: CompletionOptions,
-    n_threads: int | None = None,
-    journal: Journal = NO_JOURNAL,
-) -> Verification:
-    """Complete the first scan alone and let the others confirm or refute what was inferred."""
-    alone = complete(
-        scans[:1], replace(options, texture=False, edits=()), n_threads=n_threads, journal=journal
-    )
-    return verify(
-        alone,
-        scans[1:],
-        replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m),
-        registration_m=options.registration_m,
-        sigma_m=options.sigma_m,
-    )
-
-
-def _settled(options: CompletionOptions, n_scans: int) -> dict[str, Any]:
-    """The options as they were in force, the edits apart."""
-    tolerance = options.tolerance(n_scans)
-    evidence = replace(
-        options.evidence, flatness_m=tolerance.flatness_m, registration_m=tolerance.registration_m
-    )
-    return asdict(replace(options, edits=(), evidence=evidence))
 
 
 def summary_of(completion: Completion) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import completion.extension.extent
 from nbv.commands.process.run import Run, Shared, running
-from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request
 from nbv.coverage.coverage import STATES, Coverage
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.coverage.unreachable import unreachable_patches
@@ -30,6 +29,7 @@ from nbv.visibility.reachability import REASONS, scene_candidates
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from scenes.files.scan_files import Units
+from scenes.files.scan_request import ScanRequest, read_request
 from scenes.files.scene_loading import open_scene
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.formats.trajectory import read_poses
@@ -136,15 +136,15 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
         return _Measured(coverage, views, _history(coverage), sensor, [])
-    scans = read_request(request.scans)
-    run.warn(doubts_of(scans))
+    given = read_request(request.scans)
+    run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     candidates = scene_candidates(world, sensor, mode=request.mode)
     coverage = measure_scan_coverage(
-        world, scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
+        world, given.scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
-    return _Measured(coverage, scans, _history(coverage), sensor, instruments_of(scans))
+    return _Measured(coverage, given.scans, _history(coverage), sensor, list(given.instruments))
 
 
 def _history(coverage: Coverage) -> VisibilityHistory:

@@ -8,7 +8,6 @@ from typing import Any
 
 from nbv.commands.plan import PlanRequest
 from nbv.commands.process.run import Shared, running
-from nbv.commands.scans import ScanRequest, doubts_of, instruments_of, read_request, title_of
 from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.planner import PlannerOptions
 from nbv.plan.plan import Plan
@@ -21,9 +20,8 @@ from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.viewpoints import allowed, load_candidates
-from scenes.mesh.orientation import Axis, world_from_file_up
+from scenes.files.scan_request import read_request
 from scenes.run.atomic import write_json
-from scenes.scan.range_image import RangeImage
 
 
 def run_next_stations(shared: Shared, request: PlanRequest) -> None:
@@ -34,11 +32,11 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         zones, requirement = request.zones(), request.requirement()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
-        scans = upright_scans(request.scans, request.up)
-        run.warn(doubts_of(scans))
+        given = read_request(request.scans, request.up)
+        run.warn(given.doubts)
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones)
-        scan_map = ScanMap.of(scans, sensor, mode=request.mode or "room", options=options, zones=zones)
+        scan_map = ScanMap.of(given.scans, sensor, mode=request.mode or "room", options=options, zones=zones)
         candidates = allowed(candidates or scan_map.candidates(sensor, options.clearance_m), zones)
         completed = None
         if request.infer:
@@ -62,21 +60,18 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
         write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
-        asked = {**request.options(), "mode": scan_map.mode, "instruments": instruments_of(scans)}
-        title = title_of(request.scans.paths)
+        asked = {**request.options(), "mode": scan_map.mode, "instruments": given.instruments}
         page = next_stations_page(
-            plan, coverage, title=title, options=asked, seed=shared.seed, n_threads=shared.threads
+            plan,
+            coverage,
+            title=request.scans.title,
+            options=asked,
+            seed=shared.seed,
+            n_threads=shared.threads,
         )
         run.report(page)
         resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
         run.finish(resolved, summary_of(plan, coverage), lines_of(plan, coverage))
-
-
-def upright_scans(request: ScanRequest, up: Axis) -> list[RangeImage]:
-    """Return the scans of a request in a world whose z is up, `up` being that axis of the files."""
-    turn = world_from_file_up(up)
-    scans = read_request(request)
-    return scans if up == "z" else [scan.transformed(turn) for scan in scans]
 
 
 def summary_of(plan: Plan, coverage: ScanCoverage) -> dict[str, Any]:

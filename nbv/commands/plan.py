@@ -12,7 +12,6 @@ import numpy as np
 
 from nbv.commands.coverage import coverage_content
 from nbv.commands.process.run import Shared, running
-from nbv.commands.scans import ScanRequest, doubts_of, read_request
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
@@ -30,6 +29,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import load_candidates
 from nbv.visibility.zones import Box, Zones
 from scenes.files.scan_files import Units
+from scenes.files.scan_request import GivenScans, ScanRequest, read_request
 from scenes.files.scene_loading import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json
@@ -107,8 +107,9 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
-        scans = read_request(request.scans) if request.scans.paths else []
-        run.warn(doubts_of(scans))
+        given = read_request(request.scans) if request.scans.paths else GivenScans.of(())
+        scans = given.scans
+        run.warn(given.doubts)
         journal = run.journal(request.options())
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(

@@ -11,9 +11,7 @@ import numpy as np
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.commands.coverage import CoverageRequest
-from nbv.commands.next_stations import upright_scans
 from nbv.commands.process.run import Shared, running
-from nbv.commands.scans import instruments_of, title_of
 from nbv.report.scan_coverage_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, square_metres
@@ -22,6 +20,7 @@ from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import STATES, StateMesh
 from nbv.visibility.requirement import Requirement
+from scenes.files.scan_request import read_request
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.run.atomic import write_json, write_text
 
@@ -39,9 +38,9 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
             max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m
         )
         sensor = load_sensor(request.sensor)
-        scans = upright_scans(request.scans, request.up)
+        given = read_request(request.scans, request.up)
         run.watch.enter("voxels")
-        scan_map = ScanMap.of(scans, sensor, mode=request.mode or "room")
+        scan_map = ScanMap.of(given.scans, sensor, mode=request.mode or "room")
         options = CompletionOptions(mode=request.inference, texture=False)
         model = complete(
             scan_map.scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress
@@ -52,13 +51,12 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         write_text(run.path("coverage.csv"), csv_of(coverage))
         state = StateMesh.of(coverage)
         _write_ply(run.path("coverage.ply"), state)
-        asked = {**request.options(), "mode": scan_map.mode, "instruments": instruments_of(scans)}
-        title = title_of(request.scans.paths)
+        asked = {**request.options(), "mode": scan_map.mode, "instruments": given.instruments}
         page = scan_coverage_page(
             coverage,
             state,
             sensor=sensor,
-            title=title,
+            title=request.scans.title,
             options=asked,
             seed=shared.seed,
             n_threads=shared.threads,

@@ -94,7 +94,7 @@ def plan(
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.next_stations import run_next_stations
     from nbv.commands.plan import PlanRequest, run_plan
-    from nbv.commands.scans import ScanRequest
+    from scenes.files.scan_request import ScanRequest
 
     request = PlanRequest(
         method=method,
@@ -162,7 +162,7 @@ def coverage(
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scan_coverage import run_scan_coverage
-    from nbv.commands.scans import ScanRequest
+    from scenes.files.scan_request import ScanRequest
 
     request = CoverageRequest(
         plan=plan,

@@ -152,7 +152,7 @@ def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, oth
         pages.append((completion, given["verification"]))
         return Page("", "", "", (), None, (), {}, 0)
 
-    monkeypatch.setattr("nbv.commands.complete.completion_page", keep_page)
+    monkeypatch.setattr("nbv.report.completion_report.completion_page", keep_page)
     for name, scan in (("a.npz", first), ("b.npz", other)):
         write_scan(scan, tmp_path / name)
     scans = [str(tmp_path / "a.npz"), str(tmp_path / "b.npz")]

@@ -362,7 +362,7 @@ def test_complete_is_the_same_for_any_number_of_threads(completed, scan, tmp_pat
 
 def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "nbv.commands.complete.completion_page", lambda *_: Page("", "", "", (), None, (), {}, 0)
+        "nbv.report.completion_report.completion_page", lambda *_, **__: Page("", "", "", (), None, (), {}, 0)
     )
     plain = ("--no-texture", "--quiet")
     changes = {

@@ -17,7 +17,7 @@ def _without_pictures():
     """Reports take longer than all the rest; what they say of edits is tested where it is written."""
     with pytest.MonkeyPatch.context() as patch:
         page = Page("", "", "", (), None, (), {}, 0)
-        patch.setattr("nbv.commands.complete.completion_page", lambda *_: page)
+        patch.setattr("nbv.report.completion_report.completion_page", lambda *_, **__: page)
         yield
 
 

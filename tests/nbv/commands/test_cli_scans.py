@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from nbv.commands.next_stations import upright_scans
-from nbv.commands.scans import ScanRequest
 from nbv.plan.plan import read_plan
 from scenes.files.scan_files import read_scan
+from scenes.files.scan_request import ScanRequest, read_request
 from scenes.formats.meshes.ply import read_mesh_ply
 from tests.nbv.commands.test_cli import assert_fails_in_one_line, contents, run, succeed
 
@@ -110,7 +109,7 @@ def test_the_files_of_a_next_station_serve_as_a_plan(following, tmp_path):
 
 def test_up_turns_the_world_of_the_scans(taken):
     paths = ScanRequest((str(taken / "a.npz"), str(taken / "b.npz")))
-    flat, lying = (upright_scans(paths, up) for up in ("z", "y"))
+    flat, lying = (read_request(paths, up).scans for up in ("z", "y"))
     for one, other in zip(flat, lying, strict=True):
         x, y, z = one.origin
         assert other.origin.tolist() == pytest.approx([x, -z, y])  # y of the file is up

@@ -10,7 +10,7 @@ import completion.result.atlas as atlas
 import completion.result.labelled_points as labelled_points
 import completion.result.openings as openings
 import completion.result.outline as outline
-import nbv.commands.complete  # noqa: F401 - so that all the command uses is loaded
+import nbv.report.completion_report  # noqa: F401 - so that all the command uses is loaded
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import example

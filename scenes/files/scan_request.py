@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Scans that a command was given: all of them in one world, or refused with the cure."""
+"""Scans of several files, with their poses: all of them in one world, or refused with the cure."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.files.describe_scans import scan_warnings
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import Intrinsics, Units, open_scans, read_scans, split_index
+from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, split_index
 from scenes.formats.header import colour_from_bytes
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
+from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.range_image import RangeImage
@@ -54,6 +55,12 @@ class ScanRequest:
         """What the manifest lists."""
         return [*self.paths, *([self.poses] if self.poses else [])]
 
+    @property
+    def title(self) -> str:
+        """What a report on these scans is about."""
+        names = [Path(path).name for path in self.paths]
+        return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
         return {
@@ -66,8 +73,46 @@ class ScanRequest:
         }
 
 
-def read_request(request: ScanRequest) -> list[RangeImage]:
-    """Return all scans of a request.
+@dataclass(frozen=True, slots=True, eq=False)
+class GivenScans:
+    """Scans in one world, and what is to be told of them.
+
+    Attributes
+    ----------
+    scans : tuple of RangeImage
+        All of them, lengths in metres.
+    doubts : tuple of str
+        What is doubtful about the scans, each with its scan's name, and about their poses.
+    instruments : tuple of str
+        Which sensors took them, and the effects that were active, as far as the files say so.
+    """
+
+    scans: tuple[RangeImage, ...]
+    doubts: tuple[str, ...]
+    instruments: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
+        """Look at scans."""
+        doubts = [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
+        convention = convention_doubt(scans)
+        instruments = {": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans}
+        return cls(
+            tuple(scans),
+            tuple([*doubts, convention] if convention else doubts),
+            tuple(sorted(text or "not known" for text in instruments)),
+        )
+
+
+def read_request(request: ScanRequest, up: Axis = "z") -> GivenScans:
+    """Return all scans of a request, each file opened once, in a world whose z is up.
+
+    Parameters
+    ----------
+    request : ScanRequest
+        The files, and how to read them.
+    up : "x", "y" or "z"
+        The axis of the files that is up.
 
     Raises
     ------
@@ -80,20 +125,39 @@ def read_request(request: ScanRequest) -> list[RangeImage]:
             f"{scene} is a scene, not a scan; take a scan of it first: "
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
-    if request.origins:
-        return _read_clouds(request)
-    camera: Intrinsics | None = None
+    scans = _read_clouds(request) if request.origins else _read_scans(request)
+    turn = world_from_file_up(up)
+    return GivenScans.of(scans if up == "z" else [scan.transformed(turn) for scan in scans])
+
+
+def _read_scans(request: ScanRequest) -> list[RangeImage]:
+    """Return the scans of each path with the poses that it or the request says."""
+    check_units(request.units)
+    parts = [split_index(path) for path in request.paths]
+    camera = None
     if request.intrinsics is not None:
         fx, fy, cx, cy = request.intrinsics
         camera = (fx, fy, cx, cy)
-    given = _poses_of_each(request)
+    given: list[str | list[Pose] | None] = [request.poses] * len(parts)
+    opened: dict[Path, ScanSource] = {}
+
+    def source_of(base: Path) -> ScanSource:
+        if base not in opened:
+            opened[base] = open_scans(base, intrinsics=camera, depth_scale=request.depth_scale)
+        return opened[base]
+
+    if request.poses is not None and len(parts) > 1:
+        found = read_poses(Path(request.poses))
+        counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
+        if sum(counts) != len(found):
+            raise InputError(
+                f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan"
+            )
+        given = [found[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
     scans: list[RangeImage] = []
-    registered = True
-    for path, poses in zip(request.paths, given, strict=True):
-        scans += read_scans(
-            path, intrinsics=camera, depth_scale=request.depth_scale, poses=poses, units=request.units
-        )
-        registered &= poses is not None or open_scans(split_index(path)[0], intrinsics=camera).registered
+    for (base, number), poses in zip(parts, given, strict=True):
+        scans += source_of(base).read(number, poses, request.units)
+    registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if len(scans) > 1 and (not registered or at_origin):
         raise InputError(
@@ -121,37 +185,3 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans
-
-
-def instruments_of(scans: Sequence[RangeImage]) -> list[str]:
-    """Return which sensors took the scans, and the effects that were active, as far as the files say so."""
-    said = (": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans)
-    return sorted({text or "not known" for text in said})
-
-
-def doubts_of(scans: Sequence[RangeImage]) -> list[str]:
-    """Return what is doubtful about the scans, each with its scan's name, and about their poses."""
-    doubt = convention_doubt(scans)
-    found = [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
-    return [*found, doubt] if doubt else found
-
-
-def title_of(paths: Sequence[str]) -> str:
-    """Return what a report on these scans is about."""
-    names = [Path(path).name for path in paths]
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-
-
-def _poses_of_each(request: ScanRequest) -> Sequence[str | list[Pose] | None]:
-    """Return what `read_scans` takes as the poses of each path."""
-    if request.poses is None or len(request.paths) == 1:
-        return [request.poses] * len(request.paths)
-    found = read_poses(Path(request.poses))
-    counts = []
-    for path in request.paths:
-        base, number = split_index(path)
-        counts.append(len(open_scans(base).readers) if number is None else 1)
-    if sum(counts) != len(found):
-        raise InputError(f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan")
-    ends = np.cumsum(counts)
-    return [found[end - count : end] for end, count in zip(ends, counts, strict=True)]
