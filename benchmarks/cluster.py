@@ -22,7 +22,7 @@ from rays import room_with_spheres
 from scipy.sparse import csr_array
 
 from nbv.plan.remote_visibility import RemoteVisibility
-from nbv.run.cluster import cluster
+from nbv.run.workers import cluster
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.visibility import visible_from_positions

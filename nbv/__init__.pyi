@@ -13,11 +13,11 @@ from .plan.plan import Plan as Plan
 from .plan.plan import read_plan as read_plan
 from .plan.planning import plan_views as plan_views
 from .report.display import show as show
-from .scanning.effects.dropout import Dropout as Dropout
+from .scanning.effects.echo_strength import Dropout as Dropout
+from .scanning.effects.echo_strength import Intensity as Intensity
 from .scanning.effects.effects import Effects as Effects
 from .scanning.effects.effects import named_effects as named_effects
 from .scanning.effects.footprint import Footprint as Footprint
-from .scanning.effects.intensity import Intensity as Intensity
 from .scanning.effects.noise_models import NoiseModel as NoiseModel
 from .scanning.effects.pointing import PointingNoise as PointingNoise
 from .scanning.effects.quantisation import Quantisation as Quantisation
@@ -30,9 +30,9 @@ from .scanning.sensors.sensor_profile import sensor_names as sensor_names
 from .scanning.sensors.triangulation import LineSensor as LineSensor
 from .scanning.sensors.triangulation import TriangulationSensor as TriangulationSensor
 from .scanning.view import View as View
+from .study.outcome import groups_of as groups_of
 from .study.pipeline import run_study as run_study
 from .study.spec import read_study as read_study
-from .study.summary import groups_of as groups_of
 from .visibility.requirement import Requirement as Requirement
 from .visibility.samples import SurfaceSamples as SurfaceSamples
 from .visibility.samples import sample_surface as sample_surface

@@ -25,9 +25,10 @@ from nbv.run.wording import count, percent
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
-from nbv.visibility.reachability import REASONS, scene_candidates
+from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.standing_room import scene_candidates
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
 from scenes.files.scene_loading import open_scene

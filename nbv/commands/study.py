@@ -9,13 +9,12 @@ from typing import Any
 from nbv.commands.process.run import Run, Shared, running
 from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
-from nbv.run.cluster import workers_of
 from nbv.run.wording import count
-from nbv.study.outcome import Outcome
+from nbv.run.workers import workers_of
+from nbv.study.outcome import Outcome, groups_of
 from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
 from nbv.study.spec import StudySpec, common_share, read_study
-from nbv.study.summary import groups_of
 from scenes.run.atomic import write_bytes
 
 

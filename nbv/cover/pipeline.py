@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nbv.cover.cover import Cover, LowerBound
-from nbv.cover.dual import find_certificate
-from nbv.cover.exact import solve_exactly
+from nbv.cover.dual import find_certificate, solve_exactly
 from nbv.cover.greedy import Progress, by_gain, choose_greedily, drop_redundant
 from nbv.cover.instance import CoverInstance
 from nbv.cover.reduction import reduce_instance

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Subgradient ascent: multipliers of instances that are too large for a linear programme.
 
-Polyak's step along a heavy-ball direction. What rises is the value that `nbv.cover.certificate` proves, so
+Polyak's step along a heavy-ball direction. What rises is the value that `nbv.cover.cover` proves, so
 that the multipliers of every step would do; the best are kept.
 """
 

@@ -157,7 +157,10 @@ def compare_with_baselines(
     before = CoverageTally.start(caster, samples, plan.requirement)
     for scan in scans:
         before.add_scan(scan, is_given=True)
-    choice = BaselineChoice(candidates, plan.sensor, plan.requirement, samples, before, visible)
+    choice = BaselineChoice(
+        candidates=candidates, sensor=plan.sensor, requirement=plan.requirement, samples=samples,
+        before=before, visible=visible,
+    )  # fmt: skip
     first_met = coverage.history.first_met[taken]
     mine = [float(samples.areas[first_met <= number].sum()) / samples.total_m2 for number in range(1, n + 1)]
     random = [rng.integers(candidates.n_poses, size=n).tolist() for _ in range(_N_RUNS)]

@@ -17,8 +17,7 @@ from nbv.cover.overlap import OverlapGraph, OverlapOptions, components
 from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun
-from nbv.plan.stations import Overlap, Stations
-from nbv.plan.tour import plan_tour
+from nbv.plan.tour import Overlap, Stations, plan_tour
 from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.visibility import orient, visible_from_positions

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from nbv.cover.cover import LowerBound
 from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import Shares
-from nbv.plan.stations import Stations
+from nbv.plan.tour import Stations
 from nbv.run.showing import show_report
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor

@@ -20,9 +20,9 @@ from nbv.plan.remote_visibility import RemoteVisibility
 from nbv.plan.stand_in import plan_with_completion
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
-from nbv.visibility.reachability import scene_candidates, scene_lattice
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.standing_room import scene_candidates, scene_lattice
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones

@@ -17,7 +17,7 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.remote_visibility import RemoteVisibility
-from nbv.plan.stations import Stations
+from nbv.plan.tour import Stations
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
@@ -103,8 +103,8 @@ class PlanningRun:
             problem.caster,
             problem.samples,
             problem.candidates,
-            problem.sensor,
-            problem.requirement,
+            sensor=problem.sensor,
+            requirement=problem.requirement,
             n_threads=problem.n_threads,
             progress=problem.progress,
         )

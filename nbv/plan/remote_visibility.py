@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from nbv.run.cluster import workers_of
-from nbv.run.workers import Workers
+from nbv.run.workers import Workers, workers_of
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import Progress, stack_rows, visible_from_positions

@@ -186,3 +186,52 @@ def _floor_height(points: FloatArray, stations: FloatArray, body_m: float) -> fl
         heights = points[near, 2]
         below.extend(np.sort(heights[heights < station[2] - body_m])[-1:])
     return float(np.median(below)) if below else float(points[:, 2].min(initial=np.inf))
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Two views, counted from 0, whose scans can be registered with one another.
+
+    Attributes
+    ----------
+    first, second : int
+        The views.
+    share : float
+        Of the smaller one's surface, what both measure.
+    stiffness : float
+        Least eigenvalue of the normalised Hessian (`nbv.cover.overlap`).
+    """
+
+    first: int
+    second: int
+    share: float
+    stiffness: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `stations.json`, views counted from 1."""
+        views = [self.first + 1, self.second + 1]
+        return {"views": views, "overlap": self.share, "stiffness": self.stiffness}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stations:
+    """What there is to know of a plan's stations.
+
+    Attributes
+    ----------
+    tour : Tour
+        A short order, with collision-free legs.
+    overlaps : tuple of Overlap
+        All pairs that are linked.
+    n_groups : int
+        Groups of views that links join; 1 when all scans can be registered.
+    """
+
+    tour: Tour
+    overlaps: tuple[Overlap, ...]
+    n_groups: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of `stations.json`."""
+        links = [overlap.to_json() for overlap in self.overlaps]
+        return {"tour": self.tour.to_json(), "overlaps": links, "groups": self.n_groups}

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from nbv.report.figures.plots import Plot
+from nbv.report.figures.study_plots import colour_of, coverage_curves, views_needed
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count, percent
-from nbv.study.outcome import Outcome
+from nbv.study.outcome import Group, Outcome, groups_of
 from nbv.study.spec import StudySpec, common_share
-from nbv.study.study_plots import colour_of, coverage_curves, views_needed
-from nbv.study.summary import Group, groups_of
 from scenes.checks import FloatArray
 
 _MOST_PICTURES = 24

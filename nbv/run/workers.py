@@ -1,11 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""Workers: who does independent pieces of work; results do not depend on it."""
+"""Workers: who does independent pieces of work, here or on a cluster of dask.distributed.
+
+Every piece of work is a pure function, named by the hash of what it is made of; a piece whose worker dies is
+done again by another. So results depend neither on the scheduler nor on who lives.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import logging
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from types import ModuleType
+from typing import Any, Protocol, TypeVar
+
+from nbv.run.manifest import versions
+from scenes.checks import InputError
+from scenes.run.file_limits import current_limits, limits
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -42,3 +54,162 @@ class ThisProcess:
         del keys
         for number, item in enumerate(items):
             yield number, work(item, self.n_threads)
+
+
+_WAIT_S = 30.0  # for the scheduler to answer, and for the first worker
+_DEATHS = 10  # of workers under the same piece of work, before it is blamed
+_LOCAL = "local"
+
+
+@contextmanager
+def workers_of(scheduler: str | None, n_threads: int | None) -> Iterator[Workers]:
+    """Yield this process, or the cluster at an address (`cluster`, which raises InputError)."""
+    if scheduler is None:
+        yield ThisProcess(n_threads)
+        return
+    with cluster(scheduler, n_threads) as workers:
+        yield workers
+
+
+@contextmanager
+def cluster(address: str, n_threads: int | None = None) -> Iterator[DaskWorkers]:
+    """Yield the workers of a scheduler.
+
+    Parameters
+    ----------
+    address : str
+        Like `tcp://host:8786`; `local:N` starts N processes here, and stops them at the end.
+    n_threads : int, optional
+        Threads of each process that is started here, and that each piece of work may use; when not given,
+        the cores of a machine are shared among its worker's threads.
+
+    Raises
+    ------
+    InputError
+        dask.distributed is missing, no such scheduler, no worker, or workers with other versions of the
+        packages on which results depend.
+    """
+    distributed = _distributed()
+    with _scheduler(distributed, address) as place:
+        try:
+            client = distributed.Client(place, timeout=_WAIT_S, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(
+                f"--scheduler {address}: no scheduler answers there ({error}); start one with "
+                "`dask scheduler`, or take local:N"
+            ) from error
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=_WAIT_S)
+            except TimeoutError as error:
+                raise InputError(
+                    f"--scheduler {address}: has no worker; start some with `dask worker {address}`"
+                ) from error
+            _check_versions(client, address)
+            yield DaskWorkers(client, address, n_threads)
+
+
+class DaskWorkers:
+    """Workers of a dask.distributed client.
+
+    Parameters
+    ----------
+    client
+        Connected.
+    address : str
+        Of its scheduler, for errors.
+    n_threads : int, optional
+        That each piece of work may use.
+    """
+
+    def __init__(self, client: Any, address: str, n_threads: int | None) -> None:
+        self.client, self._address, self._n_threads = client, address, n_threads
+
+    def each(
+        self, work: Work[Item, Result], items: Sequence[Item], keys: Sequence[str]
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield the number of each item and its result, as they come.
+
+        Raises
+        ------
+        InputError
+            The scheduler was lost, or workers die whoever does a piece of the work.
+        """
+        distributed = _distributed()
+        lost = (distributed.KilledWorker, distributed.CancelledError, OSError)
+        held = current_limits().changed()
+        futures = {
+            self.client.submit(
+                _on_worker, work, item, self._n_threads, held, key=f"unseen-{key}", retries=_DEATHS, pure=True
+            ): number
+            for number, (item, key) in enumerate(zip(items, keys, strict=True))
+        }
+        for future in distributed.as_completed(list(futures), loop=self.client.loop):
+            number = futures.pop(future)
+            try:
+                result = future.result()
+            except lost as error:
+                raise InputError(
+                    f"--scheduler {self._address}: work was lost for good ({type(error).__name__}: {error}); "
+                    "what is done is kept: run the same command again to go on"
+                ) from error
+            yield number, result
+
+
+def _on_worker(
+    work: Work[Item, Result], item: Item, n_threads: int | None, held: Mapping[str, int]
+) -> Result:
+    """Do a piece of work on a worker, with its share of the machine's cores and the limits in force here."""
+    if n_threads is None:
+        n_threads = max(1, (os.cpu_count() or 1) // _worker_threads())
+    with limits(**held):
+        return work(item, n_threads)
+
+
+def _worker_threads() -> int:
+    threads: int = _distributed().get_worker().state.nthreads
+    return threads
+
+
+@contextmanager
+def _scheduler(distributed: ModuleType, address: str) -> Iterator[Any]:
+    """Yield what a client connects to."""
+    kind, _, number = address.partition(":")
+    if kind != _LOCAL:
+        yield address
+        return
+    if not (number.isascii() and number.isdigit() and int(number) > 0):
+        raise InputError(f"--scheduler {address}: after local: comes the number of processes, like local:4")
+    with distributed.LocalCluster(
+        n_workers=int(number),
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
+        silence_logs=logging.CRITICAL,
+        memory_limit=0,
+    ) as here:
+        yield here
+
+
+def _check_versions(client: Any, address: str) -> None:
+    """Raise where a worker has other versions than we."""
+    own = versions()
+    for worker, found in client.run(versions).items():
+        differ = [
+            f"{name} {found.get(name)} for {mine}" for name, mine in own.items() if found.get(name) != mine
+        ]
+        if differ:
+            raise InputError(
+                f"--scheduler {address}: worker {worker} has {', '.join(differ)}; results would depend "
+                "on who works: install the same versions everywhere"
+            )
+
+
+def _distributed() -> ModuleType:
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError('--scheduler needs dask.distributed: pip install "unseen[cluster]"') from error
+    module: ModuleType = distributed
+    return module

@@ -9,8 +9,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.scanning.effects.echo_strength import Intensity, reflectivity_of_colour
 from nbv.scanning.effects.footprint import N_RAYS, Footprint, Returns, sub_rays
-from nbv.scanning.effects.intensity import Intensity, reflectivity_of_colour
 from nbv.scanning.sensors.sensor import Partner
 from nbv.scanning.sensors.triangulation import both_see
 from scenes.checks import BoolArray, FloatArray

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.scanning.echo import Echo, Sight, World, footprint_echo
-from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects.echo_strength import Intensity
+from nbv.scanning.effects.effects import Effects, normal_numbers, stage_streams
 from nbv.scanning.effects.footprint import N_RAYS
-from nbv.scanning.effects.intensity import Intensity
 from nbv.scanning.effects.noise_models import range_sigma_m
-from nbv.scanning.effects.random_streams import normal_numbers, stage_streams
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects
 from nbv.scanning.view import View
 from scenes.checks import BoolArray, FloatArray, InputError

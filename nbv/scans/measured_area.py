@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.online.image_normals import image_normals
-from nbv.online.surfels import sides_of
+from nbv.online.surfels import image_normals, sides_of
 from nbv.scanning.effects.effects import Effects
 from nbv.scanning.effects.noise_models import ConstantNoise
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement

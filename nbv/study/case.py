@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Case: one plan of a study, named by what it is made of, and how it is planned."""
+"""Cases: the plans of a study, named by what they are made of, how each is planned, and where it is kept."""
 
 from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -19,12 +20,13 @@ from nbv.run.manifest import sha256_of, versions
 from nbv.scanning.sensors.sensor import Sensor, chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
-from nbv.visibility.reachability import scene_candidates
 from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.standing_room import scene_candidates
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.files.scene_loading import open_scene
-from scenes.run.atomic import json_text
+from scenes.formats.documents import read_json
+from scenes.run.atomic import json_text, make_folder, write_json
 from scenes.world.scene import Scene
 
 _SLUG = re.compile(r"[^a-z0-9]+")
@@ -124,7 +126,7 @@ def _slug(label: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Instance:
+class CaseSetting:
     """A scene and a sensor, where it may stand, and where coverage is measured."""
 
     scene: Scene
@@ -134,11 +136,11 @@ class Instance:
 
 
 @lru_cache(maxsize=1)  # neighbours in the list of cases are of the same scene and sensor
-def _instance(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> Instance:
+def _setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
     world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
     device = load_sensor(sensor.sensor)
     candidates = scene_candidates(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
-    return Instance(world, device, candidates, sample_surface(world.mesh, sampling.spacing_m))
+    return CaseSetting(world, device, candidates, sample_surface(world.mesh, sampling.spacing_m))
 
 
 def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
@@ -158,18 +160,18 @@ def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
 
 
 def _planned(case: Case, n_threads: int | None) -> Any:
-    instance, planner = _instance(case.scene, case.sensor, case.sampling), case.planner
+    setting, planner = _setting(case.scene, case.sensor, case.sampling), case.planner
     steps = planner.polish_steps
     return plan_views(
-        instance.scene,
-        instance.sensor,
+        setting.scene,
+        setting.sensor,
         method=planner.method,
         requirement=case.requirement.requirement(),
         target=planner.target,
         views=planner.views,
         mode=case.scene.mode,
-        candidates=instance.candidates,
-        samples=instance.samples,
+        candidates=setting.candidates,
+        samples=setting.samples,
         noise=case.sensor.noise,
         budgets=None if steps is None else CoverOptions(polish_steps=steps),
         overlap=None if planner.overlap is None else OverlapOptions(min_overlap=planner.overlap),
@@ -177,3 +179,51 @@ def _planned(case: Case, n_threads: int | None) -> Any:
         rng=case.seed,
         n_threads=n_threads,
     )
+
+
+class PlanArchive:
+    """Plans of a study in a folder, which is made where it is not there.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they are.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = make_folder(folder)
+
+    def path(self, case: Case) -> Path:
+        """Return where the plan of a case is, or will be."""
+        return self.folder / f"{case.name}.json"
+
+    def holds(self, case: Case) -> bool:
+        """Tell whether a whole plan is there that was made of the same."""
+        try:
+            self.read(case)
+        except InputError:
+            return False
+        return True
+
+    def keep(self, case: Case, record: Mapping[str, Any]) -> None:
+        """Write the record of a case, whole or not at all."""
+        write_json(self.path(case), record)
+
+    def read(self, case: Case) -> dict[str, Any]:
+        """Return the record of a case.
+
+        Raises
+        ------
+        InputError
+            None there, damaged, or made of something else.
+        """
+        file = self.path(case)
+        record = read_json(file, dict)
+        if record.get("key") != case.key:
+            raise InputError(f"{file}: is not the plan of this case: it was made of something else")
+        return record

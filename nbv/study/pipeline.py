@@ -11,8 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nbv.run.workers import ThisProcess, Workers
-from nbv.study.archive import PlanArchive
-from nbv.study.case import Case, cases_of, run_case
+from nbv.study.case import Case, PlanArchive, cases_of, run_case
 from nbv.study.outcome import Outcome, outcome_of
 from nbv.study.spec import StudySpec
 

@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.scanning.sensors.sensor import Sensor
-from nbv.visibility.floor import scene_floor, stand_on
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples
-from nbv.visibility.standing_room import FreeSpace
-from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
+from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import BYTES_A_SAMPLE, Progress, lines_of_sight, orientations_that_see
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.rays.raycast import RayCaster
 from scenes.run.memory import threads
-from scenes.world.scene import Scene
 
 Reason = Literal[
     "hidden", "out_of_range", "grazing", "out_of_aperture", "too_sparse", "too_uncertain", "too_few_views"
@@ -33,53 +30,7 @@ _SIEVES: tuple[Reason, ...] = (
     "too_uncertain",
     "out_of_aperture",
 )
-CLEARANCE_M = 0.3
 _AT_A_TIME = 8  # positions; fixed, so that no result depends on the number of threads
-
-
-def scene_candidates(
-    scene: Scene,
-    sensor: Sensor,
-    *,
-    mode: str | None = None,
-    clearance_m: float = CLEARANCE_M,
-    subdivisions: int = 1,
-) -> Candidates:
-    """Return the candidates of a known scene.
-
-    Room mode: the free positions of a lattice at tripod heights above the floor (anywhere, in a scene
-    without floor), each with the sensor's directions all round (42 for a camera at 1 subdivision of the
-    icosahedron, 162 at 2). Object mode: a viewing sphere.
-
-    Raises
-    ------
-    InputError
-        Another mode, or nowhere to stand.
-    """
-    mode = mode or scene.mode
-    if mode == "object":
-        return viewing_sphere(scene.mesh.bounds(), sensor)
-    if mode != "room":
-        raise InputError(f"mode must be room or object, got {mode!r}")
-    lattice = scene_lattice(scene, clearance_m)
-    free = FreeSpace.of(scene.mesh).holds(lattice, clearance_m)
-    if not free.any():
-        raise InputError(
-            f"none of {len(lattice)} positions in {scene.name} is free with {clearance_m} m clearance; "
-            "is it an object (mode object), or not in metres?"
-        )
-    level = scene_floor(scene.mesh)
-    if level is not None and (footed := free & stand_on(scene.ray_caster(), level, lattice)).any():
-        free = footed
-    return Candidates(lattice[free], sensor_directions(sensor, subdivisions))
-
-
-def scene_lattice(scene: Scene, clearance_m: float = CLEARANCE_M) -> FloatArray:
-    """Return positions (p, 3) over a scene's floor at tripod heights, free or not, metres."""
-    bounds = scene.mesh.bounds()
-    level = scene_floor(scene.mesh)
-    bounds[0, 2] = bounds[0, 2] if level is None else level
-    return room_lattice(bounds, clearance_m=clearance_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

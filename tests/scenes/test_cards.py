@@ -19,8 +19,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.cover.cover import LowerBound
 from nbv.plan.plan import Plan, Resumption
-from nbv.plan.stations import Stations
-from nbv.plan.tour import Leg, Tour
+from nbv.plan.tour import Leg, Stations, Tour
 from scenes.card import card
 from scenes.card.card import Card, CardPicture, Share
 from scenes.pose import Pose

@@ -9,8 +9,7 @@ import numpy as np
 
 from completion.options import CompletionOptions
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.distances import CLOSE_M
-from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
+from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNOWN, Shares
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before

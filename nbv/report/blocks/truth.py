@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.pipeline import Completion
-from nbv.coverage.distances import CLOSE_M, distances
 from nbv.coverage.measurement import measured_samples
+from nbv.coverage.surface_classes import CLOSE_M, distances
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas

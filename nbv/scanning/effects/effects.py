@@ -11,9 +11,10 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any
 
-from nbv.scanning.effects.dropout import Dropout
+import numpy as np
+
+from nbv.scanning.effects.echo_strength import Dropout, Intensity
 from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.intensity import Intensity
 from nbv.scanning.effects.noise_models import (
     ConstantNoise,
     KhoshelhamNoise,
@@ -24,7 +25,38 @@ from nbv.scanning.effects.noise_models import (
 )
 from nbv.scanning.effects.pointing import PointingNoise
 from nbv.scanning.effects.quantisation import Quantisation
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
+from scenes.run.blocks import in_blocks
+
+_BLOCK = 1 << 16  # numbers from one generator; not to be changed, or seeds give other numbers
+
+
+def stage_streams(
+    rng: np.random.Generator | int | None, stages: tuple[str, ...]
+) -> dict[str, np.random.Generator]:
+    """Return a random stream for each stage, which depends on `rng` and the stage's own name alone."""
+    entropy = np.random.default_rng(rng).integers(0, 2**63, size=2).tolist()
+    return {
+        stage: np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=tuple(stage.encode())))
+        for stage in stages
+    }
+
+
+def normal_numbers(rng: np.random.Generator, n: int, n_threads: int | None = None) -> FloatArray:
+    """Return `n` standard normal numbers, the same for any number of threads.
+
+    Each block of them comes from a child of `rng`.
+    """
+    numbers = np.empty(n)
+    children = rng.spawn(-(-n // _BLOCK))
+
+    def draw(blocks: slice) -> None:
+        for k in range(blocks.start, blocks.stop):
+            children[k].standard_normal(out=numbers[k * _BLOCK : (k + 1) * _BLOCK])
+
+    in_blocks(len(children), draw, n_threads, block=1)
+    return numbers
+
 
 NOISE_MODELS: dict[str, type[Any]] = {
     kind.model: kind for kind in (ConstantNoise, KhoshelhamNoise, NguyenNoise, StereoNoise, TerrestrialNoise)

@@ -14,10 +14,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from nbv.scanning.effects.dropout import Dropout
+from nbv.scanning.effects.echo_strength import Dropout, Intensity
 from nbv.scanning.effects.effects import NOISE_MODELS, Effects
 from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.intensity import Intensity
 from nbv.scanning.effects.pointing import PointingNoise
 from nbv.scanning.effects.quantisation import Quantisation
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor

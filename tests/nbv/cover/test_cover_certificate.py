@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from nbv.cover.certificate import Certificate
+from nbv.cover.cover import Certificate
 from nbv.cover.dual import find_certificate
 from nbv.cover.greedy import choose_greedily
 from nbv.cover.instance import CoverInstance

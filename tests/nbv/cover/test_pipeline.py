@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from nbv.cover.exact import solve_exactly
+from nbv.cover.dual import solve_exactly
 from nbv.cover.greedy import by_gain, choose_greedily, drop_redundant
 from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapOptions

@@ -8,9 +8,17 @@ import pytest
 
 from nbv.cover.overlap import OverlapOptions
 from nbv.coverage.completed_surfaces import CompletedSurfaces
-from nbv.coverage.distances import distances
 from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.surface_classes import CLASSES, INFERRED, MET, MODELLED, UNKNOWN, classify, shares_of
+from nbv.coverage.surface_classes import (
+    CLASSES,
+    INFERRED,
+    MET,
+    MODELLED,
+    UNKNOWN,
+    classify,
+    distances,
+    shares_of,
+)
 from nbv.online.expected_gain import ExpectedGain, SurfacePrior
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions

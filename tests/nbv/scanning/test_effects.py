@@ -6,14 +6,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from nbv.scanning.effects.dropout import Dropout
-from nbv.scanning.effects.effects import NO_EFFECTS, Effects, named_effects
+from nbv.scanning.effects.echo_strength import Dropout, Intensity, reflectivity_of_colour
+from nbv.scanning.effects.effects import NO_EFFECTS, Effects, named_effects, normal_numbers, stage_streams
 from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.intensity import Intensity, reflectivity_of_colour
 from nbv.scanning.effects.noise_models import ConstantNoise, TerrestrialNoise
 from nbv.scanning.effects.pointing import PointingNoise
 from nbv.scanning.effects.quantisation import Quantisation
-from nbv.scanning.effects.random_streams import normal_numbers, stage_streams
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.sensors.sensor_profile import load_sensor, sensor_from_profile

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
+from nbv.scanning.effects.echo_strength import Intensity
 from nbv.scanning.effects.effects import Effects
 from nbv.scanning.effects.footprint import N_RAYS, Footprint, beam_pattern, sub_rays
-from nbv.scanning.effects.intensity import Intensity
 from nbv.scanning.effects.returns import FIRST, LAST, MEAN, STRONGEST, merge_returns
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor

@@ -21,20 +21,17 @@ from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.plan.remote_visibility import RemoteVisibility, SharedArrays
-from nbv.run.cluster import _check_versions, cluster
 from nbv.run.manifest import versions
-from nbv.run.workers import ThisProcess
+from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensors.sensor import PinholeSensor
-from nbv.study.archive import PlanArchive
-from nbv.study.case import cases_of, run_case
-from nbv.study.outcome import COLUMNS, SHARES, outcome_of
+from nbv.study.case import PlanArchive, cases_of, run_case
+from nbv.study.outcome import COLUMNS, SHARES, groups_of, outcome_of
 from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
 from nbv.study.spec import read_study
-from nbv.study.summary import groups_of
-from nbv.visibility.reachability import scene_candidates
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.standing_room import scene_candidates
 from nbv.visibility.visibility import visible_from_positions
 from scenes.checks import InputError
 from scenes.run.lock import lock_file, locked
@@ -404,7 +401,7 @@ def test_clusters_that_cannot_be_used_are_refused_with_the_cure(monkeypatch):
     assert distributed
     with pytest.raises(InputError, match="local:4"), cluster("local:x"):
         pass
-    monkeypatch.setattr("nbv.run.cluster._WAIT_S", 0.5)
+    monkeypatch.setattr("nbv.run.workers._WAIT_S", 0.5)
     with pytest.raises(InputError, match="no scheduler answers there"), cluster("tcp://127.0.0.1:9"):
         pass
 

@@ -7,8 +7,8 @@ import pytest
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.plan.planning import plan_views
+from nbv.scanning.effects.echo_strength import Intensity
 from nbv.scanning.effects.effects import Effects, named_effects
-from nbv.scanning.effects.intensity import Intensity
 from nbv.scanning.effects.noise_models import ConstantNoise, TerrestrialNoise
 from nbv.scanning.effects.pointing import PointingNoise
 from nbv.scanning.scanner import scan_scene

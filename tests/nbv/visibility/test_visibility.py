@@ -7,11 +7,10 @@ import pytest
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
-from nbv.visibility.floor import scene_floor, stand_on
-from nbv.visibility.reachability import find_reachable, scene_candidates, scene_lattice
+from nbv.visibility.reachability import find_reachable
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.standing_room import FreeSpace, scene_candidates, scene_floor, scene_lattice, stand_on
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import orient, visible_from_positions, visible_from_view
 from scenes.checks import InputError

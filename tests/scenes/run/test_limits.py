@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from nbv.run.cluster import _on_worker
+from nbv.run.workers import _on_worker
 from scenes.checks import InputError
 from scenes.files.scene_loading import load_scene
 from scenes.formats.arrays import open_arrays

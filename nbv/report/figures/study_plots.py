@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
-from nbv.study.summary import Group
+from nbv.study.outcome import Group
 
 # Okabe and Ito's palette without the two that vanish on white or on black; the dashes tell lines apart
 # where colours do not.
