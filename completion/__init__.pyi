@@ -15,8 +15,8 @@ from .fitting import inflated as inflated
 from .fitting import select as select
 from .observe.tolerance import EvidenceOptions as EvidenceOptions
 from .options import CompletionOptions as CompletionOptions
-from .pipeline import Completion as Completion
 from .pipeline import complete as complete
+from .result.completion import Completion as Completion
 from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification
 from .result.verification import verify as verify

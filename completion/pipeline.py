@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from os import PathLike
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -26,8 +24,7 @@ from completion.merging.pipeline import MergedSurface, merge
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
 from completion.result.audit import AuditResult, audit
-from completion.result.completed_model import CompletedModel
-from completion.result.export import export_completion, save_completion
+from completion.result.completion import Completion
 from completion.result.labelled_points import LabelledPoints, hypothesised_mesh
 from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
@@ -44,59 +41,6 @@ _BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface t
 _NOT_KEPT = ("noise and normals",)  # by the journal: they are made again as fast as read
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
-
-
-class Completion(CompletedModel):
-    """What `complete` found: the completed model, and the way to save it.
-
-    Attributes
-    ----------
-    observations : tuple of Observation
-        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
-    patches : tuple of Patch
-        The completed surfaces, working frame; number i + 1 in files.
-    textures : tuple of ChartTexture or None
-        Colour of each patch; empty when texture was not asked for.
-    hypothesised : LabelledPoints
-        All inferred area as one mesh, working frame, with provenance, confidence and predicted standard
-        deviation (metres) at every vertex.
-    audit : AuditResult
-        How much of it stands where a beam went through.
-    owners : tuple of (rows, columns) int32
-        For each scan, the number of the surface that each pixel belongs to; 0 for none.
-    mode : str
-        Mode it was made in.
-    edits : tuple of Edit
-        What a person said of the surfaces, world coordinates.
-    world_from_reference : Pose
-        From the working frame to the world.
-    """
-
-    __slots__ = ()
-
-    def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
-        """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json.
-
-        All is in world coordinates.
-
-        With `verification`, completion.json also says what later scans say of what the first one inferred.
-
-        Raises
-        ------
-        InputError
-            The folder cannot be made or written.
-        """
-        save_completion(self, folder, verification)
-
-    def export(self, path: str | PathLike[str]) -> list[Path]:
-        """Write the whole model to one file: .glb, .obj, .e57 or .json; see `export_completion`.
-
-        Raises
-        ------
-        InputError
-            Another suffix, a folder that does not exist, or pye57 is not installed.
-        """
-        return export_completion(self, path)
 
 
 def complete(
@@ -201,8 +145,8 @@ def verify_first(
 ) -> Verification:
     """Complete the first scan alone and let the others confirm or refute what was inferred."""
     plain = replace(options, texture=False, edits=())
-    alone = complete(scans[:1], plain, n_threads=n_threads, journal=journal)
     evidence = replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m)
+    alone = complete(scans[:1], plain, n_threads=n_threads, journal=journal)
     return verify(alone, scans[1:], evidence, registration_m=options.registration_m, sigma_m=options.sigma_m)
 
 

@@ -20,7 +20,7 @@ from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
 from completion.texturing.chart_texture import ChartTexture
-from scenes.checks import BoolArray
+from scenes.checks import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +105,31 @@ class DerivedSurface:
         return _effect_of(self.patch)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TexturedMesh:
+    """Cells of one surface that have one provenance, as few triangles with their places in the atlas.
+
+    Attributes
+    ----------
+    number : int
+        Of the surface, from 1.
+    provenance : Provenance
+        Of all its cells.
+    mesh : ChartMesh
+        The triangles, working frame.
+    uv : (n, 2) float
+        Texture coordinates of its vertices, (0, 0) the page's lower left; zeros without texture.
+    page : int
+        Its page of the atlas, -1 without texture.
+    """
+
+    number: int
+    provenance: Provenance
+    mesh: ChartMesh
+    uv: FloatArray
+    page: int
+
+
 @dataclass(frozen=True, eq=False)
 class DerivedModel:
     """What follows from a completed model; each property is computed when it is first read, and kept.
@@ -132,6 +157,16 @@ class DerivedModel:
     def atlas(self) -> Atlas:
         """The textures on few pages; none when texture was not asked for."""
         return make_atlas(self.textures or (None,) * len(self.surfaces))
+
+    @cached_property
+    def textured(self) -> tuple[TexturedMesh, ...]:
+        """What was measured of each surface, and what was inferred, by provenance."""
+        found = []
+        for index, surface in enumerate(self.surfaces):
+            for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
+                uv = self.atlas.coordinates(index, surface.patch.grid.uv_of(*mesh.cells.T))
+                found.append(TexturedMesh(index + 1, why, mesh, uv, int(self.atlas.page[index])))
+        return tuple(found)
 
     @cached_property
     def observed(self) -> LabelledPoints:

@@ -10,7 +10,9 @@ from typing import Any
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
 from completion.options import CompletionOptions
-from completion.pipeline import Completion, complete, verify_first
+from completion.pipeline import complete, verify_first
+from completion.result.completion import Completion, write_model
+from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
@@ -90,9 +92,8 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
                 scans, options, n_threads=shared.threads, journal=journal.part("first")
             )
         run.watch.enter("save")
-        completion.save(run.stage.folder, verification)
-        for suffix in how.exports:
-            completion.export(run.path(f"completed.{suffix}"))
+        record = completion_record(completion, verification)
+        write_model(completion, run.stage.folder, record, how.exports)
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
 
@@ -102,7 +103,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             options=asked,
             seed=shared.seed,
             n_threads=shared.threads,
-            verification=verification,
+            first_scan=record.get("first_scan"),
         )
         run.report(page)
         run.finish(resolved, summary_of(completion), lines_of(completion, verification))

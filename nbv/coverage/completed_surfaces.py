@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from completion.extension.patch import Patch
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
-from completion.pipeline import Completion, complete
+from completion.pipeline import complete
+from completion.result.completion import Completion
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage
 

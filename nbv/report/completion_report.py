@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from completion.extension.patch import Patch
-from completion.pipeline import Completion
-from completion.result.verification import Verification
+from completion.result.completion import Completion
 from nbv.report.blocks.edit_blocks import edit_sections
 from nbv.report.blocks.station_tables import scans_table
 from nbv.report.blocks.verification_blocks import verification_sections
@@ -47,9 +46,25 @@ def completion_page(
     options: Mapping[str, Any],
     seed: int,
     n_threads: int | None = None,
-    verification: Verification | None = None,
+    first_scan: Mapping[str, Any] | None = None,
 ) -> Page:
-    """Return the report of one completion, with what later scans say of the first one's, if that is known."""
+    """Return the report of one completion.
+
+    Parameters
+    ----------
+    completion : Completion
+        What was found.
+    title : str
+        Of the page.
+    options : dict
+        What was asked for, by name.
+    seed : int
+        Seed of the run.
+    n_threads : int, optional
+        Threads that draw.
+    first_scan : dict, optional
+        What later scans say of what the first one alone inferred, as completion.json holds it.
+    """
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     violation = completion.free_space_violation_m2
     headlines = (
@@ -69,7 +84,7 @@ def completion_page(
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
             *edit_sections(completion),
-            *verification_sections(completion, verification),
+            *verification_sections(first_scan),
         ),
         options=options,
         seed=seed,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.pipeline import Completion
+from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import visibility_history
 from nbv.plan.plan import Plan

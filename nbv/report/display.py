@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from completion.pipeline import Completion
+from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan

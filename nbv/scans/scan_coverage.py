@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from completion.pipeline import Completion
 from completion.result.completed_model import CompletedModel
+from completion.result.completion import Completion
 from completion.result.model_parts import display_mesh
 from nbv.scans.measured_area import MeasuredArea, PixelQuality, measure_area
 from nbv.scans.scan_map import ScanMap

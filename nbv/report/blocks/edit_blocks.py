@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from completion.pipeline import Completion
+from completion.result.completion import Completion
 from nbv.report.page.page import Block, Cell, Section, Table, Text
 from nbv.report.pictures.picture import surface_colour
 from nbv.run.wording import square_metres

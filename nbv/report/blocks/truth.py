@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.pipeline import Completion
+from completion.result.completion import Completion
 from nbv.coverage.measurement import measured_samples
 from nbv.coverage.surface_classes import CLOSE_M, distances
 from nbv.visibility.samples import SurfaceSamples

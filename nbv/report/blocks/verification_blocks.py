@@ -3,27 +3,33 @@
 
 from __future__ import annotations
 
-from completion.pipeline import Completion
-from completion.result.verification import Finding, Verification, counterpart
+from collections.abc import Mapping
+from typing import Any
+
 from nbv.report.page.page import Cell, Section, Table, Text
 from nbv.report.pictures.picture import surface_colour
 from nbv.run.wording import square_metres
 
-_FINDINGS = (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
+_AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
 
 
-def verification_sections(completion: Completion, verification: Verification | None) -> tuple[Section, ...]:
-    """A section with a row for each surface of which something was inferred; none without verification."""
-    if verification is None:
+def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[Section, ...]:
+    """Return a section with a row for each surface of which something was inferred; none without such.
+
+    Parameters
+    ----------
+    first_scan : dict or None
+        What later scans say of what the first one alone inferred, as completion.json holds it.
+    """
+    if first_scan is None:
         return ()
     rows = []
-    for surface in verification.surfaces:
-        areas = [surface.area_m2(finding) for finding in _FINDINGS]
-        if sum(areas) > 0:
-            number = counterpart(surface, completion)
+    for surface in first_scan["surfaces"]:
+        if sum(surface[area] for area in _AREAS) > 0:
+            number = surface["surface"]
             name = Cell(str(number), swatch=surface_colour(number)) if number else Cell("none now")
-            rows.append((name, *(Cell(square_metres(area)) for area in areas)))
-    rows.append((Cell("all"), *(Cell(square_metres(verification.area_m2(found))) for found in _FINDINGS)))
+            rows.append((name, *(Cell(square_metres(surface[area])) for area in _AREAS)))
+    rows.append((Cell("all"), *(Cell(square_metres(first_scan[area])) for area in _AREAS)))
     columns = ("Surface", "#confirmed, m\u00b2", "#refuted, m\u00b2", "#still hidden, m\u00b2")
     note = (
         "What the first scan alone had inferred. confirmed: another scan measured the surface there. "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.pipeline import Completion
+from completion.result.completion import Completion
 from completion.result.model_parts import display_mesh
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.meshing import ChartMesh
 from completion.extension.patch import Patch, Provenance
 from completion.result.atlas import Atlas
 from completion.result.completed_model import CompletedModel
+from completion.result.derived_model import TexturedMesh
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import cut_finely
@@ -126,34 +126,29 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
 def _surfaces(completion: CompletedModel) -> Iterator[_Pieces]:
     """Measured and inferred pieces of each surface, the latter by provenance."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
-    for index, surface in enumerate(completion.derived.surfaces):
-        for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
-            yield _pieces(completion, index, mesh, why, total / _PIECES)
+    for part in completion.derived.textured:
+        yield _pieces(completion, part, total / _PIECES)
 
 
-def _pieces(
-    completion: CompletedModel, index: int, mesh: ChartMesh, why: Provenance, limit_m2: float
-) -> _Pieces:
+def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> _Pieces:
     """Cells of one surface, cut finely."""
-    patch, atlas = completion.patches[index], completion.derived.atlas
-    uv = atlas.coordinates(index, patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
-    whole = np.concatenate([mesh.vertices, uv, mesh.cells], axis=1)[mesh.faces]
+    patch, mesh = completion.patches[part.number - 1], part.mesh
+    whole = np.concatenate([mesh.vertices, part.uv, mesh.cells], axis=1)[mesh.faces]
     parts = cut_finely(whole.reshape(-1, 3, 7), limit_m2)[0]
     middle = parts.mean(axis=1)
     top = np.array(patch.grid.shape) - 1
     row, column = np.clip(np.floor(middle[:, 5:]).astype(np.int64), 0, top).T
-    n, page = len(parts), int(atlas.page[index])
-    grey = np.full((n, 3, 3), 1.0 if page >= 0 else _GREY, np.float32)
+    n = len(parts)
     return _Pieces(
         corners=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
-        number=index + 1,
-        is_inferred=why != Provenance.MEASURED,
-        provenance=np.full(n, int(why)),
+        number=part.number,
+        is_inferred=part.provenance != Provenance.MEASURED,
+        provenance=np.full(n, int(part.provenance)),
         sd=patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
         confidence=patch.confidence[row, column],
-        colour=grey,
+        colour=np.full((n, 3, 3), 1.0 if part.page >= 0 else _GREY, np.float32),
         uv=parts[..., 3:5],
-        image=page,
+        image=part.page,
     )
 
 

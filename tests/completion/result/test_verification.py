@@ -148,8 +148,8 @@ def test_no_other_scan_is_refused(alone):
 def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, other, tmp_path, monkeypatch):
     pages = []
 
-    def keep_page(completion, _title, **given):
-        pages.append((completion, given["verification"]))
+    def keep_page(_completion, _title, **given):
+        pages.append(given["first_scan"])
         return Page("", "", "", (), None, (), {}, 0)
 
     monkeypatch.setattr("nbv.report.completion_report.completion_page", keep_page)
@@ -167,11 +167,11 @@ def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, oth
     assert {surface["surface"] for surface in said["surfaces"]} <= {0, *numbers}
     assert said["confirmed_m2"] == pytest.approx(sum(one["confirmed_m2"] for one in said["surfaces"]))
     assert "the others confirm" in result.stdout
-    (section,) = verification_sections(pages[0][0], pages[0][-1])
+    (section,) = verification_sections(pages[0])
     rows = section.blocks[0].rows
     assert [cell.text for cell in rows[-1]][:2] == ["all", square_metres(said["confirmed_m2"])]
     assert len(rows) - 1 <= len(said["surfaces"])
-    assert verification_sections(pages[0][0], None) == ()
+    assert verification_sections(None) == ()
 
 
 def test_surfaces_are_followed_into_the_joint_model(alone, both, other):

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: MIT
+"""Completion: a completed model that writes itself as GLB, OBJ, PLY with provenance, E57 and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints
+from completion.result.model_parts import inferred_points, model_parts
+from completion.result.polygons import polygons_record
+from completion.result.record import completion_record
+from completion.result.verification import Verification
+from scenes.checks import FloatArray, InputError
+from scenes.formats.e57.e57_inferred import InferredPoints
+from scenes.formats.e57.e57_writer import write_e57
+from scenes.formats.meshes.glb import glb_of
+from scenes.formats.meshes.obj_writer import write_obj
+from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.mesh.mesh_parts import MeshPart
+from scenes.run.atomic import make_folder, write_bytes, write_json
+from scenes.run.lock import locked
+from scenes.run.staged_outputs import Stage
+from scenes.scan.range_image import RangeImage
+
+_COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)
+
+
+class Completion(CompletedModel):
+    """What `complete` found: the completed model, and the way to save it.
+
+    Attributes
+    ----------
+    observations : tuple of Observation
+        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
+    patches : tuple of Patch
+        The completed surfaces, working frame; number i + 1 in files.
+    textures : tuple of ChartTexture or None
+        Colour of each patch; empty when texture was not asked for.
+    hypothesised : LabelledPoints
+        All inferred area as one mesh, working frame, with provenance, confidence and predicted standard
+        deviation (metres) at every vertex.
+    audit : AuditResult
+        How much of it stands where a beam went through.
+    owners : tuple of (rows, columns) int32
+        For each scan, the number of the surface that each pixel belongs to; 0 for none.
+    mode : str
+        Mode it was made in.
+    edits : tuple of Edit
+        What a person said of the surfaces, world coordinates.
+    world_from_reference : Pose
+        From the working frame to the world.
+    derived : DerivedModel
+        Openings, outlines, meshes and the like, each computed when it is first read.
+    """
+
+    __slots__ = ()
+
+    def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
+        """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json.
+
+        All is in world coordinates. The files appear together once all are written; until then those of an
+        earlier run stay. With `verification`, completion.json also says what later scans say of what the
+        first one alone inferred.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be made or written, or another run writes there.
+        """
+        write_model(self, folder, completion_record(self, verification))
+
+    def export(self, path: str | PathLike[str]) -> list[Path]:
+        """Write the whole model to one file by suffix; return all files that were written.
+
+        `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
+        `hypothesised ...`. `.e57` holds the scans as they are, with their poses, and a cloud `inferred ...`
+        for each surface, whose points say surface, provenance, confidence and deviation. `.json` holds the
+        polygons.
+
+        Raises
+        ------
+        InputError
+            Another suffix, a folder that does not exist, or pye57 is not installed.
+        """
+        target = Path(path)
+        suffix = target.suffix.lower()
+        if suffix not in (".glb", ".obj", ".e57", ".json"):
+            raise InputError(
+                f"{target}: cannot export a completion to {suffix or 'a name without suffix'}; known: .glb, "
+                ".obj, .e57, .json (polygons); observed and inferred .ply are written by save"
+            )
+        return _export(_Content.of(self, [suffix]), target)
+
+
+def write_model(
+    completion: CompletedModel,
+    folder: str | PathLike[str],
+    record: Mapping[str, Any],
+    exports: Sequence[str] = (),
+) -> None:
+    """Derive all that the files of a completion hold, then write them, whole or not at all.
+
+    Parameters
+    ----------
+    completion : CompletedModel
+        What to write.
+    folder : str or path
+        Made if it is not there.
+    record : dict
+        What completion.json holds (`completion_record`).
+    exports : sequence of "glb", "obj", "e57" or "json"
+        Formats of further files, called completed.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written, or another run writes there.
+    """
+    meshes = {
+        "observed.ply": _placed(completion, completion.derived.observed),
+        "hypothesised.ply": _placed(completion, completion.hypothesised),
+    }
+    content = _Content.of(completion, [".glb", ".json", *(f".{name}" for name in exports)])
+    legend = [f"provenance {number} {name}" for number, name in PROVENANCE_NAMES.items()]
+    target = make_folder(folder)
+    with locked(target), Stage(target) as stage:
+        for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
+            _export(content, stage.path(name))
+        for name, mesh in meshes.items():
+            write_mesh_ply(stage.path(name), *mesh, legend)
+        write_json(stage.path("completion.json"), record)
+        stage.commit()
+
+
+def _placed(
+    completion: CompletedModel, points: LabelledPoints
+) -> tuple[FloatArray, NDArray[np.int32], dict[str, NDArray[Any]]]:
+    """Vertices (n, 3) in world coordinates, faces (m, 3), and what a PLY file tells of each vertex."""
+    known: dict[str, NDArray[Any]] = {
+        "red": points.colour[:, 0],
+        "green": points.colour[:, 1],
+        "blue": points.colour[:, 2],
+        "surface": points.surface,
+        "provenance": points.provenance,
+        "sd": points.sd.astype(np.float32),
+        "confidence": points.confidence.astype(np.float32),
+    }
+    return completion.world_from_reference.apply(points.vertices), points.faces, known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Content:
+    """What files of some suffixes hold, in world coordinates; empty where none of them asks for it."""
+
+    parts: Sequence[MeshPart]
+    polygons: Mapping[str, Any]
+    scans: Sequence[RangeImage]
+    clouds: Sequence[InferredPoints]
+
+    @classmethod
+    def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
+        world, seen = completion.world_from_reference, completion.observations
+        is_e57 = ".e57" in suffixes
+        return cls(
+            parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
+            polygons=polygons_record(completion) if ".json" in suffixes else {},
+            clouds=inferred_points(completion) if is_e57 else (),
+            scans=[one.scan.transformed(world) for one in seen if one.valid.any()] if is_e57 else (),
+        )
+
+
+def _export(content: _Content, path: Path) -> list[Path]:
+    """Write one file by its suffix; return all that were written."""
+    match path.suffix.lower():
+        case ".obj":
+            return write_obj(content.parts, path, _COMMENTS)
+        case ".glb":
+            write_bytes(path, glb_of(content.parts))
+        case ".e57":
+            write_e57(content.scans, path, content.clouds)
+        case ".json":
+            write_json(path, content.polygons)
+    return [path]
