@@ -17,7 +17,7 @@ _MOST_LOOKS = 2000  # candidates looked at in search of a way from one group of 
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """Views whose scans hang together, as far as the candidates let them.
+    """Views with overlapping scans, and those that no candidate links to them.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Connected:
 
 
 def connect(instance: CoverInstance, graph: OverlapGraph, chosen: tuple[int, ...]) -> Connected:
-    """Add as few candidates as a greedy choice finds, so that links join all views.
+    """Add few candidates, by greedy choice, so that links join all views.
 
     A candidate that joins the most groups is added first; where none joins two, the candidates along a
     shortest way from the smallest group to another one. Then views are dropped whose surface the others

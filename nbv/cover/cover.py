@@ -82,7 +82,7 @@ class Certificate:
         return proved + price * total * (Fraction(instance.target) - Fraction(TOLERANCE))
 
     def bound(self, instance: CoverInstance) -> int:
-        """Return how many candidates any choice that meets `instance` has at the least."""
+        """Return the least number of candidates of any choice that meets `instance`."""
         return max(ceil(self.value(instance)), 0)
 
 

@@ -103,7 +103,7 @@ class CoverInstance:
         return replace(self, matrix=matrix)
 
     def seen_by(self, candidate: int) -> NDArray[np.int32]:
-        """Samples that a candidate sees."""
+        """Numbers (m,) of the samples that a candidate sees."""
         start, end = self.matrix.indptr[candidate : candidate + 2]
         samples: NDArray[np.int32] = self.matrix.indices[start:end]
         return samples

@@ -48,7 +48,7 @@ class OverlapOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Links:
-    """How one view goes with each of m others, (m,): shared fractions, stiffness, whether they are linked."""
+    """Overlap of one view with each of m others, (m,): shared fraction, stiffness, whether linked."""
 
     overlap: FloatArray
     stiffness: FloatArray
@@ -57,7 +57,7 @@ class Links:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OverlapGraph:
-    """What candidates share, prepared to be asked.
+    """Overlaps of the candidates' scans, computed on demand.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class OverlapGraph:
         return np.asarray(stiff >= self.options.min_stiffness)
 
     def links(self, candidate: int) -> Links:
-        """Return how a candidate goes with every candidate; with itself it is not linked."""
+        """Return the overlap (m,) of a candidate with every candidate; it is not linked to itself."""
         own = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
         sums = self.by_sample[:, own] @ self.terms[own]
         least = np.minimum(self.areas, self.areas[candidate])

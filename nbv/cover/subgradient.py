@@ -31,7 +31,7 @@ class Multipliers:
 
 
 def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
-    """Return good multipliers.
+    """Return multipliers that prove a bound near the best.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 
 
 class SwapState(NamedTuple):
-    """A search, as the compiled loops see it; they change the arrays from `times` on.
+    """State of a search for the compiled loops, which change the arrays from `times` on.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Completed surfaces of the scans so far, asked point by point.
 
-What was measured too obliquely may yet be known, where it lies on a surface that all its pixels together
-determine well; what was never seen may be inferred. Both are said of places by their charts.
+A place that was measured too obliquely is modelled where its surface is determined well by all of its
+pixels. A place that was never seen may be inferred. Both are looked up in the surfaces' charts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SAME_WAY = float(np.cos(np.radians(30.0)))  # normals closer than this may belo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompletedSurfaces:
-    """What completion makes of some scans.
+    """Surfaces that completion finds in some scans, measured and inferred.
 
     Attributes
     ----------

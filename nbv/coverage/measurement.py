@@ -33,7 +33,7 @@ _STEEPEST = 10.0  # tangent of incidence up to which the slope of a pixel is all
 
 @dataclass(slots=True, eq=False)
 class CoverageTally:
-    """Running coverage while views are added one by one; every view only ever adds.
+    """Coverage so far, while views are added one by one.
 
     What each view sees is cast once and kept: `history` tells it.
 
@@ -279,7 +279,10 @@ def visibility_history(
 def measured_samples(
     scan: RangeImage, samples: SurfaceSamples, max_range_m: float = np.inf
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the samples whose range one scan has measured, and their cosines of incidence."""
+    """Return which samples (m,) one scan has measured, and their cosines (m,) of incidence.
+
+    A sample counts as measured where the scan's range at its pixel agrees with its distance, metres.
+    """
     pixels = scan.pixels(samples.points)
     index = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     limit = np.array(scan.shape) - 1

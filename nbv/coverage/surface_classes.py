@@ -21,7 +21,7 @@ CLASSES = ("met", "modelled", "inferred", "unknown")
 
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """How a scene's area parts into classes after some views, and how much of what was claimed is right.
+    """Shares of a scene's area by class after some views, and how much of the inferred area is right.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def classify(
     met, seen : (n,) bool
         Which of them views have measured as required, and seen at all.
     completed : CompletedSurfaces
-        What completion makes of the views' scans.
+        Completion of the views' scans.
     """
     classes = np.full(len(samples), UNKNOWN, np.int8)
     classes[completed.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
@@ -100,7 +100,7 @@ def shares_of(
     samples : SurfaceSamples
         Of the true surface.
     completed : CompletedSurfaces
-        What completion makes of the scans.
+        Completion of the scans.
     truth : LabelledMesh
         The true surface.
     views : int
@@ -134,7 +134,7 @@ _PIECES = 20_000  # about as many triangles as large ones are cut into
 
 
 def distances(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distance (n,) of points from triangles (m, 3, 3), metres; inf from none.
+    """Distance (n,) of points (n, 3) from triangles (m, 3, 3), metres; inf where there are none.
 
     Triangles are cut until all are of similar size; for each point those with the nearest centres are tried.
     """

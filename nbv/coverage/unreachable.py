@@ -57,7 +57,7 @@ class UnreachablePatch:
 def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
     """Return the unreachable patches of a scene, the largest first.
 
-    Samples belong together that lie on one surface, out of reach for one reason, and within two spacings.
+    Samples form a patch that lie on one surface, within two spacings, out of reach for the same reason.
     """
     samples = coverage.samples
     away = np.flatnonzero(coverage.state == UNREACHABLE)
@@ -74,7 +74,7 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
 
 
 def _connected(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
-    """Return the groups of points (n, 3) that hang together by steps of two spacings or less."""
+    """Return the groups of points (n, 3) that are connected by steps of two spacings or less."""
     pairs = cKDTree(points).query_pairs(_NEAR * spacing, output_type="ndarray")
     linked = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     n_groups, group = connected_components(linked, directed=False)

@@ -111,10 +111,10 @@ class ExpectedGain:
         ----------
         voxels : VoxelMap
             The map.
-        boundary, entered, worth_entering, trust
+        boundary, entered, worth_entering, trust : RayCaster, (k,) int, (n_voxels,) bool, (6,) float
             See the attributes.
         completed : CompletedSurfaces
-            What completion makes of the scans that the map was made of.
+            Completion of the scans that the map was made of.
         """
         faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)

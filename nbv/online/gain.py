@@ -32,7 +32,7 @@ _FLATTEST = 0.05  # unknown faces seen flatter than this do not count
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BestView:
-    """The best candidate: its pose, its gain in weighted square metres, and what it should settle.
+    """The best candidate: its pose, its gain in weighted square metres, and what it should see.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class BoundaryFaces:
     outward: FloatArray
 
     def triangles(self, voxel_m: float) -> tuple[FloatArray, NDArray[np.int32]]:
-        """Return vertices (4 n, 3) and faces (2 n, 3) of the squares."""
+        """Return vertices (4 * n, 3), metres, and faces (2 * n, 3) of the n squares."""
         u = np.roll(np.abs(self.outward), 1, axis=1) * voxel_m / 2
         v = np.roll(np.abs(self.outward), 2, axis=1) * voxel_m / 2
         corners = np.stack([-u - v, u - v, u + v, v - u], axis=1) + self.centres[:, None]

@@ -108,18 +108,18 @@ class Exploration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannerState:
-    """What the planner knows, on which it decides.
+    """What the planner knows before it decides.
 
     Attributes
     ----------
     voxels : VoxelMap
-        What the scans say of the volume.
+        Map of the volume by the scans so far.
     attempts : (2, n_voxels) int32
         How many chosen views should have settled a voxel's badly seen surface (0) and unknown faces (1).
     prior : SurfacePrior
         How likely a ray into unknown space is to meet surface.
     completed : CompletedSurfaces or None
-        What completion makes of the scans; None without completion.
+        Completion of the scans; None without it.
     """
 
     voxels: VoxelMap

@@ -72,7 +72,7 @@ def image_normals(scan: RangeImage, baseline_m: float) -> ImageNormals:
 
 
 def _slope(points: FloatArray, half: int, sigma_m: float) -> FloatArray:
-    """Step in metres a pixel along the second axis, from the straighter side; NaN where both bend."""
+    """Step along the second axis, metres a pixel, from the straighter side; NaN where both sides bend."""
     n = points.shape[1]
     sides, bends = np.full((2, *points.shape), np.nan), np.full((2, *points.shape[:2]), np.inf)
     first, last = slice(0, max(n - 2 * half, 0)), slice(2 * half, n)

@@ -21,15 +21,15 @@ class GainOptions:
     Parameters
     ----------
     occplane_weight : float
-        w_v, for unknown faces; with completion a `ExpectedGain` says what they are worth instead.
+        w_v, for unknown faces; with completion `ExpectedGain` says what they are worth instead.
     quality_weight : float
         w_q, for surface seen worse than required; 0 gives the planner that only looks for the unknown.
     modelled_weight : float
-        By what w_q is multiplied where completion knows the surface well enough without a better view.
+        Factor of w_q where completion models the surface exactly enough without a better view.
     angle_margin_deg : float
         By how many degrees a predicted view must be better than required: voxels know normals roughly.
     max_attempts : int
-        A target that this many views should have settled, and did not, no longer counts.
+        A target no longer counts after this many views that should have settled it.
     max_targets : int
         Candidates are compared by at most so many targets; above, every k-th stands for its neighbours.
 
@@ -58,7 +58,7 @@ class GainOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Targets:
-    """What is worth seeing.
+    """Targets that a view should see.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Targets:
         return len(self.points)
 
     def some(self, chosen: BoolArray | NDArray[np.int64] | slice, times_worth: int = 1) -> Targets:
-        """Return the chosen targets, each worth so many times as much."""
+        """Return the targets chosen by a mask (n,) or numbers (m,), each worth so many times as much."""
         worth = self.worth_m2[chosen] * times_worth
         return Targets(
             self.points[chosen], self.normals[chosen], worth, self.voxel[chosen], self.is_unknown[chosen]
@@ -116,7 +116,7 @@ def find_targets(
     options : GainOptions
         Weights.
     completed : CompletedSurfaces, optional
-        What completion makes of the scans: badly seen surface that it knows is worth little.
+        Completion of the scans: badly seen surface that it models is worth little.
     """
     side = voxels.grid.voxel_m
     label = voxels.labels[faces.voxel]

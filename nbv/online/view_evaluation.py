@@ -85,7 +85,7 @@ class Accumulator:
 
     @classmethod
     def of(cls, offsets: Sequence[FloatArray], candidates: Candidates, sensor: Sensor) -> Accumulator:
-        """Return the accumulator of what each position sees."""
+        """Return the accumulator of what each position sees, as offsets (k, 3) along the world's axes."""
         cells = cell_of(np.concatenate(offsets))
         if candidates.directions.ndim == 3:
             return cls(candidates, sensor, tuple(offsets), cells, None)
@@ -133,7 +133,7 @@ def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
 
 
 def cell_directions(n: int = _CELLS) -> FloatArray:
-    """Unit directions (6 n^2, 3) of the middles of a cube map's cells; by default the accumulator's."""
+    """Unit directions (6 * n * n, 3) of the middles of a cube map's cells; by default the accumulator's."""
     side, i, j = np.unravel_index(np.arange(6 * n**2), (6, n, n))
     rows, axis = np.arange(len(side)), side % 3
     directions = np.zeros((len(side), 3))

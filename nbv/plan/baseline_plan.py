@@ -25,12 +25,12 @@ from nbv.plan.problem import PlanningProblem, PlanningRun
 def plan_simply(
     problem: PlanningProblem, method: str, views: int | None, rng: np.random.Generator | int | None
 ) -> Plan:
-    """Plan views until the task's target is met.
+    """Plan views until the target is met.
 
     Parameters
     ----------
     problem : PlanningProblem
-        The task.
+        What to plan.
     method : str
         One of `BASELINES`.
     views : int, optional

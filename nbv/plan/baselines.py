@@ -86,14 +86,14 @@ class BaselineChoice:
     visible: csr_array
 
     def seen(self, number: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the samples that pose `number` sees, and their cosines."""
+        """Return the samples (m,) that pose `number` sees, and their cosines (m,)."""
         pose = self.candidates.pose(number)
         index, cosine = self.row(number // self.candidates.n_directions)
         inside = self.sensor.sees((self.samples.points[index] - pose.translation) @ pose.rotation)
         return index[inside], cosine[inside]
 
     def row(self, position: int) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the samples that a position sees in any direction, and their cosines."""
+        """Return the samples (m,) that a position sees in any direction, and their cosines (m,)."""
         here = slice(self.visible.indptr[position], self.visible.indptr[position + 1])
         return self.visible.indices[here], self.visible.data[here]
 

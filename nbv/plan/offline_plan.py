@@ -30,7 +30,7 @@ _REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this noth
 def plan_offline(
     problem: PlanningProblem, views: int | None, options: CoverOptions, rng: np.random.Generator | int | None
 ) -> Plan:
-    """Plan few views that meet the task, with a certified bound on how few could.
+    """Plan few views that meet the target, with a certified bound on how few could.
 
     Where scans are to overlap, views that could be registered with nothing are left out, and views are added
     until links join all.
@@ -38,7 +38,7 @@ def plan_offline(
     Parameters
     ----------
     problem : PlanningProblem
-        The task.
+        What to plan.
     views : int, optional
         Plan no more than so many, those not counted that overlap asks for.
     options : CoverOptions
@@ -93,7 +93,7 @@ def _connected_cover(
     options: CoverOptions,
     rng: np.random.Generator | int | None,
 ) -> tuple[Cover, int]:
-    """Return a cover whose scans hang together, and how many views that added.
+    """Return a cover whose scans overlap, and how many views were added for that.
 
     Views that no way joins to the others are left out, with what is linked to them, and the rest is planned
     anew.
@@ -130,7 +130,7 @@ def cover_instance(problem: PlanningProblem, met: BoolArray | None = None) -> Co
 
 
 def overlap_graph(problem: PlanningProblem, options: OverlapOptions) -> OverlapGraph:
-    """Return what the candidates' scans share: all that is seen in range, at 75 deg incidence or less."""
+    """Return the overlaps of the candidates' scans, by all that is seen in range at 75 deg or less."""
     seen = problem.requirement.visibility(problem.sensor)
     limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
     return OverlapGraph.of(seen_by_candidates(problem, "for-overlap", limits), problem.samples, options)

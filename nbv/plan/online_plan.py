@@ -26,7 +26,7 @@ def plan_online(
     Parameters
     ----------
     problem : PlanningProblem
-        The task; its true scene serves to scan, and to measure coverage.
+        What to plan; its true scene serves to scan, and to measure coverage.
     views : int, optional
         Plan no more than so many.
     noise : str

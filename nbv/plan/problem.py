@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Planning task: what to see of a known scene, from where, when it is enough, and how far views have got."""
+"""Planning problem: what to see of a known scene, from where, until when; and how far views have got."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from scenes.world.scene import Scene
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanningProblem:
-    """A prepared planning task: what to see, from where, when it is enough, and how scans are to overlap.
+    """A prepared planning problem: what to see, from where, when it is enough, and how scans are to overlap.
 
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
     "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
     were taken before: what they have measured is measured. `remote` workers cast for the offline planner.
-    The `journal` remembers what the steps of this very task came to.
+    The `journal` remembers the results of the steps of this very problem.
     """
 
     scene: Scene
@@ -66,7 +66,7 @@ class PlanningProblem:
 
 @dataclass(slots=True, eq=False)
 class PlanningRun:
-    """Views so far, and what they cover of the true scene; with completion, in which class each sample is."""
+    """Views so far and their coverage of the true scene; with completion, the class of each sample."""
 
     problem: PlanningProblem
     tally: CoverageTally
@@ -141,7 +141,7 @@ class PlanningRun:
         return completed
 
     def why_finished(self) -> str | None:
-        """Return why it is enough, or None."""
+        """Return why the plan is complete, None while it is not."""
         met = self.tally.met
         areas = self.problem.samples.areas
         reachable = self.reachability.including(met).reachable

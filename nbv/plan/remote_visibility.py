@@ -53,7 +53,7 @@ class SharedArrays:
 
     @classmethod
     def write(cls, folder: Path, arrays: Mapping[str, NDArray[np.generic]]) -> SharedArrays:
-        """Write arrays that are not there yet."""
+        """Write arrays of any shape that are not there yet."""
         folder.mkdir(parents=True, exist_ok=True)
         names = []
         for name, array in arrays.items():
@@ -67,7 +67,7 @@ class SharedArrays:
         return cls(str(folder.resolve()), tuple(names))
 
     def mapped(self) -> dict[str, NDArray[np.generic]]:
-        """Return the arrays, mapped into memory.
+        """Return the arrays in the shape they had, mapped into memory.
 
         Raises
         ------
@@ -100,7 +100,7 @@ class Block:
 
 
 def look(block: Block, n_threads: int | None) -> list[tuple[NDArray[np.int64], FloatArray]]:
-    """Return for each position of a block the samples that it sees, and their cosines."""
+    """Return for each position of a block the samples (m,) that it sees, and their cosines (m,)."""
     samples = _samples(block.samples, block.tolerance_m, block.in_morton_order)
     seen = visible_from_positions(
         _caster(block.mesh), block.positions, samples, block.limits, n_threads=n_threads

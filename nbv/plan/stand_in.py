@@ -32,7 +32,7 @@ def plan_with_completion(
     Parameters
     ----------
     problem : PlanningProblem
-        The task.
+        What to plan.
     views : int, optional
         Plan no more than so many; 200 when not given.
     noise : str

@@ -215,7 +215,7 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stations:
-    """What there is to know of a plan's stations.
+    """Tour and overlaps of a plan's stations.
 
     Attributes
     ----------

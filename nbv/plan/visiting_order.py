@@ -79,7 +79,7 @@ def _moved(cost: FloatArray, order: list[int]) -> list[int] | None:
 
 
 def _gain(cost: FloatArray) -> float:
-    """What counts as shorter, metres: well above rounding, so that no two orders improve on each other."""
+    """Least gain that counts, metres: well above rounding, so that the search ends."""
     return 1e-12 * float(cost.max(initial=0.0)) * len(cost) + 1e-9
 
 

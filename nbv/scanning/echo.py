@@ -78,7 +78,7 @@ class Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """What a sensor looks into: a scene prepared for ray casting, from a pose.
+    """A scene prepared for ray casting from the pose of a sensor.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ _MOST = 1.5  # cell faces that the surface in a cell may fill: a slanted one is 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelQuality:
-    """Of each pixel with a normal (n,): its number, cosine, area in square metres, and whether it is good.
+    """Pixels with a normal (n,): number, place, incidence, area, and whether they are measured as required.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class PixelQuality:
 
     @classmethod
     def of(cls, scan: RangeImage, requirement: Requirement, baseline_m: float) -> PixelQuality:
-        """Return what the pixels of a scan are worth; normals reach over `baseline_m` metres."""
+        """Return the quality of a scan's pixels; normals are estimated over `baseline_m` metres."""
         local = image_normals(scan, baseline_m)
         with np.errstate(invalid="ignore"):
             pixel = np.flatnonzero((local.cosine.ravel() >= GRAZING_COSINE) & scan.valid.ravel())

@@ -27,7 +27,7 @@ def plan_next_stations(
     completed: CompletedSurfaces | None = None,
     n_threads: int | None = None,
 ) -> Plan:
-    """Plan where to scan next, by what the scans so far say of the place.
+    """Plan where to scan next from the scans so far.
 
     The first view is the online planner's next one. What it should see counts as settled, and the second is
     the next one then, and so on: later views are predictions, for nobody can say what the first will find.
@@ -48,7 +48,7 @@ def plan_next_stations(
     options : PlannerOptions, optional
         Clearance, stopping, weights, zones.
     completed : CompletedSurfaces, optional
-        What completion makes of the scans; it counts less than what is unknown
+        Completion of the scans; what it knows counts less than what is unknown
         (`nbv.online.planner.explore`), also for the later views, whose scans nobody has to complete.
     n_threads : int, optional
         Threads; the plan does not depend on it.

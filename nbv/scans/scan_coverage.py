@@ -51,7 +51,7 @@ class RecognisedSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanCoverage:
-    """What scans have measured of a place that nobody has a model of.
+    """Coverage of a place without a model by its scans.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def cover_by_scans(
     requirement : Requirement, optional
         What counts as measured well enough.
     completion : Completion, optional
-        What completion makes of the map's scans; None leaves inferring out.
+        Completion of the map's scans; None leaves inferring out.
     zones : Zones
         Measured surface and boundary count within their region alone; what is inferred counts everywhere.
     """

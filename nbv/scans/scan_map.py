@@ -34,7 +34,7 @@ _BELOW_M = 0.2  # what a scanner stands on lies at least so far below it
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanMap:
-    """What scans say of a place.
+    """Scans of a place, and the voxels that they filled.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class ScanMap:
 
 
 def with_known_noise(scan: RangeImage) -> RangeImage:
-    """Return the scan with the deviation of its ranges: the middle of what its roughness says, if unknown."""
+    """Return the scan with `sigma_m`; an unknown one is estimated from the roughness at the median range."""
     if scan.sigma_m is not None or not scan.valid.any():
         return scan
     noise = estimate_noise(scan, scan.rays())

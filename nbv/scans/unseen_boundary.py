@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Shadow: where the known empty space ends without a measured surface, and what completion says of it.
+"""Unseen boundary: where known empty space ends without a measured surface, and what explains it.
 
 These areas are areas of a boundary in space, not of surface: what lies behind it may be more, less or none.
 """
@@ -54,7 +54,7 @@ class UnseenBoundary:
         stood: FloatArray | None = None,
         clearance_m: float = 0.0,
     ) -> UnseenBoundary:
-        """Return the shadow of a map.
+        """Return the unseen boundary of a map.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class UnseenBoundary:
 
 
 def _near(centres: FloatArray, surface: LabelledMesh | None, voxel_m: float) -> BoolArray:
-    """Tell which voxels, by their centres (n, 3), some surface passes through, or all but."""
+    """Tell which voxels, by their centres (n, 3), some surface passes through or nearly touches."""
     if surface is None or not len(surface.faces) or not len(centres):
         return np.zeros(len(centres), np.bool_)
     samples = sample_surface(surface, voxel_m / _SAMPLES_A_VOXEL, every_face=False)

@@ -203,7 +203,7 @@ class PlanArchive:
         return self.folder / f"{case.name}.json"
 
     def holds(self, case: Case) -> bool:
-        """Tell whether a whole plan is there that was made of the same."""
+        """Tell whether the complete plan of this very case is there."""
         try:
             self.read(case)
         except InputError:

@@ -25,7 +25,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What one case found.
+    """Result of one case.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Outcome:
 
     @property
     def of_reachable(self) -> FloatArray:
-        """Share of the reachable area that is measured as required, before the first and after each view."""
+        """Share (n_views + 1,) of the reachable area that is met before the first view and after each."""
         whole = np.concatenate([[0.0], self.met])
         return whole / self.reachable if self.reachable > 0 else np.zeros(len(whole))
 

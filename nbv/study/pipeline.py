@@ -26,7 +26,7 @@ def run_study(
     workers: Workers | None = None,
     progress: Progress | None = None,
 ) -> tuple[Outcome, ...]:
-    """Run a study and return what each of its cases found, in the order of the study file.
+    """Run a study and return the outcome of each case, in the order of the study file.
 
     Parameters
     ----------

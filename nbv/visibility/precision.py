@@ -16,7 +16,7 @@ _GREY = 0.2  # reflectivity for which data sheets state noise, where nothing is 
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """What an instrument's pixels and noise make of a surface.
+    """Density and precision of the points that an instrument measures on a surface.
 
     Pixels and depth noise are taken at the middle of the image: off the axis pixels lie denser, so that the
     density is a lower limit there.
@@ -69,9 +69,9 @@ class Precision:
     def sd_m(self, distance: FloatArray, cosine: FloatArray) -> FloatArray:
         """Return the standard deviation of a surface point along the surface's normal, metres.
 
-        Range noise and steps act along the ray, of which the normal sees the cosine; pointing errors act
-        across it, of which the normal sees the sine. Averaging divides by the number of points in its disc;
-        registration adds to all of them alike.
+        Range noise and steps act along the ray: their component along the normal goes with the cosine of
+        incidence. Pointing errors act across the ray: theirs goes with the sine. Averaging divides this
+        variance by the number of points in the disc. The registration's variance adds to it.
 
         Parameters
         ----------

@@ -35,7 +35,7 @@ _AT_A_TIME = 8  # positions; fixed, so that no result depends on the number of t
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachability:
-    """What the candidates could do.
+    """Samples that some candidate could measure as required, and why the others cannot be.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Reachability:
         object.__setattr__(self, "reason", frozen_copy(self.reason, np.int8))
 
     def including(self, met: BoolArray) -> Reachability:
-        """Return the same with what views have met: a plan's views need not be candidates."""
+        """Return the same with the samples (n,) that views have met, which need not be candidates."""
         return Reachability(self.reachable | met, np.where(met, -1, self.reason), self.n_candidates)
 
 
@@ -142,7 +142,7 @@ def _look_from(
 
 
 def _spread_order(n: int) -> NDArray[np.int64]:
-    """Return 0..n-1 in an order that jumps about, so that few positions settle most samples."""
+    """Return 0..n-1 in an order that spreads out, so that the first few positions settle most samples."""
     step = max(int(n * 0.6180339887), 1)
     while np.gcd(step, n) != 1:
         step += 1

@@ -19,7 +19,7 @@ ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with 
 
 @dataclass(frozen=True, slots=True)
 class SightLimits:
-    """Within which a line of sight counts.
+    """Limits within which a line of sight counts.
 
     Attributes
     ----------
@@ -50,14 +50,14 @@ class SightLimits:
         return np.asarray(cosine >= self.min_cosine - ROUNDING)
 
     def dense_enough(self, distance: FloatArray, cosine: FloatArray) -> BoolArray:
-        """Tell where points would lie densely enough."""
+        """Tell where points, by range in metres and cosine (n,), would lie densely enough."""
         if self.precision is None or self.min_density_per_m2 == 0:
             return np.ones(len(distance), dtype=np.bool_)
         density = self.precision.density_per_m2(distance, cosine)
         return density >= self.min_density_per_m2 * (1 - ROUNDING)
 
     def exact_enough(self, distance: FloatArray, cosine: FloatArray) -> BoolArray:
-        """Tell where points would be exact enough."""
+        """Tell where points, by range in metres and cosine (n,), would be exact enough."""
         if self.precision is None or np.isinf(self.max_sd_m):
             return np.ones(len(distance), dtype=np.bool_)
         return self.precision.sd_m(distance, cosine) <= self.max_sd_m * (1 + ROUNDING)

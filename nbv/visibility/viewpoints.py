@@ -110,7 +110,7 @@ class Candidates:
         return Pose.looking_at(self.positions[i], self.positions[i] + direction)
 
     def at(self, chosen: NDArray[np.int64] | BoolArray) -> Candidates:
-        """Return the candidates at some of the positions."""
+        """Return the candidates at the positions chosen by a mask (p,) or numbers (m,)."""
         own = self.directions if self.directions.ndim == 2 else self.directions[chosen]
         return replace(self, positions=self.positions[chosen], directions=own)
 
@@ -158,12 +158,12 @@ def load_candidates(path: str | Path) -> Candidates:
 
 
 def sphere_directions(subdivisions: int) -> FloatArray:
-    """Unit directions all round: 12, 42, 162, 642 ... for 0, 1, 2, 3 subdivisions of the icosahedron."""
+    """Unit directions (d, 3) all round: 12, 42, 162 ... for 0, 1, 2 subdivisions of the icosahedron."""
     return np.array(icosphere(subdivisions=subdivisions).vertices, dtype=np.float64)
 
 
 def sensor_directions(sensor: Sensor, subdivisions: int = 1) -> FloatArray:
-    """Directions worth trying: all round for a camera, one for a sensor that turns by itself."""
+    """Unit directions (d, 3) worth trying: all round for a camera, one for a sensor that turns by itself."""
     if sensor.kind == "spherical":
         return np.array([[1.0, 0.0, 0.0]])
     return sphere_directions(subdivisions)
@@ -208,7 +208,7 @@ def _line(low: float, high: float, spacing: float, clearance: float) -> FloatArr
 
 
 def viewing_sphere(bounds: FloatArray, sensor: Sensor, n_positions: int = 200) -> Candidates:
-    """Candidates on a sphere around an object, each looking at its centre.
+    """Candidates on a sphere around an object with `bounds` (2, 3), metres, each looking at its centre.
 
     The sphere is as small as lets the aperture hold the bounding sphere, with 5 % to spare, within the
     sensor's range.

@@ -43,7 +43,10 @@ def lines_of_sight(
     limits: SightLimits,
     among: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return which samples `among` are seen from `position` (3,) within `limits`, and their cosines."""
+    """Return which samples `among` (k,) are seen from `position` (3,) in `limits`, and their cosines (m,).
+
+    The position is in world coordinates, metres.
+    """
     here = (np.ascontiguousarray(position), samples.points, samples.normals)
     gate = (limits.min_range_m, limits.max_range_m)
     among, distance, cosine = facing(*here, among, limits.min_cosine - ROUNDING, *gate)
@@ -98,7 +101,7 @@ def visible_from_positions(
 def visible_from_view(
     caster: RayCaster, view: View, samples: SurfaceSamples, limits: SightLimits
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the samples that a view sees inside its aperture and `limits`, and their cosines.
+    """Return which samples (m,) a view sees inside its aperture and `limits`, and their cosines (m,).
 
     The second device of a triangulating sensor must see them too.
     """
@@ -126,7 +129,7 @@ def orient(
 ) -> csr_array:
     """Split each position's row into one row for each of its orientations: what is in the sensor's aperture.
 
-    Values are kept; whoever asks only which sample is seen saves memory with ones of 8 bits.
+    Values are kept. Ones of 8 bits save memory where only visibility counts.
 
     Parameters
     ----------
@@ -171,7 +174,7 @@ def orientations_that_see(
 
 
 def stack_rows(rows: Sequence[tuple[NDArray[np.integer[Any]], NDArray[Any]]], n_columns: int) -> csr_array:
-    """Return the sparse matrix whose rows are given as (sorted columns, values)."""
+    """Return the sparse matrix whose rows are given as (sorted columns (m,), values (m,))."""
     ends = np.cumsum([0] + [len(index) for index, _ in rows])
     small = np.int32 if ends[-1] <= np.iinfo(np.int32).max else np.int64  # scipy keeps both in the larger
     index = np.concatenate([np.zeros(0, small), *(index for index, _ in rows)], dtype=small)

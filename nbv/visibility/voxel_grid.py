@@ -105,7 +105,7 @@ class VoxelGrid:
     def way_out(self, points: FloatArray, rays: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return how far (n,) rays from `points` (n, 3) inside go until they leave the grid, metres.
 
-        And the side (n,) by which they leave: 0..5 for +x, +y, +z, -x, -y, -z.
+        The second array is the side (n,) by which they leave: 0..5 for +x, +y, +z, -x, -y, -z.
         """
         high = self.origin + np.array(self.shape) * self.voxel_m
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -84,7 +84,7 @@ class Zones:
         object.__setattr__(self, "keep_out", tuple(self.keep_out))
 
     def of_interest(self, points: FloatArray, tolerance_m: float = 0.0) -> BoolArray:
-        """Tell which points (n, 3) are to be measured: those in the region, or so near to it, metres."""
+        """Tell which points (n, 3) are to be measured: those in the region, or within `tolerance_m` of it."""
         if self.region is None:
             return np.ones(len(points), np.bool_)
         return np.asarray(self.region.distance(points) <= tolerance_m)

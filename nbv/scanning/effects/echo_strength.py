@@ -45,7 +45,15 @@ class Intensity:
     def of(
         self, ranges: FloatArray, cosine: FloatArray, reflectivity: FloatArray | float
     ) -> NDArray[np.float32]:
-        """Intensity of echoes from `ranges` (m) at this `|cosine|` of incidence; 0 where nothing was met."""
+        """Return the intensity (...,) of echoes; 0 where nothing was met.
+
+        Parameters
+        ----------
+        ranges, cosine : (...,) float
+            Metres, inf where nothing was met, and |cosine| of incidence.
+        reflectivity : float or (...,) float
+            0..1.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             light = reflectivity * cosine * (self.reference_range_m / ranges) ** 2
         return np.asarray(np.where(np.isfinite(ranges) & (ranges > 0), light, 0.0), dtype=np.float32)
@@ -97,7 +105,15 @@ class Dropout:
     def kept(
         self, intensity: NDArray[np.float32], incidence: FloatArray, rng: np.random.Generator
     ) -> BoolArray:
-        """Tell which echoes are kept; `incidence` in radians, one uniform number drawn for every pixel."""
+        """Tell which echoes (...,) are kept; one uniform number is drawn for every pixel.
+
+        Parameters
+        ----------
+        intensity, incidence : (...,) float
+            On the scale of `Intensity`, and in radians.
+        rng : Generator
+            Drawn from where glossiness costs echoes.
+        """
         with np.errstate(invalid="ignore"):
             kept = (intensity >= self.min_intensity) & ~(incidence > np.radians(self.max_incidence_deg))
             if self.specular_loss > 0:

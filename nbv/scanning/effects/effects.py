@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Effects: everything by which an instrument's scan differs from exact ranges; all off unless asked for.
+"""Effects: the errors of an instrument's scans; all are off unless asked for.
 
 Each effect is one stage of `nbv.scanning.scanner`; each draws from a random stream of its own, so that
 switching one off leaves the others as they were, bit by bit.
@@ -43,7 +43,7 @@ def stage_streams(
 
 
 def normal_numbers(rng: np.random.Generator, n: int, n_threads: int | None = None) -> FloatArray:
-    """Return `n` standard normal numbers, the same for any number of threads.
+    """Return standard normal numbers (n,), the same for any number of threads.
 
     Each block of them comes from a child of `rng`.
     """

@@ -61,7 +61,7 @@ class Footprint:
             raise InputError("a footprint needs a divergence or an exit diameter")
 
     def diameter_m(self, ranges: FloatArray) -> FloatArray:
-        """Diameter of the beam at `ranges`, metres."""
+        """Diameter (...,) of the beam at `ranges` (...,), metres."""
         return np.asarray(self.exit_diameter_m + 2 * np.tan(self.divergence_rad / 2) * ranges)
 
 

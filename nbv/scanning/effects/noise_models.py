@@ -74,7 +74,7 @@ class ConstantNoise:
     def sigma_m(
         self, distance: FloatArray, _incidence: FloatArray, _reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return constant_m + ppm 1e-6 r; one number for all where that is so."""
+        """Return constant_m + ppm 1e-6 r (...,), metres; one number of shape () without ppm."""
         if self.ppm == 0:
             return np.asarray(self.constant_m, dtype=np.float64)
         return np.asarray(self.constant_m + self.ppm * 1e-6 * distance, dtype=np.float64)
@@ -95,7 +95,7 @@ class KhoshelhamNoise:
     def sigma_m(
         self, distance: FloatArray, _incidence: FloatArray, _reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return per_m z^2."""
+        """Return per_m z^2 (...,), metres."""
         return self.per_m * distance**2
 
 
@@ -120,7 +120,7 @@ class NguyenNoise:
     def sigma_m(
         self, distance: FloatArray, incidence: FloatArray, _reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return constant_m + quadratic_per_m (z - nearest_m)^2, and the steep term beyond its angle."""
+        """Return constant_m + quadratic_per_m (z - nearest_m)^2 (...,), metres; steep views add a term."""
         theta = np.clip(incidence, 0.0, _STEEPEST)
         steep = self.steep / np.sqrt(np.maximum(distance, 1e-6)) * theta**2 / (np.pi / 2 - theta) ** 2
         even = self.constant_m + self.quadratic_per_m * (distance - self.nearest_m) ** 2
@@ -145,13 +145,13 @@ class StereoNoise:
     def sigma_m(
         self, distance: FloatArray, _incidence: FloatArray, _reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return z^2 subpixel_px / (focal_px baseline_m)."""
+        """Return z^2 subpixel_px / (focal_px baseline_m) (...,), metres."""
         return self.subpixel_px / (self.focal_px * self.baseline_m) * distance**2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TerrestrialNoise:
-    """A laser scanner: noise that grows as the light that comes back gets less."""
+    """A laser scanner: noise grows as less light comes back."""
 
     constant_m: float
     signal_per_m: float
@@ -165,7 +165,7 @@ class TerrestrialNoise:
     def sigma_m(
         self, distance: FloatArray, incidence: FloatArray, reflectivity: FloatArray | float = 1.0, /
     ) -> FloatArray:
-        """Return sqrt(constant_m^2 + (signal_per_m r^2 / (rho cos theta))^2)."""
+        """Return sqrt(constant_m^2 + (signal_per_m r^2 / (rho cos theta))^2) (...,), metres."""
         light = np.maximum(reflectivity * np.cos(np.clip(incidence, 0.0, _STEEPEST)), _DARKEST)
         return np.hypot(self.constant_m, self.signal_per_m * distance**2 / light)
 

@@ -44,7 +44,7 @@ class PointingNoise:
         check_options(self, sd_deg=(0.0, 45.0), sd_px=(0.0, 1e3), slope_px=(0.0, 1e3))
 
     def sigma_rad(self, incidence: FloatArray, pixel_angle: float) -> FloatArray:
-        """Standard deviation in radians at each incidence (radians) for pixels of `pixel_angle`."""
+        """Return the standard deviation (...,) at each incidence (...,); angles in radians."""
         theta = np.clip(incidence, 0.0, _STEEPEST)
         pixels = self.sd_px + self.slope_px * theta / (np.pi / 2 - theta)
         return np.asarray(np.radians(self.sd_deg) + pixel_angle * pixels, dtype=np.float64)

@@ -60,7 +60,7 @@ class Quantisation:
         return np.where(np.isfinite(ranges), depth / axis_cosine, ranges)
 
     def step_m(self, ranges: FloatArray, axis_cosine: FloatArray | float = 1.0) -> FloatArray:
-        """Size of the step along the ray at `ranges`, metres."""
+        """Return the step (...,) along the ray at `ranges` (...,), metres; parameters as for `rounded`."""
         if self.range_step_m > 0:
             return np.full(np.shape(ranges), self.range_step_m)
         return np.asarray(self.inverse_depth_step_per_m * np.square(ranges) * axis_cosine)

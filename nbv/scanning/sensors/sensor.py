@@ -17,7 +17,7 @@ Aperture = Literal["square", "circular"]
 
 @runtime_checkable
 class Sensor(Protocol):
-    """What planner and scanner ask of a sensor; its frame is x right, y down, z forward."""
+    """A range sensor; its frame is x right, y down, z forward."""
 
     kind: ClassVar[str]
 
@@ -43,7 +43,7 @@ class Sensor(Protocol):
 
     @property
     def effects(self) -> Effects:
-        """By what its scans differ from exact ranges, when that is asked for."""
+        """Errors of its scans, where they are asked for."""
         ...
 
     @property
