@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Options of `complete`: all that can be said beforehand, those of the stages included."""
+"""Options of `complete`, those of its stages included."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The method on one page: from scans to surfaces that go on behind what stood in front."""
+"""Completion on one page: from scans to surfaces continued behind their occluders."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def complete(
 ) -> Completion:
     """Complete the surfaces of `scans` behind their occluders (after Dell'Acqua & Fisher 2002).
 
-    The scans are cut into regions on planes and cylinders; regions that one surface explains are joined
-    across what stood before them; each surface is continued where it was hidden, never where a beam went
-    through, until it meets another surface or its own edges, which are continued behind the occluder; and
-    its texture is continued with it. A person may have a say in which surfaces there are and how far they go.
+    The scans are cut into regions on planes and cylinders. Regions that one surface explains are joined
+    across what stood before them. Each surface is continued where it was hidden, and never where a beam went
+    through. It ends where it meets another surface, or at its own edges, which are continued behind the
+    occluder. Its texture is continued with it. A person may say which surfaces there are and how far they go.
 
     Parameters
     ----------

@@ -56,10 +56,14 @@ def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
 def find_edges(boundary: BoundaryPixels) -> list[Edge]:
     """Fit lines and circles to points of one kind, the best supported first.
 
-    A point constrains the curve to half a pixel's step to either side; what a point may be off by across a
-    curve therefore depends on its direction. Connected chains that one circle explains and no line does are
-    circles; lines are found by voting (Hough) and refined by weighted least squares until the points that
-    agree no longer change.
+    A point is known to half a pixel's step to either side; its tolerance across a curve therefore depends on
+    the curve's direction. A connected chain is a circle where one circle explains it and no line does. Lines
+    are found by voting (Hough) and refined by weighted least squares.
+
+    Parameters
+    ----------
+    boundary : BoundaryPixels
+        In the chart of the surface.
     """
     size = np.linalg.norm(boundary.step, axis=1)
     boundary, size = boundary.only(size > 0), size[size > 0]

@@ -48,7 +48,7 @@ def apply_edits(
     world_from_reference: Pose,
     flatness_m: float,
 ) -> list[EditedSurface]:
-    """Join and part surfaces as a person says, in the order of the edits, and note the rest for each.
+    """Join and split surfaces as the edits say, in their order; note the other edits with each surface.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _MEETING_PAIRS = 8  # of neighbouring pixels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjacency:
-    """How n surfaces lie to each other.
+    """How n surfaces lie to one another.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def _meets(
     observations: Sequence[Observation],
     scales: Sequence[FloatArray],
 ) -> BoolArray:
-    """Pairs of surfaces with neighbouring pixels that lie on both."""
+    """Pairs (n, n) of surfaces with neighbouring pixels that lie on both."""
     n = len(surfaces)
     meetings = np.zeros((n + 1, n + 1), np.int64)
     for owner, observation, scale in zip(owners, observations, scales, strict=True):

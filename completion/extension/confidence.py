@@ -22,8 +22,8 @@ from scenes.surfaces.catalogue import Cylinder
 class Onward(IntEnum):
     """How a surface goes on to a hidden place.
 
-    In the rectangle of what was measured, and towards what ends a wall, distances are those to the measured
-    part, in units of the root of its area; beyond the rectangle they are those from it, in units of its side.
+    Within the measured rectangle, and towards the end of a wall, the distance is that to the measured part,
+    in units of the root of its area. Beyond the rectangle it is the distance from it, in units of its side.
     """
 
     WALL_WITHIN = 0  # walls, floors and ceilings, in their rectangle
@@ -109,10 +109,10 @@ def prospects(
 ) -> Prospects:
     """Return what the probability depends on at each hidden cell, in the order of `regions.region`.
 
-    With a probability that is the region's margin the labelling holds. Otherwise the boundary between surface
-    and opening lies anywhere between measured and open cells: an opening seen over a length s goes on for e
-    more with probability s / (s + e) (Gott 1993). Either way the surface goes on for a distance with the
-    persistence of its kind.
+    The labelling holds with a probability that is the region's margin. Otherwise the boundary between surface
+    and opening lies anywhere between measured and open cells: an opening that was seen over a length s goes
+    on for e more with probability s / (s + e) (Gott 1993). In both cases the surface goes on for a distance
+    with the persistence of its kind.
     """
     observed, open_ = evidence.observed, evidence.open
     inside = regions.region >= 0
@@ -151,9 +151,9 @@ def _onward(
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:
-    """Distance of each cell to the nearest of `cells` (rows, columns), and the size of its part, metres.
+    """Distance of each cell to the nearest of `cells` (rows, columns), and how long that part is, metres.
 
-    Without any the distance is very long and the side nothing.
+    Both are (rows, columns). Without any cells the distance is 1e6 and the length 0.
     """
     if not cells.any():
         return np.full(cells.shape, 1e6), np.zeros(cells.shape)

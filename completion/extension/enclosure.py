@@ -24,8 +24,8 @@ def find_enclosing(
 ) -> BoolArray:
     """Tell which surfaces (n,) have nearly all measured points on their inner side: walls, floors, vaults.
 
-    What was seen through a plane, inside the outline of what was measured of it, lies behind a window, a door
-    or a niche, and says nothing against the plane; what was seen past its outline does.
+    A point that was seen through a plane, inside the outline of its measured part, lies behind a window, a
+    door or a niche, and does not count. A point that was seen past the outline counts against the plane.
 
     Parameters
     ----------

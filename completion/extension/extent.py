@@ -106,8 +106,8 @@ def find_extent(
 ) -> Extent:
     """Bound the continuation of surface `index`.
 
-    It ends at surfaces that enclose the room. A cylinder may run around its back where at least 90 degrees of
-    it were seen, and its radius is known.
+    The surface ends at surfaces that enclose the room. A cylinder closes around its back where it was seen
+    from outside over at least 90 degrees and its radius is known.
 
     Parameters
     ----------
@@ -214,7 +214,10 @@ def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
 def lay_grid(
     surface: MergedSurface, extent: Extent, observations: Sequence[Observation], max_cells: int
 ) -> ChartGrid:
-    """Cells as small as the finer quarter of the pixels' footprints on the surface, at most `max_cells`."""
+    """Return a grid over the extent, its cells as small as the lower quartile of the pixels' footprints.
+
+    They are larger where there would be more than `max_cells`.
+    """
     footprint = np.concatenate([
         observation.scan.ranges[mask] * observation.scan.projection.pixel_angle
         for observation, mask in zip(observations, surface.masks, strict=True)

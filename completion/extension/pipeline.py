@@ -63,9 +63,9 @@ def extend(
 ) -> Patch:
     """Continue a surface into the cells that are hidden, within its extent.
 
-    A cell is filled only where some scan says OCCLUDED and none says FREE, where the surface is known well
-    enough, and where it is probable enough for the mode; or where a person accepts it, who may not overrule
-    the beams.
+    A cell is filled where some scan says OCCLUDED and none says FREE, where the surface is known well enough,
+    and where it is probable enough for the mode. A person may accept improbable cells, but cannot overrule a
+    beam.
 
     Parameters
     ----------

@@ -98,9 +98,9 @@ def find_candidates(parts: Sequence[Part]) -> BoolArray:
 def compare(one: Part, other: Part) -> Agreement:
     """Compare two parts of one kind.
 
-    The heights of the other surface above this one, at points of both, are expressed by this one's
-    parameters, and so is the other's covariance. An unrelated surface would lie anywhere within the size
-    of the points, with any tilt: the evidence is against that.
+    The difference is the height of the other surface above this one at points of both, expressed by the
+    parameters of this one, and so is the other's covariance. The evidence is for that against an unrelated
+    surface, which lies anywhere within the size of the points, with any tilt.
     """
     here, there = one.fit.surface, other.fit.surface
     points = np.concatenate([_few(one.points), _few(other.points)])
@@ -123,7 +123,7 @@ def compare(one: Part, other: Part) -> Agreement:
 
 
 def lies_on(small: Part, large: Part) -> bool:
-    """Whether a part that may have no shape of its own lies within noise of a surface, facing alike."""
+    """Tell whether a part lies within noise of a surface and faces alike; its own fit may say little."""
     surface = large.fit.surface
     allowed = np.square(small.scale) + large.variance_at(small.points)
     square = float(np.mean(np.square(surface.distance(small.points)) / allowed))

@@ -74,11 +74,11 @@ def merge(
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
 
-    Two regions join where the difference of their parameters passes a chi-square test against both
-    covariances (inflated for correlated residuals, the surface's flatness and the sensor's systematic error
-    added), where that is strong evidence, where the surface fitted to both together is no rougher than they
-    are, and where the gap between them was hidden along a strip. All pairs are tried, the best agreeing
-    first; groups join where all their pairs pass the test.
+    Two regions join where four things hold. The difference of their parameters passes a chi-square test
+    against both covariances, which are inflated for correlated residuals and hold flatness and systematic
+    error. That is strong evidence for one surface. The surface fitted to both is no rougher than they are.
+    The gap between them was hidden along a strip. Pairs are tried in the order of their agreement; groups
+    join where all their pairs pass the test.
 
     Parameters
     ----------
