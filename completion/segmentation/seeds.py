@@ -43,8 +43,7 @@ def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
     """The tile in the middle of the largest candidate area, None when nothing is left."""
     if not candidates.any():
         return None
-    padded = cv2.copyMakeBorder(candidates.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    depth = cv2.distanceTransform(np.pad(candidates, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
     return int(row), int(column)
 

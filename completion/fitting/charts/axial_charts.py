@@ -114,7 +114,7 @@ class ConeChart:
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Cone:
         """The cone; one that does not open has no apex and is refused by Cone."""
         point = centre + scale * self.origin
-        return Cone(point, self.frame[2], scale * self.radius, max(-self.phi, 1e-300), None, concave)
+        return Cone(point, self.frame[2], scale * self.radius, max(-self.phi, 1e-300), concave=concave)
 
     def size(self) -> float:
         """The radius at the origin."""
