@@ -1,18 +1,31 @@
-# `make demo` and `make test` do all their own set-up on a machine that has Python 3.11+ and make.
+# `make demo`, `make test` and `make test-long` do all their own set-up on a machine that has Python 3.11+ and make.
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test install bench docs gallery format fuzz clean
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile
+
+.PHONY: demo test test-long types install bench docs gallery format fuzz clean
 
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
 
+# types and import contracts are checked beside the tests; what they say comes after them
 test: .venv/dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	@said=$$(mktemp); $(MAKE) --no-print-directory types >$$said 2>&1 & types=$$!; \
+	echo "$(PYTEST)"; $(PYTEST); tests=$$?; \
+	wait $$types; held=$$?; cat $$said; rm $$said; test $$tests -eq 0 -a $$held -eq 0
+
+types: .venv/dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 --dist loadfile
+
+# what is long by nature (CONTRIBUTING.md), before an issue is resolved
+test-long: .venv/dev
+	$(PYTEST) -m long
+	$(BIN)/python examples/gallery.py
+	$(BIN)/python -m tests.robustness.fuzzing --files $(N) --seconds $(SECONDS)
 
 install: .venv/dev
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapely import Polygon, contains_xy
 
-from completion import Anchor, Completion, CompletionOptions, Edit, Label, Provenance, complete, read_edits
+from completion import Anchor, Completion, Edit, Label, Provenance, complete, read_edits
 from completion.edits.file import edit_record
 from completion.observe.refitting import refit
 from completion.result.labelled_points import mesh_area
@@ -19,9 +19,9 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, Plane, surfaces_close
-from tests.helpers.completion_examples import example
+from tests.helpers.completion_examples import PLAIN, completed, example
 
-PLAIN = CompletionOptions(texture=False)
+CONSERVATIVE = replace(PLAIN, mode="conservative")
 FLOOR, TALL_BOX_SIDE = (3.14, 0.95, 0.0), (4.0, 3.16, 1.5)
 
 
@@ -53,7 +53,7 @@ def pane(*corners):
 
 @pytest.fixture(scope="module")
 def room() -> Completion:
-    return complete(example("two_occluders", pixels=120), PLAIN)
+    return completed("two_occluders", pixels=120)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_only_the_outlined_part_is_rejected(wall, wall_scan):
 
 def test_accepted_area_is_filled_whatever_its_confidence_and_never_where_beams_went():
     scan = example("two_occluders", pixels=120)
-    shy = complete(scan, replace(PLAIN, mode="conservative"))
+    shy = completed("two_occluders", pixels=120, options=CONSERVATIVE)
     found = edited(scan, Edit(action="accept", surfaces=(TALL_BOX_SIDE,)), mode="conservative")
     before, after = patch_at(shy, TALL_BOX_SIDE), patch_at(found, TALL_BOX_SIDE)
     assert after.hypothesised_m2 > before.hypothesised_m2 + 0.1
@@ -124,7 +124,7 @@ def test_accepted_area_is_filled_whatever_its_confidence_and_never_where_beams_w
 @pytest.mark.parametrize("mode", ["conservative", "bold"])
 def test_accepting_everything_never_fills_free_space(mode):
     scan = example("two_occluders", pixels=120)
-    base = complete(scan, PLAIN)
+    base = completed("two_occluders", pixels=120)
     edits = [
         Edit(action="accept", surfaces=(base.anchor(number),)) for number in range(1, len(base.patches) + 1)
     ]
@@ -213,16 +213,14 @@ def test_a_surface_ends_where_a_person_says(wall, wall_scan):
 def test_a_surface_goes_on_to_the_end_that_a_person_sets(room):
     """The side of the tall box is not known to reach the floor; a person says that it goes on to z = 0.4."""
     end = Edit(action="end", surfaces=(TALL_BOX_SIDE,), cut=Plane((0, 0, 0.4), (0, 0, 1)))
-    shy, found = (
-        complete(example("two_occluders", pixels=120), replace(PLAIN, mode="conservative", edits=edits))
-        for edits in ((), (end,))
-    )
+    shy = completed("two_occluders", pixels=120, options=CONSERVATIVE)
+    found = edited(example("two_occluders", pixels=120), end, mode="conservative")
     lowest = [vertices_of(one, surface_at(one, TALL_BOX_SIDE))[:, 2].min(initial=2.7) for one in (shy, found)]
     assert lowest[0] > 0.5
     assert lowest[1] >= 0.4 - 1e-9
 
 
-def test_a_declared_opening_stays_empty_and_is_listed(wall_scan):
+def test_a_declared_opening_stays_empty_and_is_listed(wall, wall_scan):
     corners = pane((0.15, -0.25), (0.45, -0.2), (0.4, 0.3), (0.2, 0.1))
     found = edited(wall_scan, Edit(action="opening", surfaces=(MEASURED,), outline=corners))
     polygon = Polygon(corners[:, :2])
@@ -233,7 +231,7 @@ def test_a_declared_opening_stays_empty_and_is_listed(wall_scan):
     assert opening.declared
     assert opening.area_m2 == pytest.approx(polygon.area, rel=1e-9)
     assert opening.seen_share == 0
-    gap = complete(wall_scan, PLAIN).hypothesised_m2 - found.hypothesised_m2
+    gap = wall.hypothesised_m2 - found.hypothesised_m2
     cell = float(found.patches[0].grid.cell.max())
     assert polygon.area - 1e-9 <= gap <= polygon.area + 8 * cell**2  # a cell at each corner at most
     assert "user" in {part.provenance for part in found.derived.surfaces[0].boundary}
@@ -251,7 +249,7 @@ def test_a_declared_opening_replaces_the_one_that_was_found(wall, wall_scan):
 
 def test_openings_across_the_seam_of_a_cylinder():
     scan = example("two_cylinders", pixels=120)
-    base = complete(scan, PLAIN)
+    base = completed("two_cylinders", pixels=120)
     number, patch = next(
         (k, patch) for k, patch in enumerate(base.patches, 1) if isinstance(patch.grid.surface, Cylinder)
     )
@@ -366,7 +364,7 @@ def test_edits_that_fit_nothing_are_refused(edit, words, wall_scan):
 
 def test_a_part_that_determines_no_surface_is_refused():
     scan = example("two_occluders", pixels=120)
-    base = complete(scan, PLAIN)
+    base = completed("two_occluders", pixels=120)
     row = np.flatnonzero(base.patches[0].source.masks[0].any(axis=1))[-1]
     points = base.observations[0].points[row][base.patches[0].source.masks[0][row]]
     world = base.world_from_reference.apply(points)

@@ -7,6 +7,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import completion
+from benchmarks.completion.cases.free_space import violation_of
 from completion import (
     Completion,
     CompletionOptions,
@@ -29,19 +30,17 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, surfaces_close
-from tests.helpers.completion_examples import VIEWS, distance_to_truth, example, scene
-
-PLAIN = CompletionOptions(texture=False)
+from tests.helpers.completion_examples import PLAIN, VIEWS, completed, distance_to_truth, example, scene
 
 
 @pytest.fixture(scope="module")
 def chair() -> Completion:
-    return complete(example("chair_before_wall"), rng=0)
+    return completed("chair_before_wall", options=CompletionOptions())
 
 
 @pytest.mark.parametrize("name", list(VIEWS))
 def test_inferred_area_lies_on_true_surfaces_and_never_in_free_space(name):
-    found = complete(example(name), PLAIN)
+    found = completed(name)
     assert found.hypothesised_m2 > 0.1
     assert found.free_space_violation_m2 == 0
     points = found.world_from_reference.apply(found.hypothesised.vertices)
@@ -51,19 +50,23 @@ def test_inferred_area_lies_on_true_surfaces_and_never_in_free_space(name):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_hypothesis_in_free_space_from_anywhere(seed):
-    """The law of the method: from random places in the room the audit finds nothing."""
+    """The law of the method: from random places in the room an audit of its own finds nothing."""
     rng = np.random.default_rng(seed)
     eye = [rng.uniform(0.3, 5.7), rng.uniform(0.3, 1.2), rng.uniform(0.3, 2.4)]
     view = Pose.looking_at(eye, [rng.uniform(1, 5), rng.uniform(2, 4), rng.uniform(0, 1.5)])
     sensor = PinholeSensor(fov_deg=70, width=160, height=120)
-    found = complete(
-        scan_scene(scene("two_occluders"), view, sensor), CompletionOptions(texture=False, mode="bold")
+    scan, bold = (
+        scan_scene(scene("two_occluders"), view, sensor),
+        CompletionOptions(texture=False, mode="bold"),
     )
+    found = complete(scan, bold, rng=0)
+    assert found.hypothesised_m2 > 1
     assert found.free_space_violation_m2 == 0
+    assert violation_of(found, [scan], bold, 1).n_faces == 0
 
 
 def test_noise_costs_little_free_space():
-    found = complete(example("two_occluders", "gaussian-2mm"), PLAIN)
+    found = completed("two_occluders", "gaussian-2mm")
     assert found.hypothesised_m2 > 5
     assert found.free_space_violation_m2 < 50e-6 * found.hypothesised_m2
 
@@ -98,8 +101,8 @@ def test_cylinders_are_closed_around_the_back_and_through_the_board():
 
 def test_moving_the_world_changes_nothing_but_coordinates():
     motion = Pose.looking_at((50, -20, 7), (3, 4, 6))
-    scan = example("two_cylinders")
-    here, there = complete(scan, PLAIN), complete(scan.transformed(motion), PLAIN)
+    here = completed("two_cylinders")
+    there = complete(example("two_cylinders").transformed(motion), PLAIN)
     assert there.hypothesised_m2 == pytest.approx(here.hypothesised_m2, rel=1e-3)
     for one, other in zip(here.patches, there.patches, strict=True):
         assert surfaces_close(one.grid.surface, other.grid.surface, angle=1e-8, length=1e-8)
@@ -107,10 +110,9 @@ def test_moving_the_world_changes_nothing_but_coordinates():
 
 
 def test_bolder_modes_infer_more():
-    scan = example("two_occluders")
     area = {}
     for mode in ("conservative", "standard", "bold"):
-        found = complete(scan, CompletionOptions(texture=False, mode=mode))
+        found = completed("two_occluders", pixels=120, options=CompletionOptions(texture=False, mode=mode))
         area[mode] = found.hypothesised_m2
         assert found.free_space_violation_m2 == 0
     assert area["conservative"] < area["standard"] <= area["bold"] * 1.005  # cells differ in size
@@ -120,7 +122,7 @@ def test_a_second_scan_turns_inferred_into_measured():
     sensor = PinholeSensor(fov_deg=65, width=200, height=200)
     truth = scene("chair_before_wall")
     other = scan_scene(truth, Pose.looking_at((-1.2, -1.6, 1.4), (0.1, 0.9, 0.6)), sensor)
-    one = complete(example("chair_before_wall"), PLAIN)
+    one = completed("chair_before_wall")
     both = complete([example("chair_before_wall"), other], PLAIN)
     assert both.free_space_violation_m2 == 0
     assert both.hypothesised_m2 < 0.5 * one.hypothesised_m2
@@ -137,13 +139,22 @@ def test_same_seed_same_bytes_on_one_and_two_threads(tmp_path):
 
 
 def test_texture_comes_from_the_surface_itself(chair):
-    for patch, texture in zip(chair.patches, chair.textures, strict=True):
-        if patch.hypothesised_m2 < 0.05:
-            continue
-        assert texture.n_synthesised > 0
-        own = texture.image[texture.measured].mean(axis=0)
-        made = texture.image[texture.synthesised].mean(axis=0)
-        np.testing.assert_allclose(made, own, atol=0.06 * 255)
+    """Mean and most texels are those of the surface, whose mean is far from that of every other one."""
+    textures = [
+        texture
+        for patch, texture in zip(chair.patches, chair.textures, strict=True)
+        if patch.hypothesised_m2 > 0.05
+    ]
+    measured, made = (
+        [texture.image[getattr(texture, part)].astype(int) for texture in textures]
+        for part in ("measured", "synthesised")
+    )
+    assert len(textures) == 2  # wall and floor
+    assert np.abs(measured[0].mean(axis=0) - measured[1].mean(axis=0)).max() > 0.15 * 255
+    for own, copied in zip(measured, made, strict=True):
+        assert len(copied) > 400
+        np.testing.assert_allclose(copied.mean(axis=0), own.mean(axis=0), atol=0.02 * 255)
+        assert np.isin(copied @ [1, 256, 65536], own @ [1, 256, 65536]).mean() > 0.7
 
 
 def test_scans_without_colour_are_left_grey():
@@ -221,8 +232,8 @@ def test_empty_scans_give_empty_completions(shape, tmp_path):
 
 
 def test_options_change_the_result():
-    scan = example("two_occluders", "gaussian-2mm")
-    base = complete(scan, PLAIN)
+    scan = example("two_occluders", "gaussian-2mm", pixels=96)
+    base = completed("two_occluders", "gaussian-2mm", pixels=96)
     for options in (
         CompletionOptions(texture=False, sigma_m=0.02),
         CompletionOptions(texture=False, cues=()),
@@ -273,7 +284,7 @@ def test_what_is_said_of_registration_and_flatness_reaches_merging_evidence_and_
 
 def test_progress_is_told_stage_by_stage():
     told = []
-    complete(example("chair_before_wall"), PLAIN, progress=lambda *step: told.append(step))
+    complete(example("chair_before_wall", pixels=64), PLAIN, progress=lambda *step: told.append(step))
     assert [stage for stage, done, total in told if done == total] == [
         "noise and normals", "segment", "extend", "audit",
     ]  # fmt: skip

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from completion import Completion, CompletionOptions, complete
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import FloatArray
@@ -13,6 +14,7 @@ from scenes.scan.range_image import RangeImage
 from scenes.world.builtin import builtin_scene
 from scenes.world.scene import Scene
 
+PLAIN = CompletionOptions(texture=False)
 VIEWS = {
     "two_occluders": Pose.looking_at((0.4, 0.4, 1.7), (4.0, 3.0, 0.8)),
     "chair_before_wall": Pose.looking_at((0.5, -2.2, 1.5), (0.0, 0.8, 0.7)),
@@ -31,6 +33,14 @@ def example(name: str, noise: str = "none", pixels: int = 200) -> RangeImage:
     """A scan of a built-in scene from a place where something hides something."""
     sensor = PinholeSensor(fov_deg=65, width=pixels, height=pixels)
     return scan_scene(scene(name), VIEWS[name], sensor, noise=noise, rng=0)
+
+
+@cache
+def completed(
+    name: str, noise: str = "none", pixels: int = 200, options: CompletionOptions = PLAIN
+) -> Completion:
+    """The completion of `example`, made once a session: complete(example(...), options, rng=0)."""
+    return complete(example(name, noise, pixels), options, rng=0)
 
 
 def distance_to_truth(truth: Scene, points: FloatArray) -> FloatArray:

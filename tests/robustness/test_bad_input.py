@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Bad input: every class at every reader is refused or warned of, in time and memory, as the page says."""
+"""Bad input: every class at every reader is refused or warned of, in bounded memory, as the page says."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ from tests.robustness.bad_files.case import CLASSES
 from tests.robustness.bad_files.table import counted, shown
 from tests.robustness.bad_files.trial import ROOT, Tried, all_cases, tried_apart
 
-MOST_SECONDS, MOST_BYTES = 1.0, 200e6  # for a bomb, beyond a process that does nothing
+MOST_BYTES = 200e6  # for a bomb, beyond what the process held before
 
 
 @pytest.fixture(scope="module")
@@ -33,10 +33,10 @@ def test_nothing_crashes_hangs_or_passes_in_silence(tried: list[Tried]) -> None:
     assert {one.title for one in tried} == set(expected)
 
 
-def test_bombs_are_refused_in_time_and_memory(tried: list[Tried]) -> None:
+def test_bombs_are_refused_in_bounded_memory(tried: list[Tried]) -> None:
     bombs = [one for one in tried if ", class 6:" in one.title]
     assert len(bombs) > 50
-    assert [one for one in bombs if one.seconds > MOST_SECONDS or one.grown > MOST_BYTES] == []
+    assert [one for one in bombs if one.grown > MOST_BYTES] == []
 
 
 def test_the_page_shows_what_was_counted(tried: list[Tried]) -> None:

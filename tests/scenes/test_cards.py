@@ -15,8 +15,6 @@ from PIL import Image
 
 import nbv.report.pictures.picture as report_picture
 from completion.fitting import fit
-from completion.options import CompletionOptions
-from completion.pipeline import complete
 from nbv.cover.cover import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Leg, Stations, Tour
@@ -26,7 +24,7 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 from scenes.world.builtin import builtin_scene
-from tests.helpers.completion_examples import example
+from tests.helpers.completion_examples import completed, example
 from tests.helpers.room_examples import ROOM, VIEW, covered_by_two
 from texture import fill, fill_surface
 
@@ -165,7 +163,7 @@ def test_plans_without_coverage_or_views_have_cards(plan):
 
 
 def test_a_completion_shows_measured_and_inferred_area():
-    completion = complete(example("chair_before_wall", pixels=120), CompletionOptions(texture=False), rng=0)
+    completion = completed("chair_before_wall", pixels=120)
     text = text_of(completion._repr_html_())
     assert f"{completion.observed_m2:.2f} m\u00b2 on {len(completion.patches)} surfaces" in text
     assert f"{completion.hypothesised_m2:.2f} m\u00b2" in text

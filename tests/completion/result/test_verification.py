@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from completion import Completion, CompletionOptions, EvidenceOptions, Finding, complete, verify
+from completion import Completion, EvidenceOptions, Finding, complete, verify
 from completion.result.verification import counterpart
 from nbv.cli import app
 from nbv.report.blocks.verification_blocks import verification_sections
@@ -21,9 +21,8 @@ from scenes.files.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
-from tests.helpers.completion_examples import example, scene
+from tests.helpers.completion_examples import PLAIN, completed, example, scene
 
-PLAIN = CompletionOptions(texture=False)
 OTHER_CORNER = Pose.looking_at((5.5, 0.6, 1.7), (1.5, 3.5, 0.5))
 CAMERA = PinholeProjection.from_fov(120, 90, 60)
 
@@ -40,8 +39,8 @@ def other() -> RangeImage:
 
 
 @pytest.fixture(scope="module")
-def alone(first) -> Completion:
-    return complete(first, PLAIN)
+def alone() -> Completion:
+    return completed("two_occluders", "gaussian-2mm", pixels=120)
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +66,9 @@ def wall_with_board(wall_behind_board: bool) -> tuple[RangeImage, RangeImage]:
 
 def test_a_wall_that_goes_on_is_confirmed():
     first, other = wall_with_board(wall_behind_board=True)
-    said = verify(complete(first, PLAIN), [other])
-    inferred = complete(first, PLAIN).patches[0].hypothesised_m2
+    one = complete(first, PLAIN)
+    said = verify(one, [other])
+    inferred = one.patches[0].hypothesised_m2
     assert inferred > 0.3
     assert said.area_m2(Finding.CONFIRMED) > 0.9 * inferred
     assert said.area_m2(Finding.REFUTED) == 0
@@ -100,14 +100,27 @@ def test_findings_share_out_all_that_was_inferred(alone, other):
     assert again.area_m2(Finding.CONFIRMED) == shares[0]
 
 
-def test_what_another_scan_confirms_is_where_the_truth_is(alone, other):
-    truth = scene("two_occluders")
+def test_findings_are_what_rays_in_the_true_scene_say(alone, other):
+    """A ray from the other scanner ends at what is confirmed, before what is hidden, beyond the refuted."""
+    beyond: dict[Finding, list[np.ndarray]] = {finding: [] for finding in Finding}
     for surface in verify(alone, [other]).surfaces:
-        cells = surface.patch.grid.centres()[(surface.finding == Finding.CONFIRMED).ravel()]
-        if len(cells):
+        for finding in Finding:
+            cells = surface.patch.grid.centres()[(surface.finding == finding).ravel()]
             world = alone.world_from_reference.apply(cells)
-            nearest = np.min([np.abs(true.distance(world)) for true in truth.surfaces if true], axis=0)
-            assert nearest.max() < 0.02
+            world = world[np.isfinite(other.pixels(world)).all(axis=-1)]
+            away = np.linalg.norm(world - other.origin, axis=-1)
+            rays = (world - other.origin) / away[:, None]
+            hits = scene("two_occluders").ray_caster().first_hit(other.origin[None], rays)
+            beyond[finding].append(hits.ranges - away)
+    confirmed, hidden, refuted = (
+        np.concatenate(beyond[finding]) for finding in (Finding.CONFIRMED, Finding.HIDDEN, Finding.REFUTED)
+    )
+    assert len(confirmed) > 2000
+    assert len(hidden) > 2000
+    assert len(refuted) > 20
+    assert np.mean(np.abs(confirmed) < 0.02) > 0.95
+    assert np.mean(hidden < -0.02) > 0.9
+    assert np.mean(refuted > 0.02) > 0.8
 
 
 def test_tolerances_decide_what_is_refuted(alone, other):
@@ -175,9 +188,17 @@ def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, oth
 
 
 def test_surfaces_are_followed_into_the_joint_model(alone, both, other):
-    for surface in verify(alone, [other]).surfaces:
-        number = counterpart(surface, both)
-        if number:
-            found = both.patches[number - 1].source
-            shared = (found.masks[0] & surface.patch.source.masks[0]).sum()
-            assert shared > 0.5 * surface.patch.source.masks[0].sum()
+    """Each has a counterpart of its own, fitted to the same place; where the model has none, it is 0."""
+    surfaces = verify(alone, [other]).surfaces
+    numbers = [counterpart(surface, both) for surface in surfaces]
+    assert len(surfaces) > 6
+    assert len(set(numbers)) == len(surfaces)
+    for number, surface in zip(numbers, surfaces, strict=True):
+        found = both.patches[number - 1].grid.surface
+        assert found.kind == surface.patch.grid.surface.kind
+        measured = surface.patch.source.points(alone.observations)
+        world = alone.world_from_reference.apply(measured)
+        here = both.world_from_reference.inverse().apply(world)
+        assert np.median(np.abs(found.distance(here))) < 4 * 0.002
+    without = replace(both, owners=tuple(np.zeros_like(owners) for owners in both.owners))
+    assert counterpart(surfaces[0], without) == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from completion import CompletionOptions, complete
+from completion import complete
 from nbv.cli import app
 from nbv.report.page.page import Page
 from scenes.checks import InputError
@@ -15,9 +15,7 @@ from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage
-from tests.helpers.completion_examples import distance_to_truth, example, scene
-
-PLAIN = CompletionOptions(texture=False)
+from tests.helpers.completion_examples import PLAIN, completed, distance_to_truth, example, scene
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +52,7 @@ def test_points_of_a_panorama_are_its_scan_again():
 def test_shuffled_and_thinned_points_complete_like_the_scan(cloud, share):
     points, origin = cloud
     found = complete(scan_from_station(points[: int(share * len(points))], origin), PLAIN)
-    whole = complete(example("two_occluders", "gaussian-2mm", pixels=120), PLAIN)
+    whole = completed("two_occluders", "gaussian-2mm", pixels=120)
     assert found.free_space_violation_m2 == 0
     assert found.hypothesised_m2 == pytest.approx(whole.hypothesised_m2, rel=0.1)
     world = found.world_from_reference.apply(found.hypothesised.vertices)
