@@ -23,6 +23,7 @@ _SURFACES = (
     "#4477aa", "#ddaa33", "#228833", "#cc6677", "#66ccee", "#aa3377", "#999933", "#117733",
     "#88ccee", "#882255", "#bbaa55", "#44aa99", "#6655aa", "#ee8866", "#77aadd", "#aaaa00",
 )  # fmt: skip
+_PNG_LEVEL = 9  # of zlib: pages are written once and carried around
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ def picture_of(pixels: NDArray[Any], title: str, caption: str = "") -> Picture:
     if pixels.dtype != np.uint8:
         pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
     data = io.BytesIO()
-    Image.fromarray(pixels).save(data, "PNG", optimize=False, compress_level=9)
+    Image.fromarray(pixels).save(data, "PNG", optimize=False, compress_level=_PNG_LEVEL)
     return Picture(title, caption, data.getvalue(), pixels.shape[1], pixels.shape[0])
 
 
