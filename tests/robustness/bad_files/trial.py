@@ -24,7 +24,7 @@ MOST_SECONDS, ALL_SECONDS = 5.0, 300.0  # of the processor for one case, of the 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What came of a case: its outcome, what was said, seconds of the processor, and by how many bytes the process grew."""
+    """What came of a case: outcome, what was said, seconds of the processor, bytes the process grew by."""
 
     title: str
     outcome: Outcome
