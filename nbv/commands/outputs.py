@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.records import describe_record, read_record
+from nbv.commands.records import (
+    describe_camera,
+    describe_manifest,
+    describe_record,
+    manifest_beside,
+    read_record,
+)
 from scenes.checks import InputError
 from scenes.formats.arrays import open_arrays
 from scenes.formats.guard import check_file, reading
@@ -64,14 +70,20 @@ def _ordered(path: Path, found: dict[str, Any]) -> dict[str, Any]:
 
 
 def _json(path: Path) -> dict[str, Any] | None:
+    """A manifest, what the manifest beside it names, or a camera; None for others."""
     content = read_record(path)
-    return None if content is None else describe_record(content)
+    if content is None:
+        return None
+    if (found := describe_manifest(content) or describe_camera(content)) is not None:
+        return found
+    manifest = manifest_beside(path)
+    return None if manifest is None else describe_record(path.name, content, manifest["command"])
 
 
 def _folder(path: Path) -> dict[str, Any]:
     """An output folder: what made it, the headline of what it holds, and its files."""
     content = read_record(path / "manifest.json")
-    manifest = describe_record(content) if content else None
+    manifest = describe_manifest(content) if content else None
     if content is None or manifest is None:
         raise InputError(f"{path / 'manifest.json'}: is no manifest of unseen")
     found = {**manifest, "kind": "output folder"}
@@ -82,7 +94,9 @@ def _folder(path: Path) -> dict[str, Any]:
             warnings.append(f"{name} is missing")
             continue
         files.append(name)
-        held = describe_record(read_record(file) or {}) if file.suffix == ".json" else None
+        held = None
+        if file.suffix == ".json" and (record := read_record(file)) is not None:
+            held = describe_record(name, record, manifest["command"])
         if held is not None:
             found[held.pop("kind")] = held
     sizes = {entry["name"]: entry["bytes"] for entry in content["outputs"]}

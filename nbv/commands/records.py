@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Records: what the JSON files that unseen writes say, in a few lines for `unseen info`."""
+"""Records: what JSON files of unseen say, for `unseen info`; their manifest tells which is which."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from nbv.run.manifest import manifest_path
 from scenes.checks import InputError
 from scenes.formats.documents import parse_json, read_text
 from scenes.formats.guard import reading
@@ -30,34 +32,77 @@ def read_record(path: Path) -> dict[str, Any] | None:
         return parse_json(text, dict)
 
 
-def describe_record(content: Content) -> dict[str, Any] | None:
-    """Return kind and headline numbers of what a file of ours holds, None for files of others.
+def describe_manifest(content: Content) -> dict[str, Any] | None:
+    """Return kind and headline numbers of a manifest, None for another file.
 
     Raises
     ------
     InputError
-        A file of ours in which an entry is missing or of the wrong kind.
+        An entry is missing or of the wrong kind.
     """
-    for keys, describer in _DESCRIBERS:
-        if keys <= content.keys():
-            try:
-                return describer(content)
-            except (KeyError, TypeError, AttributeError, IndexError) as error:
-                raise InputError(f"looks like a file of unseen, but is damaged: {error!r}") from error
+    if not {"command", "versions", "outputs"} <= content.keys():
+        return None
+    with _whole():
+        return {
+            "kind": "manifest",
+            "command": content["command"],
+            "unseen": content["versions"]["unseen"],
+            "seed": content["seed"],
+            "inputs": [entry["input"] for entry in content["inputs"]],
+            "outputs": [entry["name"] for entry in content["outputs"]],
+            "finished": content["times"]["finished"],
+            "seconds": content["times"]["seconds"],
+        }
+
+
+def manifest_beside(path: Path) -> dict[str, Any] | None:
+    """Return the described manifest that names a file as an output, None where there is none beside it."""
+    for is_folder in (False, True):
+        file = manifest_path(path.parent if is_folder else path, is_folder=is_folder)
+        found = describe_manifest(read_record(file) or {}) if file.is_file() else None
+        if found is not None and path.name in found["outputs"]:
+            return found
     return None
 
 
-def _manifest(content: Content) -> dict[str, Any]:
-    return {
-        "kind": "manifest",
-        "command": content["command"],
-        "unseen": content["versions"]["unseen"],
-        "seed": content["seed"],
-        "inputs": [entry["input"] for entry in content["inputs"]],
-        "outputs": [entry["name"] for entry in content["outputs"]],
-        "finished": content["times"]["finished"],
-        "seconds": content["times"]["seconds"],
-    }
+def describe_record(name: str, content: Content, command: str) -> dict[str, Any] | None:
+    """Return kind and headline numbers of an output of a command, None of one that has none.
+
+    Parameters
+    ----------
+    name : str
+        Of the file; that of a fit is free.
+    content : mapping
+        What it holds.
+    command : str
+        What made it, as its manifest says.
+
+    Raises
+    ------
+    InputError
+        An entry is missing or of the wrong kind.
+    """
+    describer = _fit if command == "fit" else _DESCRIBERS.get(name)
+    if describer is None:
+        return None
+    with _whole():
+        return describer(content)
+
+
+def describe_camera(content: Content) -> dict[str, Any] | None:
+    """Return the intrinsics of a camera, which RGB-D folders keep as JSON; None for another file."""
+    if not ({"fx", "fy"} <= content.keys() or "intrinsic_matrix" in content):
+        return None
+    return {"kind": "camera", **{key: value for key, value in content.items() if not isinstance(value, dict)}}
+
+
+@contextmanager
+def _whole() -> Iterator[None]:
+    """Say of a file of ours that it is damaged, where an entry is not what it should be."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise InputError(f"looks like a file of unseen, but is damaged: {error!r}") from error
 
 
 def _plan(content: Content) -> dict[str, Any]:
@@ -76,6 +121,9 @@ def _plan(content: Content) -> dict[str, Any]:
 
 
 def _coverage(content: Content) -> dict[str, Any]:
+    """Of a scene, or of scans alone, whose unseen surface is told by its boundary."""
+    if "boundary" in content:
+        return _scan_coverage(content)
     names = ("total_m2", "met", "reachable", "unreachable", "inferred")
     return {
         "kind": "coverage",
@@ -137,19 +185,10 @@ def _fit(content: Content) -> dict[str, Any]:
     return {"kind": "fit", **{name: content[name] for name in names}}
 
 
-def _camera(content: Content) -> dict[str, Any]:
-    return {"kind": "camera", **{key: value for key, value in content.items() if not isinstance(value, dict)}}
-
-
-_DESCRIBERS: tuple[tuple[set[str], Callable[[Content], dict[str, Any]]], ...] = (
-    ({"command", "versions", "outputs"}, _manifest),
-    ({"views", "method", "sensor"}, _plan),
-    ({"met", "surfaces", "requirement"}, _coverage),
-    ({"surface", "boundary", "voxel_m"}, _scan_coverage),
-    ({"surfaces", "hypothesised_m2"}, _completion),
-    ({"format", "unit", "surfaces"}, _polygons),
-    ({"tour", "overlaps"}, _stations),
-    ({"shape", "parameters"}, _fit),
-    ({"fx", "fy"}, _camera),
-    ({"intrinsic_matrix"}, _camera),
-)
+_DESCRIBERS: dict[str, Callable[[Content], dict[str, Any]]] = {
+    "plan.json": _plan,
+    "coverage.json": _coverage,
+    "completion.json": _completion,
+    "polygons.json": _polygons,
+    "stations.json": _stations,
+}

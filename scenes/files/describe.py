@@ -31,7 +31,12 @@ from scenes.world.scene import Scene
 
 _POSES = (".txt", ".log", ".json", ".tum")
 _KNOWN = {*SCAN_SUFFIXES, *POINT_SUFFIXES, *IMAGE_SUFFIXES, *_POSES}
-_LOOKS = {b"PK": "is an archive; unpack it first", b"%P": "is a PDF", b"<?": "is XML", b"{": "is JSON"}
+_LOOKS = {
+    b"PK": "is an archive; unpack it first",
+    b"%P": "is a PDF",
+    b"<?": "is XML",
+    b"{": "is JSON without its manifest",
+}
 
 
 def describe(
@@ -119,7 +124,7 @@ def _stranger(path: Path) -> str:
     return (
         f"{looks}, of no kind that is known here; known: meshes (.glb .gltf .obj .ply .stl .off), scans and "
         "points (.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv .pts), RGB-D folders, trajectories, images, "
-        "and what unseen writes"
+        "and what unseen writes (its JSON with the manifest beside it)"
     )
 
 

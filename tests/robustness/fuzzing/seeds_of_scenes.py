@@ -325,8 +325,13 @@ def record_files() -> list[Case]:
         "camera": camera,
         "plan": _plan(),
     }
+    beside = {**manifest, "outputs": [{"name": f"{name}.json", "bytes": 3} for name in records]}
     cases = [
-        Case({f"{name}.json": json.dumps(held).encode()}, f"{name}.json") for name, held in records.items()
+        Case(
+            {"manifest.json": json.dumps(beside).encode(), f"{name}.json": json.dumps(held).encode()},
+            f"{name}.json",
+        )
+        for name, held in records.items()
     ]
     page = b"<!doctype html><html><head><title>unseen plan</title></head><body></body></html>"
     return [
