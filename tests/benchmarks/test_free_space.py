@@ -28,8 +28,9 @@ def load_script():
     return script
 
 
-def test_nothing_is_inferred_in_free_space_and_no_scan_adds_any(capsys) -> None:
-    assert load_script().main(30, 5000) == 0
+@pytest.mark.parametrize("n_rooms", [8, pytest.param(30, marks=pytest.mark.long)])
+def test_nothing_is_inferred_in_free_space_and_no_scan_adds_any(n_rooms, capsys) -> None:
+    assert load_script().main(n_rooms, 5000) == 0
     said = capsys.readouterr().out
     assert "noise-free: 0 of " in said
     assert "made the violation larger in 0 of " in said

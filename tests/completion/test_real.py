@@ -22,13 +22,17 @@ def completed(name: str) -> Completion:
     return complete(scan, CompletionOptions(texture=False), rng=0)
 
 
-@pytest.mark.parametrize("name", ["range/pcl/office1.pcd", "range/icl_nuim#1", "range/e57/pumpA.e57"])
+LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("range/icl_nuim#1", "range/e57/pumpA.e57")]
+
+
+@pytest.mark.parametrize("name", ["range/pcl/office1.pcd", *LONG])
 def test_nothing_is_inferred_in_observed_free_space(name):
     found = completed(name)
     assert found.hypothesised_m2 > 0.5
     assert found.free_space_violation_m2 <= 50e-6 * found.hypothesised_m2
 
 
+@pytest.mark.long
 def test_pump_room_vertical_pipe_has_its_radius():
     """Check value 87.7 +- 0.8 mm for columns 227-239, rows 721-999 (robust fits with a free axis)."""
     found = completed("range/e57/pumpA.e57")
@@ -42,6 +46,7 @@ def test_pump_room_vertical_pipe_has_its_radius():
     assert pipe.source.fit.parameter_deviations()["radius"] < 0.0008
 
 
+@pytest.mark.long
 def test_pump_room_pipes_end_where_beams_passed():
     """The two risers end at the flanges of the pumps, below which the scanner looked past them."""
     found = completed("range/e57/pumpA.e57")
@@ -53,6 +58,7 @@ def test_pump_room_pipes_end_where_beams_passed():
         assert not pipe.hypothesised[through].any()
 
 
+@pytest.mark.long
 def test_pump_room_floor_runs_on_under_the_pumps():
     found = completed("range/e57/pumpA.e57")
     floors = [p for p in found.patches if p.limits.encloses and _up(found, p) > 0.99]
@@ -77,6 +83,7 @@ def test_office_has_two_walls_across_each_other_and_a_floor_that_runs_on():
     assert large[int(np.argmax(level))].hypothesised_m2 > 0.3
 
 
+@pytest.mark.long
 def test_living_room_walls_are_square_and_go_on_behind_the_lamp():
     found = completed("range/icl_nuim#1")
     walls = [p for p in found.patches if p.limits.encloses][:3]

@@ -26,6 +26,7 @@ def test_without_data_it_says_what_is_missing(comparison, tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @requires_data
 def test_a_constant_noise_fits_pipe_and_floor(comparison, tmp_path, capsys):
     comparison.main(["--data", str(data_path("")), "--docs", str(tmp_path)])

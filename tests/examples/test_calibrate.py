@@ -37,6 +37,7 @@ def test_without_evidence_the_constants_in_use_stay(calibrate):
     np.testing.assert_allclose(fitted, PERSISTENCE)
 
 
+@pytest.mark.long
 def test_places_of_a_room_are_right_where_the_truth_is(calibrate):
     rooms = calibrate.together(calibrate.places_in(3))
     shown = rooms.prospects.probability()

@@ -40,6 +40,7 @@ class InProcess:
         return [function(one) for one in arguments]
 
 
+@pytest.mark.long
 def test_the_study_runs_with_few_trials(study, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "ProcessPoolExecutor", InProcess)
     monkeypatch.setattr(study, "N_POINTS", 2000)

@@ -25,6 +25,7 @@ def rows(text: str) -> dict[str, list[str]]:
     }
 
 
+@pytest.mark.long
 @requires_data
 def test_the_bunny_is_seen_better_by_who_knows_more(monkeypatch, capsys):
     script = load("score_bunny")

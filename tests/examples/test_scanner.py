@@ -18,6 +18,7 @@ def gallery():
     return module
 
 
+@pytest.mark.long
 def test_every_picture_is_made_and_shown(gallery, tmp_path, capsys):
     gallery.main(["--docs", str(tmp_path), "--scale", "0.15"])
     names = capsys.readouterr().out.split()

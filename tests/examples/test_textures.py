@@ -20,6 +20,7 @@ def gallery(monkeypatch):
     return module
 
 
+@pytest.mark.long
 def test_every_picture_is_made_and_shown(gallery, tmp_path, capsys):
     gallery.main(["--docs", str(tmp_path), "--quick"])
     lines = capsys.readouterr().out.splitlines()

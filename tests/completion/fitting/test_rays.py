@@ -40,7 +40,9 @@ def test_exact_points_are_fitted_exactly(surface):
     assert np.abs(found.surface.distance(points)).max() < 1e-9
 
 
-@pytest.mark.parametrize(("arc_deg", "sigma"), [(90, 0.5), (60, 0.5), (30, 0.1)])
+@pytest.mark.parametrize(
+    ("arc_deg", "sigma"), [(90, 0.5), pytest.param(60, 0.5, marks=pytest.mark.long), (30, 0.1)]
+)
 def test_range_noise_leaves_no_bias_and_the_predicted_spread(arc_deg, sigma):
     """40 trials: the mean within 4 standard errors, the spread within 4 of its own."""
     rng = np.random.default_rng(1)

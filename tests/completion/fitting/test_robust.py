@@ -27,9 +27,19 @@ def arc(
     return points + noise * ray / np.linalg.norm(ray, axis=1, keepdims=True)
 
 
+BETWEEN = [(180, 0.5), (60, 0.1), (60, 0.5)]
+
+
 @pytest.mark.parametrize("along_ray", [False, True])
 @pytest.mark.parametrize(
-    ("degrees", "sigma"), [(180, 0.5), (90, 0.1), (90, 0.5), (60, 0.1), (60, 0.5), (30, 0.1), (30, 0.5)]
+    ("degrees", "sigma"),
+    [
+        (90, 0.1),
+        (90, 0.5),
+        (30, 0.1),
+        (30, 0.5),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in BETWEEN),
+    ],
 )
 def test_euclidean_radii_are_unbiased_and_their_spread_is_predicted(degrees, sigma, along_ray) -> None:
     """24 trials: the bias within 4 standard errors, sd / u within 4 / sqrt(2 n); the study runs 2 000."""

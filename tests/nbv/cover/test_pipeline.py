@@ -170,6 +170,7 @@ def test_unusable_input_is_refused():
         CoverOptions(polish_steps=-1)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not BENCH.is_dir(), reason="the benchmark instances are not here (UNSEEN_BENCH)")
 def test_the_benchmark_room_takes_24_views_or_fewer_and_21_at_least():
     plan = plan_views(

@@ -198,6 +198,7 @@ COARSE = {
 }
 
 
+@pytest.mark.long
 def test_with_completion_a_room_takes_far_fewer_views(tmp_path):
     plain = plan_views(ROOM, SENSOR, **COARSE)
     aware = plan_views(ROOM, SENSOR, infer=True, **COARSE)

@@ -288,10 +288,11 @@ def test_two_runs_cannot_write_to_one_folder(tmp_path, file):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_study_that_is_killed_three_times_ends_with_the_same_bytes(undisturbed, tmp_path, file):
+@pytest.mark.parametrize("kills", [(3,), pytest.param((1, 3, 6), marks=pytest.mark.long)])
+def test_a_study_that_is_killed_again_and_again_ends_with_the_same_bytes(undisturbed, tmp_path, file, kills):
     out, _ = undisturbed
     command = [sys.executable, "-m", "nbv.cli", "study", str(file), "-o", str(tmp_path), "-q"]
-    for n_plans in (1, 3, 6):
+    for n_plans in kills:
         process = subprocess.Popen(command, cwd=ROOT)
         begin = time.monotonic()
         while len(list(tmp_path.glob("plans/[!.]*.json"))) < n_plans and time.monotonic() < begin + 60:
@@ -304,7 +305,9 @@ def test_a_study_that_is_killed_three_times_ends_with_the_same_bytes(undisturbed
     assert contents(tmp_path) == contents(out)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)], ids=["SIGINT", "SIGTERM"]
+)
 def test_a_signal_ends_a_study_in_one_line_and_leaves_whole_files(undisturbed, tmp_path, number):
     out, _ = undisturbed
     long = write_study(tmp_path, SMALL.replace("seeds = 2", "seeds = 200"))
@@ -384,6 +387,7 @@ class Assassin:
             yield number, result
 
 
+@pytest.mark.long
 def test_a_cluster_that_loses_a_worker_loses_nothing(undisturbed, tmp_path, file):
     pytest.importorskip("distributed")
     out, _ = undisturbed

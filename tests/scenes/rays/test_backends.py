@@ -109,7 +109,7 @@ def test_an_image_is_its_rays_in_a_list(backend: Backend, shape: tuple[int, int]
     assert_agree(each, image, 0)
 
 
-@pytest.mark.parametrize(("isa", "width"), [("avx2", 8), ("sse2", 4)])
+@pytest.mark.parametrize(("isa", "width"), [("avx2", 8), pytest.param("sse2", 4, marks=pytest.mark.long)])
 def test_a_narrow_processor_gets_narrow_packets(isa: str, width: int) -> None:
     caster = RayCaster(*MESH)
     wide = caster.first_hit(ORIGINS, ALONG)
@@ -373,6 +373,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kilobytes on Linux alone")
 def test_five_million_faces_fit_in_two_gigabytes() -> None:
     run = subprocess.run([sys.executable, "-c", HUGE], capture_output=True, text=True, check=True)

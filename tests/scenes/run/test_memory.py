@@ -172,6 +172,7 @@ def test_scans_that_do_not_fit_are_refused():
         complete(scan_scene(ROOM, VIEW, rng=0))
 
 
+@pytest.mark.long
 @linux
 def test_the_estimate_of_a_texture_is_what_it_takes(tmp_path):
     """By the difference of two sizes: what libraries and compiled code take is the same in both."""
