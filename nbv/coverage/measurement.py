@@ -130,6 +130,15 @@ class CoverageTally:
         """Return what each view saw, by sample."""
         return VisibilityHistory.of(self._seen, self.first_met, self._shares)
 
+    def reachable(
+        self, candidates: Candidates, sensor: Sensor, n_threads: int | None, progress: Progress | None
+    ) -> Reachability:
+        """Return what `sensor` could measure from the candidates."""
+        return find_reachable(
+            self.caster, self.samples, candidates, sensor, self.requirement, n_threads=n_threads,
+            progress=progress,
+        )  # fmt: skip
+
     def coverage(self, scene: Scene, reachability: Reachability) -> Coverage:
         """Return the coverage so far."""
         possible = reachability.including(self.met)
@@ -189,15 +198,12 @@ def measure_coverage(
     standing = sensor or (views[0].sensor if views else None)
     if standing is None:
         raise InputError("without views, coverage needs a sensor to say what is reachable")
-    caster = caster or scene.ray_caster(n_threads)
-    samples = samples or sample_surface(scene.mesh)
-    candidates = candidates or scene_candidates(scene, standing)
-    tally = CoverageTally.start(caster, samples, requirement)
-    tally.add_all(views, progress)
-    reachability = find_reachable(
-        caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
+    tally = CoverageTally.start(
+        caster or scene.ray_caster(n_threads), samples or sample_surface(scene.mesh), requirement
     )
-    return tally.coverage(scene, reachability)
+    candidates = candidates or scene_candidates(scene, standing)
+    tally.add_all(views, progress)
+    return tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
 
 
 def measure_scan_coverage(
@@ -236,15 +242,12 @@ def measure_scan_coverage(
     """
     requirement = _one_requirement(requirement, max_incidence_deg)
     standing = sensor or load_sensor("generic60")
-    caster = caster or scene.ray_caster(n_threads)
-    samples = samples or sample_surface(scene.mesh)
-    candidates = candidates or scene_candidates(scene, standing)
-    tally = CoverageTally.start(caster, samples, requirement)
-    tally.add_all(scans, progress)
-    reachability = find_reachable(
-        caster, samples, candidates, standing, requirement, n_threads=n_threads, progress=progress
+    tally = CoverageTally.start(
+        caster or scene.ray_caster(n_threads), samples or sample_surface(scene.mesh), requirement
     )
-    return tally.coverage(scene, reachability)
+    candidates = candidates or scene_candidates(scene, standing)
+    tally.add_all(scans, progress)
+    return tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
 
 
 def visibility_history(

@@ -13,11 +13,10 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baseline_plan import BASELINES, plan_simply
 from nbv.plan.offline_plan import plan_offline
-from nbv.plan.online_plan import plan_online
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem
 from nbv.plan.remote_visibility import RemoteVisibility
-from nbv.plan.stand_in import plan_with_completion
+from nbv.plan.simulated_plan import plan_online, plan_with_completion
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
@@ -145,6 +144,8 @@ def plan_views(
         raise InputError(f"completion can stand in for views of method nbv or cover, not of {method}")
     if overlap is not None and method != "cover":
         raise InputError(f"overlap is asked of plans of a known scene: method cover, not {method}")
+    if remote is not None and method == "nbv":
+        raise InputError("workers cast for planners that know the scene: they do not serve method nbv")
     if infer and overlap is not None:
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):

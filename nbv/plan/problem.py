@@ -21,7 +21,7 @@ from nbv.plan.tour import Stations
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
-from nbv.visibility.reachability import Reachability, find_reachable
+from nbv.visibility.reachability import Reachability
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates
@@ -99,14 +99,7 @@ class PlanningRun:
             poses = tuple(scan.world_from_sensor for scan in problem.scans)
             resumed = Resumption(poses, tally.met_m2() / problem.samples.total_m2)
         find = partial(
-            find_reachable,
-            problem.caster,
-            problem.samples,
-            problem.candidates,
-            sensor=problem.sensor,
-            requirement=problem.requirement,
-            n_threads=problem.n_threads,
-            progress=problem.progress,
+            tally.reachable, problem.candidates, problem.sensor, problem.n_threads, problem.progress
         )
         reachability = problem.journal.step("reachable", find)
         return cls(problem, tally, reachability, [], resumed)

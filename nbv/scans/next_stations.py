@@ -40,7 +40,7 @@ def plan_next_stations(
     sensor : Sensor
         What scans next.
     requirement : Requirement, optional
-        What counts as seen well; of it the planner looks for incidence and range.
+        What counts as seen well; of it the planner looks for the incidence.
     views : int
         How many stations to propose at most.
     candidates : Candidates, optional

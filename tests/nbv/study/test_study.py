@@ -340,6 +340,12 @@ def assert_same(one, other):
         assert np.array_equal(getattr(one, part), getattr(other, part))
 
 
+def test_workers_that_cast_do_not_serve_the_online_planner(tmp_path):
+    remote = RemoteVisibility(ThisProcess(1), tmp_path)
+    with pytest.raises(InputError, match="they do not serve method nbv"):
+        plan_views(builtin_scene("two_occluders"), remote=remote)
+
+
 def test_visibility_by_workers_is_that_of_this_process(tmp_path):
     told = []
     remote = RemoteVisibility(ThisProcess(1), tmp_path / "shared")
