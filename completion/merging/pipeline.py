@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
 from completion.merging.gaps import gap_is_hidden
-from completion.observe.measured_rays import Beams
-from completion.observe.observation import Observation
+from completion.observe.observation import Beams, Observation
 from completion.observe.refitting import improve, refit
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region

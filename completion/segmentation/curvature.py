@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
-from completion.observe.measured_rays import Beams
-from completion.observe.observation import Observation
+from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import pack
 from completion.observe.refitting import improve
 from completion.observe.tiles import Tiles

@@ -8,21 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.measured_rays import Beams
-from completion.observe.observation import Observation
+from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import pack
 from completion.observe.refitting import improve, refit
 from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
 from completion.segmentation.absorbing import absorb
-from completion.segmentation.clusters import find_clusters
 from completion.segmentation.competition import compete
 from completion.segmentation.connected_parts import split_parts
-from completion.segmentation.growing import Cluster
+from completion.segmentation.curvature import bending_cylinder, grow_cylinder
+from completion.segmentation.growing import Cluster, grow_plane, tile_cut
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.rounded_creases import sharpen_creases
+from completion.segmentation.seeds import find_seeds, next_seed
 from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to
+_LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder
 _BULGE = 0.1  # pixel footprints that a tile on a cylinder of a few pixels' radius strays from its plane
 
 
@@ -78,3 +79,42 @@ def _numbered(
     for number, cluster in enumerate(clusters, start=n_before + 1):
         numbers[cluster.tiles] = number
     return np.where(labels == 0, spread_over_pixels(tiles, numbers, labels.shape), labels)
+
+
+def find_clusters(
+    tiles: Tiles, observation: Observation, options: SegmentationOptions, *, thorough: bool
+) -> list[Cluster]:
+    """Grow planes and cylinders over the tiles until no seed is left.
+
+    Seeds lie among tiles that form one plane with those around; when `thorough`, single tiles are seeds too.
+    """
+    seeds = find_seeds(tiles)
+    free, clusters = seeds.flat.copy(), list[Cluster]()
+    cut, angle = tile_cut(options), np.radians(options.max_angle_deg)
+    for candidates in (seeds.coherent, seeds.flat) if thorough else (seeds.coherent,):
+        untried = candidates.copy()
+        while len(clusters) < options.max_regions:
+            seed = next_seed(untried & free)
+            if seed is None:
+                break
+            cluster = grow_plane(seed, free, tiles, cut, angle)
+            untried[seed] = False
+            if cluster is None:
+                continue
+            if np.count_nonzero(cluster.tiles) < _LEAST_TILES:
+                untried &= ~cluster.tiles
+                continue
+            start = bending_cylinder(cluster, free, tiles, observation, angle)
+            grown = (
+                None
+                if start is None
+                else grow_cylinder(
+                    start, cluster, free=free, tiles=tiles, observation=observation, options=options
+                )
+            )
+            cluster = grown or cluster
+            untried &= ~cluster.tiles
+            if cluster.n_pixels >= options.min_pixels:
+                clusters.append(cluster)
+                free &= ~cluster.tiles
+    return clusters

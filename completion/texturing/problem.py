@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.texturing.measured import MeasuredColour
-from completion.texturing.raster import TexelRaster
+from completion.texturing.measured import MeasuredColour, TexelRaster
 from completion.texturing.texture_samples import RIM, choose_samples, distance_to
 from scenes.checks import BoolArray, FloatArray, check_options
 

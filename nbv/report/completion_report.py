@@ -12,9 +12,8 @@ import numpy as np
 
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
-from nbv.report.blocks.edit_blocks import edit_sections
 from nbv.report.blocks.station_tables import scans_table
-from nbv.report.blocks.verification_blocks import verification_sections
+from nbv.report.blocks.verdict_blocks import edit_sections, verification_sections
 from nbv.report.figures.plots import range_colours
 from nbv.report.page.page import (
     Bar,
