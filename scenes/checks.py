@@ -28,18 +28,13 @@ def check_vectors(name: str, array: object) -> FloatArray:
     return checked
 
 
-def finite_rows(array: FloatArray) -> BoolArray:
-    """Tell which rows of an (n, k) array hold finite numbers only."""
-    return np.asarray(np.isfinite(array).all(axis=1), dtype=np.bool_)
-
-
 def usable_rows(points: FloatArray) -> BoolArray:
     """Tell which of points (n, 3) are places: finite, and no coordinate beyond `MOST_M`."""
     return np.asarray((np.abs(points) <= MOST_M).all(axis=1), dtype=np.bool_)
 
 
 def check_finite(name: str, array: FloatArray, cure: str = "drop those rows first") -> FloatArray:
-    """Return `array` when every number in it is finite; raise InputError with the count otherwise."""
+    """Return `array`, of any shape, when all in it is finite; raise InputError with the count otherwise."""
     bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim))) if array.ndim > 1 else ~np.isfinite(array)
     if bad.any():
         first = int(np.argmax(bad))
@@ -55,7 +50,7 @@ def check_points(name: str, array: object) -> FloatArray:
 
 
 def check_places(name: str, array: object) -> FloatArray:
-    """Return `array` as points (n, 3) of the world: finite, and none beyond `MOST_M`."""
+    """Return `array` as points (n, 3) of the world; raise InputError unless finite and within `MOST_M`."""
     checked = check_points(name, array)
     far = float(np.abs(checked).max(initial=0.0))
     if far > MOST_M:
@@ -66,7 +61,7 @@ def check_places(name: str, array: object) -> FloatArray:
 
 
 def check_point(name: str, point: object) -> FloatArray:
-    """Return `point` as finite float64 with shape (3,)."""
+    """Return `point` as finite float64 with shape (3,); raise InputError otherwise."""
     checked = np.asarray(point, dtype=np.float64)
     if checked.shape != (3,):
         raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
@@ -76,7 +71,7 @@ def check_point(name: str, point: object) -> FloatArray:
 
 
 def check_direction(name: str, vector: object) -> FloatArray:
-    """Return `vector` as a unit vector of shape (3,)."""
+    """Return `vector` as a unit vector of shape (3,); raise InputError where it has no direction."""
     checked = np.asarray(vector, dtype=np.float64)
     if checked.shape != (3,):
         raise InputError(f"expected {name} with shape (3,), got {checked.shape}")
@@ -87,7 +82,7 @@ def check_direction(name: str, vector: object) -> FloatArray:
 
 
 def check_faces(array: object, n_vertices: int) -> NDArray[np.int32]:
-    """Return `array` as (m, 3) int32 vertex indices below `n_vertices`."""
+    """Return `array` as (m, 3) int32 vertex indices below `n_vertices`; raise InputError otherwise."""
     checked = np.asarray(array)
     if checked.ndim != 2 or checked.shape[1] != 3:
         raise InputError(f"expected faces with shape (m, 3), got {checked.shape}")

@@ -103,7 +103,8 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
 def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
     """List up to six boxes, far from each other, in which all is known where the hole's own box has a hole.
 
-    The first is the hole's own box; nothing is listed without a hole.
+    Hole and known have the image's shape (h, w). The first box is the hole's own; nothing is listed without
+    a hole.
     """
     rows, columns = np.nonzero(hole)
     if not rows.size:

@@ -17,8 +17,7 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import Hits, RayCaster
-from scenes.run.blocks import in_blocks
-from scenes.run.memory import rows_within
+from scenes.run.memory import in_blocks, rows_within
 from scenes.scan.ray_grid import RayGrid
 from scenes.world.scene import Scene
 

@@ -3,14 +3,27 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.natural_order import natural_key
 from scenes.pose import rotation_of
 
 _LINE = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
 _WORDS = len(_LINE.split())
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Return the key under which names are in natural order.
+
+    Examples
+    --------
+    >>> sorted(["10.png", "9.png", "a2.png"], key=natural_key)
+    ['9.png', '10.png', 'a2.png']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
 
 
 def is_colmap(text: str) -> bool:

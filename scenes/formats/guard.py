@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -70,9 +69,13 @@ def check_file(path: Path, limit: str = "file_bytes") -> Path:
     InputError
         Nothing there, a folder, a pipe or device, 0 bytes, or too large.
     """
-    state = _state_of(path)
-    if state is None:
-        raise InputError(f"{path}: no such file")
+    try:
+        state = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        cause = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(f"{one_line(str(path))}: cannot be read: {cause}") from error
     if stat.S_ISDIR(state.st_mode):
         raise InputError(f"{path}: is a folder, not a file")
     if not stat.S_ISREG(state.st_mode):
@@ -81,24 +84,6 @@ def check_file(path: Path, limit: str = "file_bytes") -> Path:
         raise InputError(f"{path}: is empty (0 bytes)")
     check_limit(limit, state.st_size, f"{path}: its bytes")
     return path
-
-
-def is_there(path: Path) -> bool:
-    """Tell whether a file or folder is there; a name that no file can have is not."""
-    try:
-        return _state_of(path) is not None
-    except InputError:
-        return False
-
-
-def _state_of(path: Path) -> os.stat_result | None:
-    try:
-        return path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError) as error:
-        cause = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"{one_line(str(path))}: cannot be read: {cause}") from error
 
 
 def check_size(rows: int, columns: int) -> None:

@@ -76,7 +76,24 @@ def scan_from_header(
     intensity: Any = None,
     truth: Any = None,
 ) -> RangeImage:
-    """Return the scan of a header and its pixels; a pose given here replaces the header's."""
+    """Return the scan of a header and its pixels; a pose given here replaces the header's.
+
+    Parameters
+    ----------
+    header : dict
+        As `scan_header` makes it.
+    ranges : (rows, columns) float
+        Metres along the rays, inf where nothing came back.
+    world_from_sensor : Pose, optional
+        Replaces the header's.
+    colour, sensor_points, intensity, truth
+        As in `RangeImage`.
+
+    Raises
+    ------
+    InputError
+        A header of another format, or pixels that do not fit it.
+    """
     if header.get("format") != FORMAT:
         raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
     held = np.asarray(ranges, dtype=np.float64)
@@ -94,7 +111,7 @@ def scan_from_header(
 
 
 def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
-    """Say how many ranges or depths are negative, as no beam's is; they count as no return.
+    """Return a warning of how many ranges or depths, of any shape, are negative; they count as no return.
 
     Raises
     ------

@@ -49,7 +49,7 @@ def read_poses(path: Path) -> list[Pose]:
 
 
 def rounded_pose(matrix: FloatArray) -> Pose:
-    """Return the rigid pose nearest to a file's matrix, which may be off by rounding (1e-3) but no more."""
+    """Return the rigid pose nearest to a matrix (4, 4), which may be off by rounding (1e-3) but no more."""
     mended = np.array(matrix, dtype=np.float64)
     if mended.shape == (4, 4) and np.isfinite(mended).all():
         rotation = mended[:3, :3]
@@ -62,7 +62,13 @@ def rounded_pose(matrix: FloatArray) -> Pose:
 
 
 def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
-    """Return the timestamps (n,) in seconds and the poses of a TUM trajectory."""
+    """Return the timestamps (n,) in seconds and the poses of a TUM trajectory.
+
+    Raises
+    ------
+    InputError
+        No TUM trajectory, a time that is not finite, or a pose that is not rigid.
+    """
     with reading(path, "a TUM trajectory"):
         rows = _equal_rows(_number_rows(read_text(path)))
         if not rows or len(rows[0]) != 8:
@@ -144,7 +150,7 @@ def write_poses(path: Path, poses: Sequence[Pose]) -> None:
 
 
 def write_timed_poses(path: Path, times: Sequence[float] | FloatArray, poses: Sequence[Pose]) -> None:
-    """Write a TUM trajectory: `timestamp tx ty tz qx qy qz qw` a line, seconds, world from sensor."""
+    """Write a TUM trajectory, `timestamp tx ty tz qx qy qz qw` a line: times (n,), s; world from sensor."""
     lines = [f"{float(time)!r} {_line(pose)}\n" for time, pose in zip(times, poses, strict=True)]
     write_text(path, "".join(["# timestamp tx ty tz qx qy qz qw (world from sensor, metres)\n", *lines]))
 

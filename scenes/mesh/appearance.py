@@ -98,14 +98,14 @@ def _base_colour(material: Any, has_image: bool) -> NDArray[np.float32]:
 
 
 def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Encode linear light 0..1 as sRGB 0..1; glTF states its colour factors in linear light."""
+    """Return linear light 0..1, of any shape, as sRGB 0..1; glTF has its colour factors in linear light."""
     light = np.clip(linear, 0.0, 1.0)
     encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return encoded.astype(np.float32)
 
 
 def linear_from_srgb(encoded: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Decode sRGB 0..1 to linear light 0..1."""
+    """Return sRGB 0..1, of any shape, as linear light 0..1."""
     value = np.clip(np.asarray(encoded, dtype=np.float64), 0.0, 1.0)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces, check_places, frozen_copy
 from scenes.pose import Pose
-from scenes.run.blocks import in_blocks
+from scenes.run.memory import in_blocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,7 +44,7 @@ class SingleScene:
         _coherent: bool,
         face: NDArray[np.int32],
     ) -> int:
-        """Write the first face that each ray hits; as `PacketScene.first_faces`."""
+        """Write the first face (n,) that each ray (n, 3) hits; as `PacketScene.first_faces`."""
         rays = pack_rays(origins, directions, self._centre)
         if len(rays.origins) < len(face):
             face[:] = -1
@@ -53,7 +53,7 @@ class SingleScene:
         return len(rays.origins)
 
     def any_hits(self, origins: FloatArray, targets: FloatArray, _coherent: bool, blocked: BoolArray) -> None:
-        """Write whether a face lies between origins and targets; as `PacketScene.any_hits`."""
+        """Write whether a face lies between origins and targets (n, 3); as `PacketScene.any_hits`."""
         rays = pack_segments(origins, targets, self._centre, blocked)
         if len(rays.origins):
             hit = self._scene.run(rays.origins, rays.directions, rays.reach, query="OCCLUDED")

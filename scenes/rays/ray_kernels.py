@@ -59,7 +59,7 @@ COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy"}
 
 
 def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -> PackedRays:
-    """Return the rays that are finite and have a direction, in their own order."""
+    """Return the rays (n, 3), world frame, that are finite and have a direction, in their own order."""
     return _packed(len(directions), origins, directions, centre, False)[0]
 
 

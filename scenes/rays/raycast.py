@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_vectors
 from scenes.rays.local_mesh import LocalMesh, local_mesh
-from scenes.run.blocks import in_blocks
+from scenes.run.memory import in_blocks
 
 Backend = Literal["packets", "embreex"]
 
@@ -37,12 +37,12 @@ class EmbreeBackend(Protocol):
         face: NDArray[np.int32],
         /,
     ) -> int:
-        """Write the first face that each ray hits; return how many rays were usable."""
+        """Write the first face (n,) that each ray (n, 3) hits; return how many rays were usable."""
 
     def any_hits(
         self, origins: FloatArray, targets: FloatArray, coherent: bool, blocked: BoolArray, /
     ) -> None:
-        """Write whether a face lies between origins and targets."""
+        """Write whether (n,) a face lies between origins and targets (n, 3), metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +192,15 @@ class RayCaster:
         def cast(rays: slice) -> int:
             begin, ways = start if len(start) == 1 else start[rays], along[rays]
             n_usable = self._embree.first_faces(begin, ways, columns, coherent or columns > 0, face[rays])
-            meet(self._mesh, begin, ways, face[rays], ranges[rays], weights[rays], cosine[rays])
+            meet(
+                self._mesh,
+                begin,
+                ways,
+                face[rays],
+                ranges=ranges[rays],
+                weights=weights[rays],
+                cosine=cosine[rays],
+            )
             return len(ways) - n_usable
 
         band = max(_CHUNK // columns // 4, 1) * 4 * columns if columns else _CHUNK

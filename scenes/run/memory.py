@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Memory: how much of it this process may still use. It sets the size of blocks, and never a result.
 
-Whoever allocates much asks first: `rows_within` for the size of a block, `require` for what cannot be parted.
+Whoever allocates much asks first: `rows_within` for the size of a block, `require` for what cannot be parted;
+`in_blocks` splits work on many rows over threads.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
@@ -25,6 +26,7 @@ _limit: ContextVar[int | None] = ContextVar("memory limit", default=None)
 _CGROUPS = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
 _LEAST = 1 << 24  # bytes that a block may have however little is left: less would only be slower
 _SHARE = 0.25  # of what is left, for one block
+_BLOCK = 1 << 16  # rows: enough that a thread is worth waking
 
 
 @contextmanager
@@ -191,3 +193,36 @@ def _usage() -> _Usage:
         return _Usage(peak, peak, peak)
     size = os.sysconf("SC_PAGE_SIZE")
     return _Usage(*(pages[k] * size for k in (0, 1, 5)))
+
+
+def in_blocks(
+    n_rows: int,
+    work: Callable[[slice], object],
+    n_threads: int | None = None,
+    block: int = _BLOCK,
+    *,
+    bytes_a_block: float = 0.0,
+) -> None:
+    """Call `work` with slices that cover `n_rows`; it writes its own rows and holds no interpreter lock.
+
+    Parameters
+    ----------
+    n_rows : int
+        How many rows there are.
+    work : callable
+        Called with one slice at a time, from several threads.
+    n_threads : int, optional
+        All cores when not given.
+    block : int
+        Rows in a slice.
+    bytes_a_block : float
+        What `work` allocates for one: there are no more threads than fit into memory.
+    """
+    slices = [slice(start, min(start + block, n_rows)) for start in range(0, n_rows, block)]
+    most = min(n_threads or os.cpu_count() or 1, len(slices))
+    if most < 2:
+        for part in slices:
+            work(part)
+        return
+    with threads(bytes_a_block, most) as pool:
+        list(pool.map(work, slices))

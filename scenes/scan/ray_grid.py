@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from scenes.checks import FloatArray
-from scenes.run.blocks import in_blocks
+from scenes.run.memory import in_blocks
 
 _NOWHERE = np.zeros((0, 0))
 

@@ -67,7 +67,9 @@ def field_of_view(projection: Projection) -> str:
 
 
 def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> NDArray[Any]:
-    """Return an image of a scan as a person would see it, neither side longer than `most` pixels.
+    """Return an image (rows, columns) or (rows, columns, k) of a scan as a person would see it.
+
+    Neither side is longer than `most` pixels.
 
     Panoramas are drawn with equal angles along both sides, up upwards and right to the right, however their
     rows and columns run; camera images keep their order and lose every k-th pixel.

@@ -66,7 +66,7 @@ class Plane:
         return along
 
     def normal(self, points: FloatArray) -> FloatArray:
-        """The normal, once for each point."""
+        """The unit normal (n, 3), once for each of the points (n, 3)."""
         return np.broadcast_to(self.normal_direction, points.shape).copy()
 
     def to_uv(self, points: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ class Surface(Protocol):
 
 
 def perpendicular(direction: FloatArray) -> FloatArray:
-    """Return a unit vector at right angles to `direction`, always the same one for the same direction."""
+    """Return a unit vector (3,) at right angles to `direction`, the same one for the same direction."""
     x, y, z = (float(component) for component in direction)
     smallest = int(np.argmin([abs(x), abs(y), abs(z)]))
     across = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[smallest]  # direction x unit vector of that axis
@@ -57,7 +57,13 @@ def perpendicular(direction: FloatArray) -> FloatArray:
 
 
 def reference_direction(axis: FloatArray, wished: object | None) -> FloatArray:
-    """Return the unit vector at right angles to `axis` that is nearest to `wished`."""
+    """Return the unit vector (3,) at right angles to a unit `axis` (3,) that is nearest to `wished`.
+
+    Raises
+    ------
+    InputError
+        A wish along the axis, or none that has a direction.
+    """
     if wished is None:
         return perpendicular(axis)
     direction = check_direction("the chart's reference direction", wished)

@@ -15,7 +15,15 @@ N_REPETITIONS = 8
 
 
 def cut_tiles(within: NDArray[np.bool_], periods: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
-    """Cut a hole into tiles; those of which less than half lies within it are left out."""
+    """Return the tiles of a hole, masks (h, w); those of which less than half lies within it are left out.
+
+    Parameters
+    ----------
+    within : array, shape (h, w), bool
+        The hole.
+    periods : array, shape (2, 2)
+        The lattice's, pixels.
+    """
     rows, columns = np.nonzero(within)
     spans = [np.linspace(0, 0, 1)] * 2
     for axis, places in enumerate((rows, columns)):
@@ -37,7 +45,19 @@ def measure_tiles(
     tiles: list[NDArray[np.bool_]],
     periods: NDArray[np.float64],
 ) -> float:
-    """Return how far tiles are out of step, in periods, on average; NaN where none meets anything known."""
+    """Return how far tiles are out of step, in periods, on average; NaN where none meets anything known.
+
+    Parameters
+    ----------
+    correlator : Correlator
+        Of what is known.
+    values : array, shape (h, w, c)
+        8-bit levels.
+    tiles : list of arrays, shape (h, w), bool
+        As `cut_tiles` gives them.
+    periods : array, shape (2, 2)
+        The lattice's, pixels.
+    """
     errors = np.array([_measure_tile(correlator, values, tile, periods) for tile in tiles])
     errors = errors[~np.isnan(errors)]
     return float(errors.mean()) if errors.size else float("nan")

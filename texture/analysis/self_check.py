@@ -16,7 +16,7 @@ HOLE, RIM, SURROUNDINGS = 24, 8, 96  # pixels: sides of a hole, of what is usabl
 SHARES = (0.0, 1.0, 0.5, 0.25, 0.75, 0.5)  # where holes lie among the places that are left
 CLEARLY = 0.9  # of the smaller window's penalty: what a larger one may have at most
 OUT_OF_STEP = 5.0  # a hole that is a fifth of a period out of step counts twice its distance
-PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.sampling.gaussian`)
+PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.sampling.template`)
 LOOKED_AT = 320  # pixels: side of the part of a sample in which features are looked for
 
 FillPiece = Callable[[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_], int], NDArray[np.uint8]]
@@ -41,7 +41,7 @@ class WindowCheck(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A part of the sample with a hole cut into it."""
+    """A part of the sample (h, w, c) with a hole cut into it; known and hole have the shape (h, w)."""
 
     image: NDArray[np.uint8]
     known: NDArray[np.bool_]
@@ -91,7 +91,7 @@ def check_windows(
 
 
 def choose_first(levels: NDArray[np.int64], usable: NDArray[np.bool_], lattice: Lattice) -> int:
-    """Return the window for the largest regular feature that a window can hold.
+    """Return the window for the largest regular feature of levels (h, w, c) that a window can hold.
 
     That of the autocorrelation (`texture.analysis.window.choose_window`); or, if that is larger, the one in
     which a whole period of the lattice weighs, 1.6 times its longest extent, but not more than 31. Periods
@@ -128,7 +128,10 @@ def cut_pieces(levels: NDArray[np.int64], usable: NDArray[np.bool_]) -> list[Pie
 
 
 def list_holes(usable: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """List the upper left corners of up to six holes, apart from each other, with 8 usable pixels around."""
+    """Return the upper left corners of up to six holes, apart from each other, with 8 usable pixels around.
+
+    `usable` has the shape (h, w) of the sample.
+    """
     room = HOLE + 2 * RIM
     if min(usable.shape) < room:
         return []

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texture.sampling.canvas import Canvas
-from texture.sampling.gaussian import gaussian_weights
 from texture.sampling.sample import Sample
+from texture.sampling.template import gaussian_weights
 
 if TYPE_CHECKING:
     from texture.engine.kernels import CanvasArrays

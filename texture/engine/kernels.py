@@ -17,7 +17,7 @@ from texture.engine.scan_kernels import N_BUCKETS, Findings, SampleArrays, Terms
 
 
 class CanvasArrays(NamedTuple):
-    """The arrays of a `texture.sampling.canvas.Canvas`."""
+    """The arrays of a `texture.sampling.canvas.Canvas`, in its shapes."""
 
     levels: NDArray[np.int64]
     known: NDArray[np.bool_]

@@ -90,9 +90,10 @@ def fill_pixels(
     threshold: float,
     words: NDArray[np.uint64],
 ) -> None:
-    """Fill the visited pixels in turn, each by a random candidate, if its error is below the threshold.
+    """Fill the visited pixels (n,) in turn, each by a random candidate, if its error is below the threshold.
 
-    The readable reference: the oracle of the compiled engine, and what serves where nothing can be compiled.
+    A random word (n,) chooses each candidate. The readable reference: the oracle of the compiled engine, and
+    what serves where nothing can be compiled.
     """
     width = sample.usable.shape[1]
     for pixel, word in zip(visits.tolist(), words.tolist(), strict=True):

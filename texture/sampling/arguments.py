@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Arguments checked at the door: each function returns the checked value, or raises and names the cure."""
+"""Arguments checked at the door: each function returns the checked value, or raises with the cure."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias, get_args
@@ -15,7 +15,7 @@ LARGEST_WINDOW = 99  # keeps every distance below the compiled scan's mark for "
 
 
 def check_image(image: ArrayLike, name: str = "image") -> Pixels:
-    """Return the image as an array of shape (h, w) or (h, w, c), c = 1..4, uint8 or float."""
+    """Return the image of shape (h, w) or (h, w, c), c = 1..4, uint8 or float; raise ValueError otherwise."""
     pixels = np.asarray(image)
     if pixels.ndim not in (2, 3) or 0 in pixels.shape or (pixels.ndim == 3 and pixels.shape[2] > 4):
         raise ValueError(f"{name}: expected shape (h, w) or (h, w, c) with c = 1..4, got {pixels.shape}")
@@ -25,7 +25,7 @@ def check_image(image: ArrayLike, name: str = "image") -> Pixels:
 
 
 def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> NDArray[np.bool_]:
-    """Return a mask of an image's (h, w) as booleans: non-zero is True."""
+    """Return a mask of an image's (h, w) as booleans: non-zero is True; raise ValueError for other shapes."""
     checked = np.asarray(mask)
     if checked.shape != shape:
         raise ValueError(f"{name}: expected the image's shape {shape}, got {checked.shape}")
@@ -36,14 +36,20 @@ def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> N
 
 
 def check_known(known: ArrayLike | None, hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which pixels hold a value: `known` without the hole, or all outside it."""
+    """Return which pixels (h, w) hold a value: `known` without the hole, or all outside it."""
     return ~hole if known is None else check_mask(known, hole.shape, "known") & ~hole
 
 
 def check_sample_mask(
     sample_mask: ArrayLike | None, known: NDArray[np.bool_], *, is_needed: bool = True
 ) -> NDArray[np.bool_]:
-    """Return which pixels may be copied: all known ones, or the selected ones, which must be known."""
+    """Return which pixels (h, w) may be copied: all known ones, or the selected ones, which must be known.
+
+    Raises
+    ------
+    ValueError
+        Nothing is known or selected though something is needed, or the selection holds unknown pixels.
+    """
     if is_needed and not known.any():
         raise ValueError(
             f"image: none of the {known.size} pixels is known, so there is nothing to sample from; "

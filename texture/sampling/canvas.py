@@ -66,7 +66,19 @@ class Canvas:
         wrap: tuple[bool, bool],
         window: int,
     ) -> "Canvas":
-        """Return a canvas that holds the known pixels, each its own source, and a hole to be filled."""
+        """Return a canvas that holds the known pixels, each its own source, and a hole to be filled.
+
+        Parameters
+        ----------
+        levels : array, shape (h, w, c), int64
+            8-bit levels.
+        known, hole : arrays, shape (h, w), bool
+            Which pixels hold a value, and which are to be filled.
+        wrap : (bool, bool)
+            Whether rows and columns close on themselves.
+        window : int
+            Side of the comparison window, pixels.
+        """
         height, width, n_channels = levels.shape
         canvas = cls.empty((height, width), n_channels, wrap, window)
         canvas.levels[:height, :width] = levels
@@ -89,7 +101,7 @@ class Canvas:
         return Template(self.levels[rows, columns], self.known[rows, columns], sources)
 
     def write(self, row: int, column: int, source: int, levels: NDArray[np.int64], error: float) -> None:
-        """Fill a pixel."""
+        """Fill a pixel with levels (c,) from a source, and keep its error, 0..1."""
         self.levels[row, column] = levels
         self.known[row, column] = True
         self.sources[row, column] = source

@@ -7,10 +7,9 @@ All distances are whole numbers, so "the same candidates" means equal, not close
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.sampling.gaussian import gaussian_weights
 from texture.sampling.levels import HIGHEST_LEVEL
 from texture.sampling.sample import Sample
-from texture.sampling.template import Candidates, Template
+from texture.sampling.template import Candidates, Template, gaussian_weights
 
 
 def find_candidates(template: Template, sample: Sample) -> Candidates:

@@ -128,20 +128,12 @@ def fill_surface(
             plain=plain,
         )
 
+    whole = Piece(values, hole, context, usable, -1)
     if hole.size <= MOST_PIXELS:
-        whole = Piece(values, hole, context, usable, -1)
         made = fill_piece(whole, window, budget, progress)
     else:
         made = fill_tiles(
-            values,
-            hole,
-            known=context,
-            usable=usable,
-            wrap=closes,
-            window=window,
-            fill_piece=fill_piece,
-            progress=progress,
-            time_budget_s=budget,
+            whole, fill_piece, wrap=closes, window=window, progress=progress, time_budget_s=budget
         )
     lit = made.image * np.float32(brightest)
     lit[..., :n_colours] *= shading.gain

@@ -63,13 +63,11 @@ FillPiece: TypeAlias = Callable[[Piece, int | None, float | None, Progress | Non
 
 
 def fill_tiles(
-    pixels: Pixels,
-    hole: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    usable: NDArray[np.bool_],
+    whole: Piece,
+    fill_piece: FillPiece,
+    *,
     wrap: tuple[bool, bool],
     window: int | None,
-    fill_piece: FillPiece,
     progress: Progress | None = None,
     time_budget_s: float | None = None,
 ) -> Synthesis:
@@ -77,20 +75,19 @@ def fill_tiles(
 
     Parameters
     ----------
-    pixels : array, shape (h, w, c)
-        The image.
-    hole, known, usable : arrays, shape (h, w), bool
-        What to fill, what holds a value, what may be copied.
+    whole : Piece
+        The image, shape (h, w, c), and what of it to fill, is known, and may be copied.
+    fill_piece : callable
+        Fills a `Piece` with a window and a time budget, in seconds, and tells its progress.
     wrap : (bool, bool)
         Whether rows and columns close on themselves.
     window : int, optional
         Of the comparison; None: the one that the first tile chooses.
-    fill_piece : callable
-        Fills a `Piece` with a window and a time budget, in seconds, and tells its progress.
     progress, time_budget_s
         As in `texture.fill`.
     """
-    image, done = pixels.copy(), known.copy()
+    hole, known, usable = whole.hole, whole.known, whole.usable
+    image, done = whole.image.copy(), known.copy()
     own = np.indices(hole.shape, dtype=np.int32)
     rows, columns = (np.where(known, index, -1).astype(np.int32) for index in own)
     error, confidence = np.zeros(hole.shape, np.float32), known.astype(np.float32)

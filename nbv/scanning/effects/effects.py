@@ -26,7 +26,7 @@ from nbv.scanning.effects.noise_models import (
 from nbv.scanning.effects.pointing import PointingNoise
 from nbv.scanning.effects.quantisation import Quantisation
 from scenes.checks import FloatArray, InputError
-from scenes.run.blocks import in_blocks
+from scenes.run.memory import in_blocks
 
 _BLOCK = 1 << 16  # numbers from one generator; not to be changed, or seeds give other numbers
 

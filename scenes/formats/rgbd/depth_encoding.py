@@ -64,7 +64,7 @@ def _kinect_depth(words: NDArray[np.uint16]) -> FloatArray:
 
 
 def depth_warnings(counts: FloatArray) -> tuple[str, ...]:
-    """Say where a wide image holds no more than 8 bits, so that depths are steps."""
+    """Return a warning where an image (rows, columns) of more bits holds only 8: depths are steps then."""
     known = counts[np.isfinite(counts) & (counts != 0)]
     if not len(known) or known.max() > _EIGHT_BITS or (known != np.floor(known)).any():
         return ()
@@ -72,7 +72,7 @@ def depth_warnings(counts: FloatArray) -> tuple[str, ...]:
 
 
 def suspected_encoding(counts: FloatArray) -> str:
-    """Return a sentence on why the counts may be no linear depth, "" where nothing speaks against it."""
+    """Return why the counts (rows, columns) may be no linear depth, "" where nothing speaks against it."""
     known = counts[counts > 0]
     if not len(known) or not (known == np.floor(known)).all() or known.max() > 65535:
         return ""

@@ -121,7 +121,13 @@ def depth_scan(
 
 
 def read_depth_image(path: Path) -> FloatArray:
-    """Return the values of a 16-bit (or wider) single-channel image as float64, unscaled."""
+    """Return the counts (rows, columns) of an image of one channel, as float64 and unscaled.
+
+    Raises
+    ------
+    InputError
+        No image, too large, or of 8 bits a channel.
+    """
     with open_image(path, "a depth image") as image:
         if not image.mode.startswith(("I", "F")):
             raise InputError(

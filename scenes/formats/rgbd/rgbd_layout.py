@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
+from scenes.formats.colmap import natural_key
 from scenes.formats.documents import parse_json, read_json, read_text
 from scenes.formats.guard import reading
-from scenes.formats.natural_order import natural_key
 from scenes.formats.rgbd.depth_encoding import DepthEncoding, check_encoding
 from scenes.formats.rgbd.rgbd import Intrinsics, RgbdFolder, RgbdFrame
 from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose

@@ -67,7 +67,10 @@ def fit_grid(points: FloatArray) -> GridFit:
 
 
 def fit_pinhole(points: FloatArray) -> GridFit | None:
-    """Fit column = fx x/z + cx and row = fy y/z + cy robustly; None where that cannot be determined."""
+    """Fit a pinhole to sensor-frame points (rows, columns, 3), NaN where there is none.
+
+    Column = fx x/z + cx and row = fy y/z + cy are fitted robustly; None where that cannot be determined.
+    """
     valid = np.isfinite(points).all(axis=-1)
     ahead = valid & (np.nan_to_num(points[..., 2]) > 0)
     if ahead.sum() < 3 or ahead.sum() < 0.9 * valid.sum():
@@ -103,8 +106,9 @@ def _robust_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 
 
 def fit_spherical(points: FloatArray) -> GridFit | None:
-    """Fit an azimuth to each column and an elevation to each row by medians; None with too few points.
+    """Fit a turning scanner to sensor-frame points (rows, columns, 3), NaN where there is none.
 
+    Each column has the median azimuth of its points, each row their median elevation; None with too few.
     Angles of rows and columns without points are interpolated or continued linearly, and both sequences
     are made strictly monotonic.
     """
@@ -185,7 +189,7 @@ def organised_scan(
     name: str,
     intensity: Any = None,
 ) -> RangeImage:
-    """Return the scan of organised sensor-frame points; points that lie on their ideal rays become ranges.
+    """Return the scan of sensor-frame points (rows, columns, 3), metres, NaN where nothing came back.
 
     The measured points are kept (`sensor_points`) unless every one lies within 1e-6 m, at 1 m and in
     proportion beyond, of the projection's ray.

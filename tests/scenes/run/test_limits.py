@@ -14,7 +14,7 @@ from scenes.checks import InputError
 from scenes.files.scene_loading import load_scene
 from scenes.formats.arrays import open_arrays
 from scenes.formats.documents import parse_json, parse_toml, read_json, read_text
-from scenes.formats.guard import check_file, is_there
+from scenes.formats.guard import check_file
 from scenes.formats.image import check_image
 from scenes.rays.raycast import RayCaster
 from scenes.run.file_limits import LIMIT_NAMES, Limits, check_limit, check_unpacked, current_limits, limits
@@ -156,8 +156,6 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             check_file(path)
-    assert is_there(tmp_path)
-    assert not is_there(tmp_path / ("x" * 300))
 
 
 def test_arrays_are_held_against_their_archive(tmp_path: Path) -> None:
