@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -59,7 +59,10 @@ def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_t
         rows, columns = np.divmod(visits, canvas.unfilled.shape[1])
         turns[rows, columns] = np.arange(visits.size)
         done, counter = np.zeros(visits.size, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        work = partial(fill_visits, source, target, visits, words, threshold, turns, done, counter)
+
+        def work() -> None:
+            fill_visits(source, target, visits, words, threshold, turns, done, counter)
+
         n_helpers = min(n_threads, visits.size // TURNS_PER_THREAD) - 1
         helping = [pool.submit(work) for _ in range(n_helpers)]
         work()
