@@ -33,6 +33,7 @@ EXACT = SurfaceFit(WALL, 0.0, np.zeros((3, 3)), 1000)
 USUAL = EvidenceOptions().tolerance()
 RULES = ExtensionRules(mode="standard", max_sd_m=0.02, max_cells=10_000)
 SYMBOLS = "mibeafu"  # by the number of the provenance
+UPRIGHT, SLANTED = Plane((0.86, 0, 0), (-1, 0, 0)), Plane((0.86, 0, 0), (-1, -0.6, 0))
 NO_END = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
 
@@ -49,7 +50,7 @@ def centres(seen: str) -> np.ndarray:
 
 
 def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", sd=0.0) -> Patch:
-    """Extend the wall; `cut` is an x at which an enclosing plane closes the right side."""
+    """Extend the wall; `cut` is an enclosing plane that closes the right side."""
     projection = camera(seen)
     depth = np.array([[DEPTH[symbol] for symbol in row] for row in seen.split()])
     depth = np.kron(depth, np.ones((BLOCK, BLOCK)))
@@ -65,7 +66,7 @@ def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", 
         full_turn=False, encloses=True,
     )  # fmt: skip
     if cut is not None:
-        extent = replace(with_ends(extent, [Plane((cut, 0, 0), (-1, 0, 0))]), by_edit=np.zeros((2, 2), bool))
+        extent = replace(with_ends(extent, [cut]), by_edit=np.zeros((2, 2), bool))
     if accepts is not None:
         edits = SurfaceEdits(wishes=(Wish(accepts),))
     return extend(
@@ -76,6 +77,12 @@ def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", 
         number=1,
         rules=replace(RULES, mode=mode),
     )
+
+
+def rectangle(left: float, right: float, half_height: float = 1.0) -> np.ndarray:
+    """Corners (4, 3) of an outline on the wall."""
+    corners = [(left, -half_height), (right, -half_height), (right, half_height), (left, half_height)]
+    return np.column_stack([corners, np.full(4, 3.0)])
 
 
 def drawn(patch: Patch, seen: str) -> str:
@@ -108,13 +115,16 @@ TABLE = {
         ("......oo ......oo ......oo ......oo ....###o ....###o oooo###o oooooooo", {},
          "mmmmmm-- mmmmmm-- mmmmmm-- mmmmmm-- mmmmie-- mmmmee-- -------- --------"),
     "it goes on to what ends it, and not beyond":
-        ("....#### ....#### ....#### ....####", {"cut": 0.86},
+        ("....#### ....#### ....#### ....####", {"cut": UPRIGHT},
          "mmmmaa-- mmmmaa-- mmmmaa-- mmmmaa--"),
+    "nor beyond a slanted one":
+        ("....#### ....#### ....#### ....####", {"cut": SLANTED},
+         "mmmmaaa- mmmmaa-- mmmmaa-- mmmma---"),
     "without anything that ends it, a wall is unknown far off":
         ("..###### ..###### ..###### ..######", {},
          "mm------ mm------ mm------ mm------"),
     "a conservative continuation stays in the hull of what was measured":
-        ("....#### ....#### ....#### ....####", {"cut": 0.86, "mode": "conservative"},
+        ("....#### ....#### ....#### ....####", {"cut": UPRIGHT, "mode": "conservative"},
          "mmmm---- mmmm---- mmmm---- mmmm----"),
     "conservatively too an interior hole is filled":
         ("..... .###. .###. .....", {"mode": "conservative"},
@@ -134,16 +144,26 @@ TABLE = {
     "nor fill where there was no echo":
         ("..... .???. .???. .....", {"accepts": True},
          "mmmmm m---m m---m mmmmm"),
+    "nor continue what is not known well enough":
+        ("..... .###. .###. .....", {"accepts": True, "sd": 0.03},
+         "mmmmm m---m m---m mmmmm"),
+    "nor go on beyond what ends the surface":
+        ("....#### ....#### ....#### ....####",
+         {"cut": UPRIGHT, "edits": SurfaceEdits(wishes=(Wish(True, rectangle(-1.7, 1.7)),))},
+         "mmmmaa-- mmmmaa-- mmmmaa-- mmmmaa--"),
+    "a person may draw where the surface is, apart from the rest of it":
+        ("..###### ..###### ..###### ..######",
+         {"edits": SurfaceEdits(wishes=(Wish(True, rectangle(0.45, 0.85)),))},
+         "mm---u-- mm---u-- mm---u-- mm---u--"),
     "a person may set the end":
         ("....#### ....#### ....#### ....####",
-         {"edits": SurfaceEdits(ends=(Plane((0.86, 0, 0), (-1, 0, 0)),))},
+         {"edits": SurfaceEdits(ends=(UPRIGHT,))},
          "mmmmuu-- mmmmuu-- mmmmuu-- mmmmuu--"),
     "what a person joined is the person's":
         ("..##.. ..##.. ..##.. ..##..", {"edits": SurfaceEdits(actions=("merge",))},
          "mmuumm mmuumm mmuumm mmuumm"),
     "in a declared opening there is nothing":
-        ("..... .###. .###. .....", {"edits": SurfaceEdits(openings=(
-            np.array([[-0.35, -0.6, 3], [0.35, -0.6, 3], [0.35, 0.6, 3], [-0.35, 0.6, 3]]),))},
+        ("..... .###. .###. .....", {"edits": SurfaceEdits(openings=(rectangle(-0.35, 0.35, 0.6),))},
          "mmmmm mi-im mi-im mmmmm"),
 }  # fmt: skip
 
