@@ -35,7 +35,13 @@ def check_enough(n: int, shape: str) -> None:
 
 
 def check_sample(points: FloatArray, shape: str) -> None:
-    """Refuse coordinates beyond reckoning, and few places repeated, judged by about 1,000 of the points."""
+    """Refuse points (n, 3) with too large coordinates or in too few places, judged by about 1,000 of them.
+
+    Raises
+    ------
+    FitError
+        They extend over too much or too little, or lie in fewer places than the shape has parameters.
+    """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     extent = float(np.abs(sample - sample[:1]).max(initial=0.0))
     if not extent < _MOST or 0 < extent < 1 / _MOST:
@@ -58,7 +64,21 @@ def principal(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, Float
 def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> None:
     """Refuse points in one spot, on one line (rank 1) or, for curved surfaces, in one plane (rank 2).
 
-    `spread` are their singular values; what is below the rounding of coordinates so far out counts as zero.
+    What is below the rounding of coordinates so far out counts as zero.
+
+    Parameters
+    ----------
+    n : int
+        Points.
+    spread, centre : (3,) float
+        Their singular values, metres, and their centroid.
+    rank : int
+        The most directions that are too few.
+
+    Raises
+    ------
+    FitError
+        The points extend in too few directions.
     """
     rounding = 8 * np.finfo(np.float64).eps * float(np.abs(centre).max()) * np.sqrt(n)
     floor = max(_FLAT * float(spread[0]), rounding)
@@ -88,6 +108,11 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
     The likelihood ratio against the plane, the fall of the sum of squares over the residuals' variance, is
     distributed as chi squared where the truth is a plane (Wilks 1938); a bend counts when noise on a plane
     would show as much once in a thousand times.
+
+    Raises
+    ------
+    FitError
+        A plane explains them as well.
     """
     used = points if found.inliers is None else points[found.inliers]
     n_more = len(found.covariance) - 3

@@ -88,7 +88,28 @@ def fit_euclidean(
     n_steps: int = 300,
     damped: bool = True,
 ) -> SurfaceFit:
-    """Fit one shape by orthogonal distances to checked points, from `start` or from a search of its own."""
+    """Fit one shape by orthogonal distances to checked points.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Metres.
+    shape : str
+        Which one.
+    start : Surface, optional
+        Where to begin; without it the starts are searched (`starts`).
+    weights : (n,) float, optional
+        Of the points.
+    n_steps : int
+        Most steps.
+    damped : bool
+        Whether steps are damped, and thin layers of points refused.
+
+    Raises
+    ------
+    FitError
+        The points do not determine the shape, or the steps do not converge.
+    """
     check_enough(len(points), shape)
     if shape == "plane":
         return fit_plane(points)
@@ -116,7 +137,7 @@ def fit_euclidean(
 
 
 def normalised(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
-    """The points with their centroid and RMS radius."""
+    """Return points (n, 3) and weights (n,) with the points' centroid and root mean square radius."""
     centre = centroid(points)
     offset = points[:: max(1, len(points) // _SUBSAMPLE)] - centre
     scale = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))

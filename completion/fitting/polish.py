@@ -32,7 +32,7 @@ class Cloud:
         return Cloud(self.points[::stride], self.centre, self.scale, weights)
 
     def unit(self) -> FloatArray:
-        """The points relative to the centre, in units of the scale."""
+        """The points (n, 3) relative to the centre, in units of the scale."""
         shrunk: FloatArray = (self.points - self.centre) / self.scale
         return shrunk
 
@@ -58,7 +58,7 @@ class Normal:
         return np.asarray(self.basis @ (-change / scale), dtype=np.float64)
 
     def inverse(self) -> FloatArray:
-        """The inverse of J'J, for the chart's own parameters."""
+        """The inverse (k, k) of J'J, for the chart's own parameters."""
         scale = np.sqrt(np.diag(self.matrix))
         inverse = np.linalg.inv(self.matrix / np.outer(scale, scale)) / np.outer(scale, scale)
         return np.asarray(self.basis @ inverse @ self.basis.T)

@@ -150,7 +150,7 @@ def _read_cone(quadric: Quadric, values: FloatArray, vectors: FloatArray) -> Con
 
 
 def fit_by_quadric(points: FloatArray, shape: str, metric: Literal["algebraic", "taubin"]) -> SurfaceFit:
-    """Fit a shape in closed form, for comparison with the Euclidean fit; no covariance is predicted."""
+    """Fit a shape to points (n, 3) in closed form, for comparison with the Euclidean fit; no covariance."""
     sample = points[:: max(1, len(points) // _N_SPREAD)]
     centre = sample.mean(axis=0)
     check_spread(len(points), principal(sample, centre)[0], centre, 2)

@@ -107,7 +107,7 @@ def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) 
 
 
 def scale_within(size: FloatArray, sigma: float) -> float:
-    """The scale of residuals of these sizes, at most twice `sigma`, the one before; that where none is left.
+    """The scale of residuals of sizes (n,), at most twice `sigma`, the one before; that where none is left.
 
     Of normal residuals within 4.685 sigma, 1.4826 times the median size is sigma.
     """
@@ -115,7 +115,7 @@ def scale_within(size: FloatArray, sigma: float) -> float:
 
 
 def tukey_variance(residual: FloatArray, sigma: float, n_parameters: int) -> float:
-    """Variance factor of the M-estimator: mean psi^2 / (mean psi')^2, to be multiplied by (J'J)^-1."""
+    """Variance factor of the M-estimator from residuals (n,): mean psi^2 / (mean psi')^2, times (J'J)^-1."""
     u2 = (residual / (TUKEY * sigma)) ** 2
     psi, slope = residual * (1 - u2) ** 2, float(np.mean((1 - u2) * (1 - 5 * u2)))
     return float(psi @ psi) / max(len(residual) - n_parameters, 1) / slope**2

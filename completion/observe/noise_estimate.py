@@ -32,12 +32,12 @@ class RangeNoise:
     quadratic_per_m: float
 
     def sigma(self, ranges: FloatArray) -> FloatArray:
-        """Standard deviation of single ranges, metres."""
+        """Standard deviation (n,) of single ranges (n,), metres."""
         noise: FloatArray = np.hypot(self.constant_m, self.quadratic_per_m * np.square(ranges))
         return noise
 
     def bias(self, ranges: FloatArray) -> FloatArray:
-        """What neighbouring ranges to a flat wall may stray by together, metres.
+        """Common error (n,) of neighbouring ranges (n,) to a flat wall, metres.
 
         Triangulating cameras bend flat walls by as much as their noise or twice as much, since both come
         from errors of the disparity: on walls before five such cameras, means over blocks of 10 x 10 pixels
@@ -55,17 +55,24 @@ class RangeNoise:
         return _WINDOW if self.quadratic_per_m * reach**2 > self.constant_m else 1
 
     def deviation(self, ranges: FloatArray) -> FloatArray:
-        """What single ranges to a flat wall may stray by, metres: the noise, and its typical bias."""
+        """Expected error (n,) of single ranges (n,) to a flat wall, metres: noise and typical bias."""
         return self.sigma(ranges) + self.bias(ranges) / 2
 
 
 def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
-    """Estimate the range noise from the scan: lower-middle roughness of its tiles along the rays, by range.
+    """Estimate the range noise from the roughness of a scan's tiles along the rays, by range.
 
-    Tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile, less what
-    the quartile of flat tiles lies below their mean.
-    Depths that come in steps add a twelfth of the step's square, which tiles inside
-    one step cannot show. The variances are fitted by a constant and a fourth-power term, both at least zero.
+    Tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile, corrected
+    to the mean of flat tiles. Depths that come in steps add a twelfth of the step's square, which tiles
+    inside one step cannot show. The variances are fitted by a constant and a fourth-power term, both at
+    least zero.
+
+    Parameters
+    ----------
+    scan : RangeImage
+        The scan.
+    rays : (rows, columns, 3) float
+        Its unit viewing rays.
     """
     tiles = cut_tiles(scan.ranges, rays, np.ones(scan.shape), 0.0, _TILE)
     usable = np.isfinite(tiles.misfit)

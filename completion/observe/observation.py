@@ -43,7 +43,7 @@ class Observation:
 
     @property
     def valid(self) -> BoolArray:
-        """Where something came back."""
+        """Where something came back, (rows, columns)."""
         return self.scan.valid
 
 
@@ -108,7 +108,7 @@ class Beams:
         return self._only(slice(None, None, step))
 
     def of_surfaces(self, numbers: NDArray[np.int64]) -> Beams:
-        """All beams that met these surfaces, the numbers from 1."""
+        """Return all beams that met the surfaces of these numbers (k,), from 1."""
         return self._only(np.flatnonzero(np.isin(self.label, numbers)))
 
     def _only(self, chosen: slice | NDArray[np.int64]) -> Beams:

@@ -11,7 +11,7 @@ from texture.engine.compiled import compiled
 
 
 def pack_plane(w: FloatArray) -> FloatArray:
-    """A plane w . x = 1 as the numbers that the compiled loops read.
+    """Return a plane w . x = 1, w of shape (3,), as the numbers (9,) that the compiled loops read.
 
     Kind 0, unit normal away from the sensor, three unused, distance from the sensor.
     """
@@ -22,7 +22,7 @@ def pack_plane(w: FloatArray) -> FloatArray:
 
 
 def pack(surface: Surface, origin: FloatArray) -> FloatArray:
-    """A plane or cylinder as the compiled loops read it, relative to the sensor at `origin`.
+    """Return a plane or cylinder as numbers (9,) relative to the sensor at `origin` (3,), metres.
 
     A cylinder is kind 1, axis point, axis, radius, and -1 where it is concave; see `pack_plane`.
     """
@@ -35,7 +35,10 @@ def pack(surface: Surface, origin: FloatArray) -> FloatArray:
 
 
 def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface:
-    """The surface that a packed model stands for, its own point next to `centre`, facing the sensor."""
+    """Return the surface that a packed model (9,) stands for; it faces the sensor.
+
+    Its own point is the one next to `centre` (3,); the sensor stands at `origin` (3,). Metres.
+    """
     if model[0] == 0.0:
         normal = -model[1:4]
         height = float((centre - origin) @ normal) + float(model[7])
@@ -47,7 +50,7 @@ def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface
 
 @compiled
 def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
-    """Write the tangent plane w . x = 1 of the model nearest to c; False where it faces away."""
+    """Write the tangent plane w (3,) of a model (9,) nearest to c (3,): w . x = 1; False if it faces away."""
     if model[0] == 0.0:
         w[0], w[1], w[2] = model[1] / model[7], model[2] / model[7], model[3] / model[7]
         return True
@@ -72,10 +75,10 @@ def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
 def gap_to(
     models: FloatArray, k: int, x: float, y: float, z: float, r: float, normal: FloatArray
 ) -> tuple[float, float]:
-    """Distance of the point r (x, y, z) from the k-th packed surface, and the cosine of its ray's incidence.
+    """Distance of the point r (x, y, z) from the k-th model of (m, 9), and the cosine of its incidence.
 
-    The unit normal away from the sensor is written to `normal`; where the surface faces away, the cosine is
-    not positive. Loops over pixels index the table in place: a view of a row costs more than the distance.
+    The unit normal (3,) away from the sensor is written to `normal`; where the surface faces away, the cosine
+    is not positive. Loops over pixels index the table in place: a view of a row costs more than the distance.
     """
     if models[k, 0] == 0.0:
         normal[0], normal[1], normal[2] = models[k, 1], models[k, 2], models[k, 3]

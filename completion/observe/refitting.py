@@ -84,8 +84,10 @@ def refit(
     ----------
     surfaces : sequence of Plane or Cylinder
         Where to begin, working frame.
-    observations, labels
-        The scans, and for each the surface of each pixel, from 1; 0 for none.
+    observations : sequence of Observation
+        The scans.
+    labels : sequence of (rows, columns) int32
+        For each, the surface of each pixel, from 1; 0 for none.
     flatness_m : float
         How far surfaces stray from their ideal form, metres.
     n_rounds : int

@@ -117,7 +117,15 @@ def _narrowest(rays: FloatArray, side: int) -> FloatArray:
 
 
 def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
-    """Pixels along the side of tiles whose normals are good to about 3 degrees at the median range."""
+    """Return the side in pixels of tiles whose normals are good to about 3 degrees at the median range.
+
+    Parameters
+    ----------
+    ranges, sigma : (rows, columns) float
+        Ranges and their standard deviations, metres; inf or NaN where nothing came back.
+    spacing : float
+        Angle between pixels, radians.
+    """
     some, spread = ranges[::_EVERY, ::_EVERY], sigma[::_EVERY, ::_EVERY]
     valid = np.isfinite(some) & np.isfinite(spread)
     if not valid.any():
@@ -129,7 +137,10 @@ def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
 
 
 def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
-    """Give every pixel of an image of this shape its tile's value; 0 beyond the last whole tile."""
+    """Give each pixel of an image of this shape the value of its tile, from (rows, columns) of tiles.
+
+    Pixels beyond the last tile get 0.
+    """
     image = np.zeros(shape, np.int32)
     rows, columns = tiles.shape[0] * tiles.side, tiles.shape[1] * tiles.side
     image[:rows, :columns] = np.repeat(np.repeat(values, tiles.side, axis=0), tiles.side, axis=1)[
@@ -140,7 +151,7 @@ def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int
 
 @compiled
 def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
-    """Solve the symmetric system of ten sums for w by Cholesky; False where it is singular."""
+    """Solve the packed symmetric system a (6,), b (3,) for w (3,) by Cholesky; False where it is singular."""
     if a[0] <= 0.0:
         return False
     l00 = np.sqrt(a[0])

@@ -29,11 +29,22 @@ _CHI2_2 = 27.6  # quantile for the two parameters a cylinder has more than a pla
 def bending_cylinder(
     cluster: Cluster, free: BoolArray, tiles: Tiles, observation: Observation, max_angle: float
 ) -> Cylinder | None:
-    """The cylinder that osculates a patch, None where its curvature is not significant.
+    """Return the cylinder that osculates a patch, None where its curvature is not significant.
 
     Narrow patches take the tiles around along that go on smoothly. Heights above the plane are fitted by a
     quadratic form; the standard deviation of its greatest curvature comes from the residuals, inflated where
     the tiles' means exceed independent ones.
+
+    Parameters
+    ----------
+    cluster : Cluster
+        The patch, grown as a plane.
+    free : (rows, columns) bool
+        Tiles that may be added.
+    tiles, observation : Tiles, Observation
+        The scan.
+    max_angle : float
+        Largest angle between neighbouring tiles' normals, radians, beside their error.
     """
     members = with_smooth_ring(cluster.tiles, free, tiles, max_angle)
     if np.count_nonzero(members) < _RING * np.count_nonzero(cluster.tiles):
@@ -77,7 +88,21 @@ def grow_cylinder(
     observation: Observation,
     options: SegmentationOptions,
 ) -> Cluster | None:
-    """Grow a cylinder from a patch and refit it in turn; None where it fits no better than the plane."""
+    """Grow a cylinder from a patch and refit it in turn; None where it fits no better than the plane.
+
+    Parameters
+    ----------
+    start : Cylinder
+        Where to begin (`bending_cylinder`).
+    cluster : Cluster
+        The patch, grown as a plane.
+    free : (rows, columns) bool
+        Tiles that may be taken.
+    tiles, observation : Tiles, Observation
+        The scan.
+    options : SegmentationOptions
+        Tolerances.
+    """
     cut, max_angle = tile_cut(options), np.radians(options.max_angle_deg)
     where = np.argwhere(cluster.tiles)
     seed = where[np.argmin(np.square(where - where.mean(axis=0)).sum(axis=1))]

@@ -86,7 +86,7 @@ def grow_plane(
 def flood(
     model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
 ) -> BoolArray:
-    """Free tiles connected with `seed` that lie on the model."""
+    """Return the free tiles (rows, columns) connected with `seed` that lie on the model; see `grow_plane`."""
     return _grown(model, seed, free=free, tiles=tiles, cut=cut, max_angle=max_angle)[0]
 
 
@@ -134,7 +134,7 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
 
 @compiled
 def quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
-    """The quadratic form with packed symmetric matrix `a` at (x, y, z)."""
+    """The quadratic form with packed symmetric matrix `a`, shape (6,), at x, y, z."""
     squares = a[0] * x * x + a[3] * y * y + a[5] * z * z
     return float(squares + 2.0 * (a[1] * x * y + a[2] * x * z + a[4] * y * z))
 

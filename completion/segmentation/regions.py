@@ -75,7 +75,7 @@ class Region:
 
 
 def observed_arc(cylinder: Cylinder, points: FloatArray) -> float:
-    """Angle in radians that `points` cover around the axis: a full turn less the largest gap."""
+    """Return the angle in radians that points (n, 3) cover around the axis: a turn less the largest gap."""
     angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
     if len(angle) < 2:
         return 0.0

@@ -40,7 +40,10 @@ def find_seeds(tiles: Tiles) -> Seeds:
 
 
 def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
-    """The tile in the middle of the largest candidate area, None when nothing is left."""
+    """Return row and column of the tile in the middle of the largest area of candidates (rows, columns).
+
+    None when nothing is left.
+    """
     if not candidates.any():
         return None
     depth = cv2.distanceTransform(np.pad(candidates, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]

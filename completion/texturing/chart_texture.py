@@ -76,7 +76,22 @@ class ChartTexture:
 
 
 def spread_colour(image: NDArray[np.uint8], known: BoolArray, wraps: bool) -> NDArray[np.uint8]:
-    """Repeat the colour of known texels in those beside them, so that interpolation at edges stays in it."""
+    """Repeat the colour of known texels in those beside them, so that interpolation at edges stays in it.
+
+    Parameters
+    ----------
+    image : (rows, columns, 3) uint8
+        sRGB.
+    known : (rows, columns) bool
+        Texels whose colour is known.
+    wraps : bool
+        Whether columns close.
+
+    Returns
+    -------
+    (rows, columns, 3) uint8
+        Grey where nothing is known within two texels.
+    """
     sides = ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN))
     done, result = np.pad(known, sides), np.pad(np.where(known[..., None], image, GREY), (*sides, (0, 0)))
     if wraps:

@@ -99,14 +99,14 @@ def _is_common(bins: NDArray[np.int32], among: BoolArray) -> BoolArray:
 
 
 def is_among(image: NDArray[np.uint8], among: BoolArray) -> BoolArray:
-    """Texels whose colour is one, or nearly one, that some of `among` have."""
+    """Tell which texels of an image (rows, columns, 3) nearly have a colour of the texels `among`."""
     bins = _bins(to_lab(image))
     near = _dilated(_histogram(bins, among) > 0)
     return np.asarray(near[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
 
 
 def to_lab(image: NDArray[np.uint8]) -> FloatArray:
-    """CIELAB of sRGB colours."""
+    """Return CIELAB colours (..., 3) of sRGB colours (..., 3): lightness 0 to 100, then a and b."""
     colour = np.asarray(image / np.float32(255), dtype=np.float32)
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2LAB), dtype=np.float64)
 

@@ -105,7 +105,7 @@ def set_task(
 
 
 def resized(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """The image with so many rows and columns: means of what a coarser texel covers, else interpolated."""
+    """Return an image (rows, columns, ...) of another shape: means over coarser texels, else interpolated."""
     if image.shape[:2] == shape:
         return image
     way = cv2.INTER_AREA if shape[0] < image.shape[0] else cv2.INTER_LINEAR

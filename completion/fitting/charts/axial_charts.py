@@ -25,7 +25,7 @@ class CylinderChart:
     n_parameters: ClassVar[int] = 5
 
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals and gradient (-ux, -uy, -z ux, -z uy, -1)."""
+        """Residuals (n,) and gradient (5, n), rows -ux, -uy, -z ux, -z uy, -1, at points (3, n)."""
         x, y, z = local
         distance = np.sqrt(x * x + y * y)
         gradient = np.empty((5, local.shape[1]))
@@ -37,21 +37,21 @@ class CylinderChart:
         return distance - self.radius, gradient
 
     def basis(self) -> FloatArray:
-        """The radius grows about where the points are."""
+        """Changes (5, 5) in which the radius grows about where the points are."""
         return radius_about(self.frame[:2] @ -self.origin / self.radius, 5)
 
     def moved(self, change: FloatArray) -> CylinderChart | None:
-        """The chart on the moved axis."""
+        """The chart after a step (5,), on the moved axis."""
         radius = self.radius + float(change[4])
         origin, axis, _ = moved_axis(self.origin, self.frame, change)
         return CylinderChart(origin, axis_frame(axis), radius) if radius > 0 else None
 
     def lengths(self) -> FloatArray:
-        """Shifts and radius are lengths."""
+        """1 for shifts and radius, 0 for angles, (k,)."""
         return np.array([1.0, 1, 0, 0, 1])
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Cylinder:
-        """The cylinder."""
+        """The cylinder, its lengths multiplied by `scale` and moved by `centre` (3,)."""
         return Cylinder(centre + scale * self.origin, self.frame[2], scale * self.radius, None, concave)
 
     def size(self) -> float:
@@ -74,7 +74,7 @@ class ConeChart:
     n_parameters: ClassVar[int] = 6
 
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals and gradient in the order x, y, tilts, s, phi."""
+        """Residuals (n,) and gradient (6, n), rows x, y, tilts, s, phi, at points (3, n) of the chart."""
         x, y, z = local
         cosine, sine = np.cos(self.phi), np.sin(self.phi)
         distance = np.sqrt(x * x + y * y)
@@ -90,11 +90,11 @@ class ConeChart:
         return cosine * beyond + sine * z, gradient
 
     def basis(self) -> FloatArray:
-        """The parameters themselves."""
+        """The parameters themselves, (k, k)."""
         return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> ConeChart | None:
-        """The chart on the moved axis, its radius taken where the new origin is."""
+        """The chart after a step (6,), on the moved axis; its radius is that at the new origin."""
         phi = self.phi + float(change[5])
         if abs(phi) >= 0.4999 * np.pi:
             return None
@@ -108,11 +108,11 @@ class ConeChart:
         return self
 
     def lengths(self) -> FloatArray:
-        """Shifts and radius are lengths."""
+        """1 for shifts and radius, 0 for angles, (k,)."""
         return np.array([1.0, 1, 0, 0, 1, 0])
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Cone:
-        """The cone; one that does not open has no apex and is refused by Cone."""
+        """The cone, scaled and moved by `centre` (3,); one that does not open is refused by Cone."""
         point = centre + scale * self.origin
         return Cone(point, self.frame[2], scale * self.radius, max(-self.phi, 1e-300), concave=concave)
 
@@ -137,7 +137,7 @@ class EllipticChart:
     n_parameters: ClassVar[int] = 7
 
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals and gradient in the order x, y, tilts, m, p, q."""
+        """Residuals (n,) and gradient (7, n), rows x, y, tilts, m, p, q, at points (3, n) of the chart."""
         x, y, z = local
         cosine, sine = ellipse_feet(x, y, self.greater, self.smaller)
         along, across = ellipse_normal(cosine, sine, self.greater, self.smaller)
@@ -153,11 +153,11 @@ class EllipticChart:
         return residual, gradient
 
     def basis(self) -> FloatArray:
-        """The parameters themselves."""
+        """The parameters themselves, (k, k)."""
         return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> EllipticChart | None:
-        """The chart on the moved axis, turned to the new ellipse's own axes."""
+        """The chart after a step (7,), on the moved axis, turned to the new ellipse's own axes."""
         mean = (self.greater + self.smaller) / 2 + float(change[4])
         p, q = (self.greater - self.smaller) / 2 + float(change[5]), float(change[6])
         half = float(np.hypot(p, q))
@@ -169,11 +169,11 @@ class EllipticChart:
         return EllipticChart(origin, turned_frame(axis, ahead), mean + half, mean - half)
 
     def lengths(self) -> FloatArray:
-        """All but the tilts are lengths."""
+        """1 for all but the tilts, (7,)."""
         return np.array([1.0, 1, 0, 0, 1, 1, 1])
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> EllipticCylinder:
-        """The elliptic cylinder."""
+        """The elliptic cylinder, its lengths multiplied by `scale` and moved by `centre` (3,)."""
         radii = (scale * self.greater, scale * self.smaller)
         return EllipticCylinder(centre + scale * self.origin, self.frame[2], radii, self.frame[0], concave)
 

@@ -53,7 +53,7 @@ class Chart(Protocol):
         ...
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Surface:
-        """The surface, its lengths multiplied by `scale` and moved by `centre`."""
+        """The surface, its lengths multiplied by `scale` and moved by `centre` (3,)."""
         ...
 
     def size(self) -> float:
@@ -62,7 +62,7 @@ class Chart(Protocol):
 
 
 def axis_frame(axis: FloatArray) -> FloatArray:
-    """Rows x, y, z of a right-handed frame whose z is the axis (Duff et al. 2017: no cross product)."""
+    """Rows x, y, z (3, 3) of a right-handed frame whose z is a unit axis (3,) (Duff et al. 2017)."""
     x, y, z = axis.tolist()
     sign = math.copysign(1.0, z)
     a = -1.0 / (sign + z)
@@ -71,14 +71,14 @@ def axis_frame(axis: FloatArray) -> FloatArray:
 
 
 def turned_frame(axis: FloatArray, ahead: FloatArray) -> FloatArray:
-    """Rows x, y, z of a frame with z the axis and x as near to `ahead` as can be."""
+    """Rows x, y, z (3, 3) of a frame with z a unit axis (3,) and x as near to `ahead` (3,) as can be."""
     x_axis = ahead - axis * (ahead @ axis)
     x_axis = x_axis / np.linalg.norm(x_axis)
     return np.stack([x_axis, np.cross(axis, x_axis), axis])
 
 
 def radius_about(touch: FloatArray, n_parameters: int) -> FloatArray:
-    """The basis in which the last parameter, the radius, draws the centre back along `touch` (2 or 3,)."""
+    """The basis in which the last parameter, the radius, draws the centre along -`touch`, (2,) or (3,)."""
     basis = np.eye(n_parameters)
     basis[: len(touch), -1] = -touch / max(1.0, float(np.linalg.norm(touch)))
     return basis
@@ -87,7 +87,10 @@ def radius_about(touch: FloatArray, n_parameters: int) -> FloatArray:
 def moved_axis(
     origin: FloatArray, frame: FloatArray, change: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Axis point nearest to the centroid, axis, and how far that point moved along it."""
+    """Return the axis after a step (k,) of a chart with `origin` (3,) and `frame` (3, 3).
+
+    Its point (3,) nearest to the centroid, its direction (3,), and how far that point moved along it.
+    """
     axis = frame.T @ np.array([change[2], change[3], 1.0])
     axis = axis / np.linalg.norm(axis)
     point = origin + frame.T @ np.array([change[0], change[1], 0.0])

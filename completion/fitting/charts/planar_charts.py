@@ -24,26 +24,26 @@ class PlaneChart:
     n_parameters: ClassVar[int] = 3
 
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Heights; gradient 1, u, v: the change of the plane's height, so that its sign is the surface's."""
+        """Heights (n,) and gradient (3, n), rows 1, u, v, at points (3, n): of the plane's height."""
         return local[2], np.stack([np.ones(local.shape[1]), local[0], local[1]])
 
     def basis(self) -> FloatArray:
-        """The parameters themselves."""
+        """The parameters themselves, (3, 3)."""
         return np.eye(self.n_parameters)
 
     def moved(self, change: FloatArray) -> PlaneChart:
-        """Planes are fitted in closed form; a step is a shift and a tilt."""
+        """The chart after a step (3,): a shift and two tilts. Planes are fitted in closed form."""
         normal = self.frame.T @ np.array([change[1], change[2], 1.0])
         normal = normal / np.linalg.norm(normal)
         point = self.origin - change[0] * self.frame[2]
         return PlaneChart(point, axis_frame(normal))
 
     def lengths(self) -> FloatArray:
-        """Offset is a length."""
+        """1 for the offset, 0 for the tilts, (3,)."""
         return np.array([1.0, 0, 0])
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Plane:  # noqa: ARG002 - planes have no inside
-        """The plane."""
+        """The plane, scaled and moved by `centre` (3,)."""
         return Plane(centre + scale * self.origin, self.frame[2], self.frame[0])
 
     def size(self) -> float:
@@ -62,11 +62,11 @@ class SphereChart:
 
     @property
     def frame(self) -> FloatArray:
-        """The world's axes."""
+        """The world's axes, (3, 3)."""
         return np.eye(3)
 
     def linearise(self, local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals and gradient -(u, 1), u the unit radial."""
+        """Residuals (n,) and gradient (4, n), rows -u, -1 with u the unit radial, at points (3, n)."""
         distance = np.sqrt(np.einsum("ij,ij->j", local, local))
         gradient = np.empty((4, local.shape[1]))
         np.divide(local, -np.maximum(distance, 1e-300), out=gradient[:3])
@@ -74,20 +74,20 @@ class SphereChart:
         return distance - self.radius, gradient
 
     def basis(self) -> FloatArray:
-        """The radius grows about where the points are."""
+        """Changes (4, 4) in which the radius grows about where the points are."""
         return radius_about(-self.origin / self.radius, 4)
 
     def moved(self, change: FloatArray) -> SphereChart | None:
-        """Shift the centre, change the radius."""
+        """The chart after a step (4,): a shift of the centre, and a change of the radius."""
         radius = self.radius + float(change[3])
         return SphereChart(self.origin + change[:3], radius) if radius > 0 else None
 
     def lengths(self) -> FloatArray:
-        """All are lengths."""
+        """1 for each, (4,)."""
         return np.ones(4)
 
     def surface(self, centre: FloatArray, scale: float, concave: bool) -> Sphere:
-        """The sphere, its poles at right angles to where the points are."""
+        """The sphere, scaled and moved by `centre` (3,), its poles at right angles to the points."""
         place = -self.origin / max(float(np.linalg.norm(self.origin)), 1e-300)
         pole = perpendicular(place) if np.linalg.norm(place) > 0.5 else np.array([0.0, 0.0, 1.0])
         facing = place if np.linalg.norm(place) > 0.5 else None
@@ -99,7 +99,7 @@ class SphereChart:
 
 
 def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
-    """The chart at a surface, in coordinates relative to `centre` in units of `scale`."""
+    """The chart at a surface, in coordinates relative to `centre` (3,) in units of `scale`."""
     if isinstance(surface, Plane):
         frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
         return PlaneChart((surface.point - centre) / scale, frame)
