@@ -9,16 +9,16 @@ samples that stay uncovered count for more from step to step.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
+from nbv.cover.greedy import Progress
 from nbv.cover.instance import CoverInstance
 from nbv.cover.swap_kernels import BEST, STEPS, SwapState, put_in, search
 
-Progress = Callable[[str, int, int], None]
 _AT_A_TIME = 500  # steps between looks at the clock
 
 

@@ -248,21 +248,9 @@ class Coverage:
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `coverage.json`: fractions are of area."""
-        surfaces = [
-            {
-                "id": row.surface,
-                "name": row.name,
-                "area_m2": row.area_m2,
-                "met": row.met,
-                "reachable": row.reachable,
-                "unreachable": row.unreachable,
-                "inferred": row.inferred,
-                "modelled": row.modelled,
-                "unknown": row.unknown,
-                "mean_best_cosine": row.mean_cosine,
-            }
-            for row in self.by_surface()
-        ]
+        names = {"surface": "id", "mean_cosine": "mean_best_cosine"}
+        rows = [asdict(row) for row in self.by_surface()]
+        surfaces = [{names.get(name, name): value for name, value in row.items()} for row in rows]
         return {
             **self.summary().to_json(),
             "requirement": self.requirement.to_json(),

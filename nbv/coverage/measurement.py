@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.coverage.visibility_history import NEVER, VisibilityHistory
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.noise_models import ConstantNoise
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
@@ -84,11 +82,8 @@ class CoverageTally:
         Of the requirement's range limits only its own holds for scans. One that `is_given` was taken before
         the first view, and counts as number 0.
         """
-        farthest = self.requirement.max_range_m or np.inf
-        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
-        gate = (0.0, farthest)
-        limits = self.requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
-        index, cosine = measured_samples(scan, self.samples, farthest)
+        limits = self.requirement.limits_of_scan(scan)
+        index, cosine = measured_samples(scan, self.samples, limits.max_range_m)
         if not is_given:
             self._shares.append(0.0)
         self._add_seen(index, cosine, scan.origin, limits)

@@ -31,6 +31,7 @@ from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
@@ -40,7 +41,6 @@ from scenes.scan.range_image import RangeImage
 
 RENEWED = 1.04  # growth of the number of scans after which they are completed anew: each of the first 25
 _NOTHING_IN_SIGHT = "no candidate in known free space sees what is left to see"
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

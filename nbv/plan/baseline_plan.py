@@ -38,7 +38,6 @@ def plan_simply(
     rng : Generator, int or None
         Chooses the poses of "random", and where "farthest" starts.
     """
-    seed = int(rng) if isinstance(rng, int | np.integer) else None
     n_most = views or PlannerOptions().max_views
     run = PlanningRun.begin(problem)
     numbers = BASELINES[method](problem, run, n_most, np.random.default_rng(rng))
@@ -50,7 +49,7 @@ def plan_simply(
     if reason is None:
         spent = len(run.views) == n_most
         reason = f"the limit of {n_most} views is reached" if spent else "no candidate sees anything new"
-    return run.plan(method, seed, None, reason)
+    return run.plan(method, reason)
 
 
 def _greedy(

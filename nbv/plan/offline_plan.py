@@ -51,7 +51,6 @@ def plan_offline(
     InputError
         Scans that were taken before where each point is to be seen by more than one view.
     """
-    seed = int(rng) if isinstance(rng, int | np.integer) else None
     if problem.scans and problem.requirement.k > 1:
         raise InputError(
             f"cover cannot count what scans have met towards k = {problem.requirement.k} views of each point"
@@ -82,7 +81,7 @@ def plan_offline(
     bound = cover.bound
     if problem.scans:
         bound = LowerBound(bound.views, f"{bound.kind}, beyond the scans that were given")
-    return run.plan("cover", seed, bound, reason, stations)
+    return run.plan("cover", reason, bound, stations)
 
 
 def _connected_cover(

@@ -173,6 +173,7 @@ def plan_views(
         proposals=allowed(proposals or candidates, zones),
         samples=_within(samples, zones, scene),
         caster=caster,
+        seed=int(rng) if isinstance(rng, int | np.integer) else None,
         from_outside=(mode or scene.mode) == "object",
         overlap=overlap,
         infer=infer,

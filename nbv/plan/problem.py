@@ -54,6 +54,7 @@ class PlanningProblem:
     samples: SurfaceSamples
     caster: RayCaster
     from_outside: bool
+    seed: int | None
     overlap: OverlapOptions | None
     infer: bool
     n_threads: int | None
@@ -150,9 +151,8 @@ class PlanningRun:
     def plan(
         self,
         method: str,
-        seed: int | None,
-        bound: LowerBound | None,
         reason: str,
+        bound: LowerBound | None = None,
         stations: Stations | None = None,
     ) -> Plan:
         """Return the plan."""
@@ -162,7 +162,7 @@ class PlanningRun:
             sensor=problem.sensor,
             requirement=problem.requirement,
             target=problem.target,
-            seed=seed,
+            seed=problem.seed,
             n_candidates=problem.candidates.n_poses,
             views=tuple(self.views),
             coverage=replace(self.tally.coverage(problem.scene, self.reachability), classes=self.classes),

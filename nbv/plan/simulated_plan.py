@@ -46,7 +46,6 @@ def plan_online(
     rng : Generator, int or None
         Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
     """
-    seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
     start = None if problem.scans else problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
     run = PlanningRun.begin(problem)
@@ -76,7 +75,7 @@ def plan_online(
     )
     if problem.infer and run.shares[-1].views < len(run.views):
         run.complete(scans)
-    return run.plan("nbv", seed, None, found.stopped_because)
+    return run.plan("nbv", found.stopped_because)
 
 
 _STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
@@ -99,7 +98,6 @@ def plan_with_completion(
     rng : Generator, int or None
         Drives the noise.
     """
-    seed = int(rng) if isinstance(rng, int | np.integer) else None
     rng = np.random.default_rng(rng)
     run, scans, chosen = PlanningRun.begin(problem), list(problem.scans), list[int]()
     steeply = replace(problem.requirement.visibility(problem.sensor), min_cosine=_STEEP)
@@ -123,7 +121,8 @@ def plan_with_completion(
     if chosen and run.shares[-1].views < len(chosen):
         run.complete(scans)
     stations = plan_stations(problem, overlap_graph(problem, OverlapOptions()), chosen)
-    return run.plan("cover", seed, None, reason or f"the limit of {n_most} views is reached", stations)
+    reason = reason or f"the limit of {n_most} views is reached"
+    return run.plan("cover", reason, stations=stations)
 
 
 def _unknown_m2(run: PlanningRun) -> FloatArray:

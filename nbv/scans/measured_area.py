@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.surfels import image_normals, sides_of
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.noise_models import ConstantNoise
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement
 from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -56,11 +54,8 @@ class PixelQuality:
         local = image_normals(scan, baseline_m)
         with np.errstate(invalid="ignore"):
             pixel = np.flatnonzero((local.cosine.ravel() >= GRAZING_COSINE) & scan.valid.ravel())
-        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
-        gate = (0.0, requirement.max_range_m or np.inf)
-        limits = requirement.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
         cosine = local.cosine.ravel()[pixel]
-        met = limits.hold(scan.ranges.ravel()[pixel], cosine)
+        met = requirement.limits_of_scan(scan).hold(scan.ranges.ravel()[pixel], cosine)
         points, normals = (array.reshape(-1, 3)[pixel] for array in (scan.points(), local.normals))
         return cls(
             pixel=pixel,

@@ -84,22 +84,23 @@ class Outcome:
 
     def row(self) -> dict[str, Any]:
         """Return the row of the results, by `COLUMNS`."""
-        failed = bool(self.error)
-        views = {f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES}
+        found = {
+            "total_m2": self.total_m2,
+            "reachable": self.reachable,
+            "met": float(self.met[-1]) if self.n_views else 0.0,
+            "met_of_reachable": float(self.of_reachable[-1]),
+            "modelled": self.modelled,
+            "inferred": self.inferred,
+            "unknown": self.unknown,
+            "views": self.n_views,
+        }
         return {
             "case": self.case.name,
             **self.case.labels(),
             "n_candidates": self.n_candidates,
             "n_samples": self.n_samples,
-            "total_m2": None if failed else self.total_m2,
-            "reachable": None if failed else self.reachable,
-            "met": None if failed else float(self.met[-1]) if self.n_views else 0.0,
-            "met_of_reachable": None if failed else float(self.of_reachable[-1]),
-            "modelled": None if failed else self.modelled,
-            "inferred": None if failed else self.inferred,
-            "unknown": None if failed else self.unknown,
-            "views": None if failed else self.n_views,
-            **views,
+            **(dict.fromkeys(found) if self.error else found),
+            **{f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES},
             "lower_bound": self.lower_bound,
             "tour_m": self.tour_m,
             "stopped_because": self.stopped_because,

@@ -7,15 +7,13 @@ was killed goes on where it stopped, and ends with the same bytes, whoever does 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from nbv.run.workers import ThisProcess, Workers
 from nbv.study.case import Case, PlanArchive, cases_of, run_case
 from nbv.study.outcome import Outcome, outcome_of
 from nbv.study.spec import StudySpec
-
-Progress = Callable[[str, int, int], None]
+from nbv.visibility.visibility import Progress
 
 
 def run_study(

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects.noise_models import ConstantNoise
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.precision import Precision
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.scan.range_image import RangeImage
 
 GRAZING_COSINE = 0.02  # flatter than this (88.9 deg) nothing counts as seen
 ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with a limit
@@ -151,6 +153,12 @@ class Requirement:
             )
         density, deviation = self.min_density_per_m2 or 0.0, self.max_sd_m or np.inf
         return SightLimits(self.min_cosine, *gate, density, deviation, precision)
+
+    def limits_of_scan(self, scan: RangeImage) -> SightLimits:
+        """Limits for a scan by its pixels and noise; of range limits the requirement's own holds alone."""
+        noise = None if scan.sigma_m is None else ConstantNoise(constant_m=scan.sigma_m)
+        gate = (0.0, self.max_range_m or np.inf)
+        return self.limits_of(scan.projection.pixel_angle, Effects(noise=noise), gate)
 
     def visibility(self, sensor: Sensor) -> SightLimits:
         """Limits under which `sensor` sees a point at all, at any incidence."""
