@@ -9,6 +9,7 @@ from typing import Any
 
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
+from completion.observe.tiles import solve_plane
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
 from completion.result.completion import Completion, write_model
@@ -77,6 +78,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         asked = {**request.options(), "instruments": given.instruments, **how.options()}
         resolved = {**asked, "resolved": asdict(options.in_force(len(scans)))}
         journal = run.journal({**request.options(), **how.options()})
+        run.will_call(solve_plane, 40)
         completion = complete(
             scans,
             options,

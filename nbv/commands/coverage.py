@@ -29,6 +29,7 @@ from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
 from scenes.files.scene_loading import open_scene
@@ -87,6 +88,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         run.read([scene, request.sensor, *files])
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         run.warn(world.warnings)
+        run.will_call(facing, 10)
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")

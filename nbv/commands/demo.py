@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from completion.observe.tiles import solve_plane
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.texturing.problem import TexturingOptions
@@ -38,6 +39,7 @@ def run_demo(shared: Shared) -> None:
         run.read([f"builtin:{SCENE}"])
         scene, sensor, threads = builtin_scene(SCENE), load_sensor(SENSOR), shared.threads
         caster = scene.ray_caster(threads)
+        run.will_call(solve_plane, 60)
         plan = plan_views(
             scene,
             sensor,

@@ -27,6 +27,7 @@ from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import load_candidates
+from nbv.visibility.visibility import facing
 from nbv.visibility.zones import Box, Zones
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import GivenScans, ScanRequest, read_request
@@ -111,6 +112,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         scans = given.scans
         run.warn(given.doubts)
         journal = run.journal(request.options())
+        run.will_call(facing, 20)
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,

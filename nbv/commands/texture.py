@@ -20,6 +20,7 @@ from scenes.checks import InputError
 from scenes.formats.image import open_image
 from scenes.run.atomic import write_bytes
 from scenes.run.memory import require
+from texture.engine.scan_kernels import find_candidates
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
 from texture.result import Synthesis
@@ -76,6 +77,7 @@ def run_texture(
             "n_threads": shared.threads,
             "progress": tell,
         }
+        run.will_call(find_candidates, 20)
         try:
             if hole is None:
                 made = grow(pixels, shape or (1, 1), **how)

@@ -106,6 +106,12 @@ class Run:
 
         self.inputs = read_inputs(inputs)
 
+    def will_call(self, loop: Any, seconds: int) -> None:
+        """Say that the first run on a machine compiles its loops, `loop` among them, and for how long."""
+        if not (self.shared.quiet or self.shared.as_json) and is_cold(loop):
+            said = f"compiling the inner loops for this machine, once: about {seconds} s"
+            typer.echo(f"unseen {self.command}: {said}", err=True)
+
     def journal(self, options: Mapping[str, Any]) -> FileJournal:
         """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
         from scenes.run.journal import FileJournal
@@ -205,6 +211,21 @@ def running(
         _fail(command, str(error))
     except MemoryError:
         _fail(command, _NOT_ENOUGH)
+
+
+def is_cold(loop: Any) -> bool:
+    """Tell whether a loop is still to be compiled: nothing of it lies where numba keeps compiled code.
+
+    Parameters
+    ----------
+    loop : numba dispatcher
+        A function compiled with a cache; of anything else it is not known, and False.
+    """
+    folder = getattr(getattr(loop, "stats", None), "cache_path", None)
+    if not folder:
+        return False
+    stem = Path(loop.py_func.__code__.co_filename).stem
+    return not any(Path(folder).glob(f"{stem}.{loop.py_func.__qualname__}-*.nbi"))
 
 
 def _take_linear_algebra_buffers() -> None:

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Compiled code: made at installation, or told of by the first run on a machine."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numba import njit
+from PIL import Image
+from typer.testing import CliRunner
+
+from completion.observe.tiles import solve_plane
+from nbv.cli import app
+from nbv.commands import warm
+from nbv.commands.process import run
+from tests.helpers.data_paths import ROOT
+
+
+def test_a_loop_is_cold_until_its_code_is_stored(tmp_path):
+    def loop(stored):
+        stats = SimpleNamespace(cache_path=str(tmp_path) if stored else None)
+        return SimpleNamespace(stats=stats, py_func=solve_plane.py_func)
+
+    assert run.is_cold(loop(stored=True))
+    (tmp_path / "tiles.solve_plane_too-1.py311.nbi").touch()
+    assert run.is_cold(loop(stored=True))
+    (tmp_path / "tiles.solve_plane-142.py311.nbi").touch()
+    assert not run.is_cold(loop(stored=True))
+    assert not run.is_cold(loop(stored=False))
+    assert not run.is_cold(solve_plane.py_func)
+
+
+def test_the_name_of_stored_code_is_the_one_that_is_looked_for(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "doubling.py").write_text("def double(x):\n    return 2 * x\n")
+    import doubling
+
+    double = njit(cache=True)(doubling.double)
+    assert run.is_cold(double)
+    assert double(2) == 4
+    assert not run.is_cold(double)
+
+
+@pytest.mark.parametrize(("more", "is_told"), [((), True), (("--quiet",), False), (("--json",), False)])
+def test_a_first_run_says_that_it_compiles(tmp_path, monkeypatch, more, is_told):
+    monkeypatch.setattr(run, "is_cold", lambda _loop: True)
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (16, 16), np.uint8)).save(tmp_path / "a.png")
+    texture = ["texture", str(tmp_path / "a.png"), "--grow", "4x4", "--window", "3"]
+    said = CliRunner().invoke(app, [*texture, "-o", str(tmp_path / "b.png"), *more]).stderr
+    words = "unseen texture: compiling the inner loops for this machine, once: about 20 s\n"
+    assert said == (words if is_told else "")
+
+
+def test_unusable_input_stays_one_line_on_a_first_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "is_cold", lambda _loop: True)
+    said = CliRunner().invoke(app, ["complete", "missing.npz", "-o", str(tmp_path)]).stderr
+    assert said.splitlines() == ["unseen complete: missing.npz: no such file or folder"]
+
+
+def test_warming_calls_every_stage(tmp_path, monkeypatch):
+    called = []
+    for name in ("run_scan", "run_texture", "run_plan", "run_complete"):
+        monkeypatch.setattr(warm, name, lambda shared, *_, **__: called.append(shared.out.name))
+    warm.warm(tmp_path)
+    assert called == ["scan.npz", "grown.png", "nbv", "cover", "completed"]
+    for target in ("demo", "dev"):
+        recipe = (
+            (ROOT / "Makefile").read_text().partition(f".venv/{target}: pyproject")[2].partition("\n\n")[0]
+        )
+        assert "nbv.commands.warm" in recipe
