@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What holds for all tests: reports are drawn small and packed quickly, which is most of what they cost."""
+"""What holds for all tests: reports are drawn small and packed quickly; the longest files run first."""
 
 from collections.abc import Iterator
 
@@ -8,6 +8,7 @@ import pytest
 from nbv.report.blocks import scan_coverage_blocks, state_pictures
 from nbv.report.figures import plots
 from nbv.report.pictures import completion_shots, picture
+from tests.helpers.data_paths import ROOT
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -19,3 +20,22 @@ def small_reports() -> Iterator[None]:
         for module in (completion_shots, scan_coverage_blocks, state_pictures):
             patch.setattr(module, "_WIDTH", 380)
         yield
+
+
+LONGEST = (
+    "nbv/study/test_study.py", "nbv/commands/test_cli.py", "completion/test_pipeline.py",
+    "scenes/rays/test_backends.py", "completion/test_real.py", "benchmarks/test_archive.py",
+    "nbv/commands/test_demo.py", "scenes/run/test_journal.py", "nbv/report/test_report_inference.py",
+    "nbv/plan/test_baselines.py", "nbv/plan/test_inference.py", "robustness/test_disk_full.py",
+    "nbv/commands/test_cli_scans.py", "nbv/commands/test_cli_fit.py", "benchmarks/test_free_space.py",
+    "completion/result/test_verification.py", "completion/test_edits.py", "texture/test_pipeline.py",
+    "nbv/plan/test_resume.py", "nbv/plan/test_plan.py", "nbv/report/test_display.py",
+    "nbv/report/test_report_in_chromium.py", "robustness/test_bad_input.py",
+)  # fmt: skip
+"""Files that take longest, from `pytest --durations=0`; two workers that begin with them end together."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; the order within a file stays."""
+    ranks = {ROOT / "tests" / name: rank for rank, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: ranks.get(item.path, len(LONGEST)))

@@ -318,7 +318,9 @@ np.save(sys.argv[1], hits.ranges)
 """
 
 
-@pytest.mark.parametrize("name", HINDRANCES)
+@pytest.mark.parametrize(
+    "name", ["NUMBA_DISABLE_JIT", pytest.param("nowhere to store", marks=pytest.mark.long)]
+)
 def test_a_hindered_compiler_changes_no_range(tmp_path: Path, name: str) -> None:
     hindrance, warning, backend = HINDRANCES[name]
     file = tmp_path / "ranges.npy"
