@@ -2,8 +2,8 @@
 """Compiled loops that hand packets of 4, 8 or 16 rays to Embree.
 
 Imported only when a ray caster is built, because numba takes a while to load. The loops hold no lock while
-they run and write into the arrays they are given. Rays reach Embree as by `pack_rays` and
-`pack_segments` of `scenes.rays.ray_kernels`.
+they run and write into the arrays they are given. Which rays reach Embree, and how, is said in
+numpy by `scenes.rays.embree_single.usable_rays`.
 
 A packet of Embree 4.4 (rtcore_ray.h) is a table of 32-bit numbers with a column for each ray ("lane"). Its
 rows: origin x y z, tnear, direction x y z, time, tfar, mask, id, flags (RTCRay), normal x y z, u, v, primID,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a ray caster computes in float64 before and after Embree, compiled.
+"""Where rays meet the planes of the faces that Embree names, in float64, compiled.
 
 Imported only when a ray caster is built, because numba takes a while to load. The functions hold no lock
 while they run. Rays are rows of (n, 3) arrays; one origin of shape (1, 3) serves all directions.
@@ -8,41 +8,19 @@ while they run. Rays are rows of (n, 3) arrays; one origin of shape (1, 3) serve
 from __future__ import annotations
 
 import logging
-from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float32, float64, int32, int64, njit, types, uint8, uint64, void
+from numba import float64, int32, njit, types, uint64, void
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 from scenes.rays.local_mesh import LocalMesh
 
-_LARGEST = float(np.finfo(np.float32).max)  # what exceeds it is not finite in Embree
-_NOT_FINITE, _POINT, _USABLE = 0, 1, 2  # states of a ray
 _BLOCK = 64  # rays whose planes are met side by side, in vector registers
 _VECTORS = types.Array(float64, 2, "C", readonly=True)
 _NUMBERS = types.Array(float64, 1, "C", readonly=True)
 _FACES = types.Array(int32, 2, "C", readonly=True)
 _HIT_FACES = types.Array(int32, 1, "C", readonly=True)
-
-
-class PackedRays(NamedTuple):
-    """Rays that Embree may see: local, normalised, finite in float32, with a direction.
-
-    Attributes
-    ----------
-    origins, directions : (k, 3) float32
-        Relative to the mesh's centre; unit vectors.
-    reach : (k,) float32, or None
-        Where segments end, metres.
-    which : (k,) int64, or slice
-        Which of the given rays these are.
-    """
-
-    origins: NDArray[np.float32]
-    directions: NDArray[np.float32]
-    reach: NDArray[np.float32] | None
-    which: NDArray[np.int64] | slice
 
 
 def _can_store() -> bool:
@@ -58,31 +36,12 @@ def _can_store() -> bool:
 COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy"}
 
 
-def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -> PackedRays:
-    """Return the rays (n, 3), world frame, that are finite and have a direction, in their own order."""
-    return _packed(len(directions), origins, directions, centre, False)[0]
-
-
-def pack_segments(
-    origins: FloatArray, targets: FloatArray, centre: FloatArray, blocked: BoolArray
-) -> PackedRays:
-    """Return the segments that need a ray; write to `blocked` (n,) the answer for the others.
-
-    A segment that is not finite is blocked, one without length is free.
-    """
-    packed, state = _packed(len(blocked), origins, targets, centre, True)
-    np.equal(state, _NOT_FINITE, out=blocked)
-    return packed
-
-
 def meet(
     mesh: LocalMesh,
     origins: FloatArray,
     directions: FloatArray,
     face: NDArray[np.int32],
-    ranges: FloatArray,
-    weights: FloatArray,
-    cosine: FloatArray,
+    out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Write where rays meet the planes of the faces (n,) that they hit; face -1 is a miss.
 
@@ -97,60 +56,11 @@ def meet(
         World coordinates, metres; directions of any length.
     face : (n,) int32
         From Embree.
-    ranges, weights, cosine : (n,), (n, 3), (n,) float
-        Written: metres, corner weights, |cosine of incidence|; inf, 0 and 0 for a miss.
+    out : (n,), (n, 3), (n,) float
+        Written: ranges in metres, corner weights, |cosine of incidence|; inf, 0 and 0 for a miss.
     """
     with np.errstate(all="ignore"):  # where the compiler is switched off
-        _meet(mesh.vertices, mesh.faces, mesh.centre, origins, directions, face, ranges, weights, cosine)
-
-
-def _packed(
-    n: int, starts: FloatArray, ends: FloatArray, centre: FloatArray, is_segment: bool
-) -> tuple[PackedRays, NDArray[np.uint8]]:
-    origins, directions = np.empty((len(starts), 3), np.float32), np.empty((n, 3), np.float32)
-    reach, state = np.empty(n if is_segment else 0, np.float32), np.empty(n, np.uint8)
-    with np.errstate(all="ignore"):  # where the compiler is switched off
-        n_usable = _pack(centre, starts, ends, is_segment, origins, directions, reach, state)
-    origins = np.broadcast_to(origins, (n, 3))
-    which = slice(None) if n_usable == n else np.flatnonzero(state == _USABLE)
-    return PackedRays(origins[which], directions[which], reach[which] if is_segment else None, which), state
-
-
-@njit(
-    int64(_NUMBERS, _VECTORS, _VECTORS, boolean, float32[:, ::1], float32[:, ::1], float32[::1], uint8[::1]),
-    **COMPILED,
-)
-def _pack(
-    centre: FloatArray,
-    starts: FloatArray,
-    ends: FloatArray,
-    is_segment: bool,
-    origins: NDArray[np.float32],
-    directions: NDArray[np.float32],
-    reach: NDArray[np.float32],
-    state: NDArray[np.uint8],
-) -> int:
-    """Write rays for Embree and what may be done with them; return how many are usable."""
-    n_usable = 0
-    for index in range(len(state)):
-        i = uint64(index)
-        o, e = i if len(starts) > 1 else uint64(0), i if len(ends) > 1 else uint64(0)
-        a, b, c = ends[e, 0], ends[e, 1], ends[e, 2]
-        if is_segment:
-            a, b, c = a - starts[o, 0], b - starts[o, 1], c - starts[o, 2]
-        x, y, z = starts[o, 0] - centre[0], starts[o, 1] - centre[1], starts[o, 2] - centre[2]
-        length = np.sqrt(a * a + b * b + c * c)
-        inverse = 1 / length
-        finite = (abs(x) <= _LARGEST) & (abs(y) <= _LARGEST) & (abs(z) <= _LARGEST)
-        finite &= (abs(a) <= _LARGEST) & (abs(b) <= _LARGEST) & (abs(c) <= _LARGEST)
-        usable = finite & (length > 0)
-        origins[o, 0], origins[o, 1], origins[o, 2] = x, y, z
-        directions[i, 0], directions[i, 1], directions[i, 2] = a * inverse, b * inverse, c * inverse
-        if is_segment:
-            reach[i] = length
-        state[i] = _USABLE if usable else (_POINT if finite else _NOT_FINITE)
-        n_usable += 1 if usable else 0
-    return n_usable
+        _meet(mesh.vertices, mesh.faces, mesh.centre, origins, directions, face, *out)
 
 
 @njit(error_model="numpy", inline="always")

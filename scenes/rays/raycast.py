@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, NoReturn, Protocol
+from typing import TYPE_CHECKING, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,32 +17,14 @@ from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_
 from scenes.rays.local_mesh import LocalMesh, local_mesh
 from scenes.run.memory import in_blocks
 
+if TYPE_CHECKING:
+    from scenes.rays.embree_packets import PacketScene
+    from scenes.rays.embree_single import SingleScene
+
 Backend = Literal["packets", "embreex"]
 
 _CHUNK = 1 << 15  # rays a task; fixed, so that no result can depend on the number of threads
 _log = logging.getLogger(__name__)
-
-
-class EmbreeBackend(Protocol):
-    """A mesh in Embree; see `scenes.rays.embree_packets.PacketScene`."""
-
-    name: str
-
-    def first_faces(
-        self,
-        origins: FloatArray,
-        directions: FloatArray,
-        columns: int,
-        coherent: bool,
-        face: NDArray[np.int32],
-        /,
-    ) -> int:
-        """Write the first face (n,) that each ray (n, 3) hits; return how many rays were usable."""
-
-    def any_hits(
-        self, origins: FloatArray, targets: FloatArray, coherent: bool, blocked: BoolArray, /
-    ) -> None:
-        """Write whether (n,) a face lies between origins and targets (n, 3), metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,15 +174,7 @@ class RayCaster:
         def cast(rays: slice) -> int:
             begin, ways = start if len(start) == 1 else start[rays], along[rays]
             n_usable = self._embree.first_faces(begin, ways, columns, coherent or columns > 0, face[rays])
-            meet(
-                self._mesh,
-                begin,
-                ways,
-                face[rays],
-                ranges=ranges[rays],
-                weights=weights[rays],
-                cosine=cosine[rays],
-            )
+            meet(self._mesh, begin, ways, face[rays], (ranges[rays], weights[rays], cosine[rays]))
             return len(ways) - n_usable
 
         band = max(_CHUNK // columns // 4, 1) * 4 * columns if columns else _CHUNK
@@ -260,7 +234,7 @@ def _checked_threads(n_threads: int | None) -> int:
     return n_threads or os.cpu_count() or 1
 
 
-def _embree(mesh: LocalMesh, backend: Backend | None) -> EmbreeBackend:
+def _embree(mesh: LocalMesh, backend: Backend | None) -> PacketScene | SingleScene:
     if backend not in (None, "packets", "embreex"):
         raise InputError(f"expected backend 'packets' or 'embreex', got {backend!r}")
     from numba import config  # here and below: imported when first needed, numba and Embree load slowly

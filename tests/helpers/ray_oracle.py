@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The oracle of `scenes.rays.ray_kernels`, in numpy: what ray casting computes before and after Embree.
+"""Oracles of ray casting: which rays Embree may see, one by one, and where they meet planes, in numpy.
 
 Functions of one name have one meaning and the same results, to the last bit. Rays are rows of (n, 3) arrays;
 one origin of shape (1, 3) serves all directions.
@@ -10,31 +10,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 from scenes.rays.local_mesh import LocalMesh
-from scenes.rays.ray_kernels import PackedRays
 
 LARGEST = float(np.finfo(np.float32).max)
 
 
-def pack_rays(origins: FloatArray, directions: FloatArray, centre: FloatArray) -> PackedRays:
-    """Return the rays that are finite and have a direction, in their own order."""
-    with np.errstate(all="ignore"):
-        length = np.sqrt(_dot(directions, directions))
-        return _pack(origins - centre, directions, length)._replace(reach=None)
-
-
-def pack_segments(
-    origins: FloatArray, targets: FloatArray, centre: FloatArray, blocked: BoolArray
-) -> PackedRays:
-    """Return the segments that need a ray; write to `blocked` (n,) the answer for the others.
-
-    A segment that is not finite is blocked, one without length is free.
-    """
-    with np.errstate(all="ignore"):
-        way = targets - origins
-        blocked[:] = ~(_finite(origins - centre) & _finite(way))
-        return _pack(origins - centre, way, np.sqrt(_dot(way, way)))
+def usable_ray(local, way):
+    """Origin, unit direction and length of one ray in float32, or None where Embree may not see it."""
+    if not all(abs(number) <= LARGEST for number in (*local, *way)):
+        return None
+    length = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+    if not length > 0:
+        return None
+    return np.float32(local), np.float32(way * (1 / length)), np.float32(length)
 
 
 def meet(
@@ -42,9 +31,7 @@ def meet(
     origins: FloatArray,
     directions: FloatArray,
     face: NDArray[np.int32],
-    ranges: FloatArray,
-    weights: FloatArray,
-    cosine: FloatArray,
+    out: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Write where rays meet the planes of the faces (n,) that they hit; face -1 is a miss.
 
@@ -59,9 +46,10 @@ def meet(
         World coordinates, metres; directions of any length.
     face : (n,) int32
         From Embree.
-    ranges, weights, cosine : (n,), (n, 3), (n,) float
-        Written: metres, corner weights, |cosine of incidence|; inf, 0 and 0 for a miss.
+    out : (n,), (n, 3), (n,) float
+        Written: ranges in metres, corner weights, |cosine of incidence|; inf, 0 and 0 for a miss.
     """
+    ranges, weights, cosine = out
     hit = np.flatnonzero(face >= 0)
     ranges[:], weights[:], cosine[:] = np.inf, 0.0, 0.0
     corner, second, third = (mesh.vertices[mesh.faces[face[hit], k]] for k in range(3))
@@ -83,18 +71,6 @@ def meet(
     u = np.maximum(1 - v - w, 0.0)
     ranges[hit] = reached
     weights[hit] = np.stack([u, v, w], axis=1) * (1 / (u + v + w))[:, None]
-
-
-def _pack(local: FloatArray, way: FloatArray, length: FloatArray) -> PackedRays:
-    which = np.flatnonzero(_finite(local) & _finite(way) & (length > 0))
-    starts = np.broadcast_to(local, way.shape)[which].astype(np.float32)
-    unit = way[which] * (1 / length[which])[:, None]
-    return PackedRays(starts, unit.astype(np.float32), length[which].astype(np.float32), which)
-
-
-def _finite(vectors: FloatArray) -> BoolArray:
-    """Tell which rows hold numbers that float32 can hold."""
-    return np.asarray((np.abs(vectors) <= LARGEST).all(axis=1), np.bool_)
 
 
 def _share(value: FloatArray) -> FloatArray:

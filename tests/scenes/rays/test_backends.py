@@ -16,7 +16,7 @@ import trimesh
 from hypothesis import given, settings
 
 from scenes.checks import FloatArray, InputError, IntArray
-from scenes.rays import embree_packets, ray_kernels, raycast
+from scenes.rays import embree_packets, embree_single, ray_kernels, raycast
 from scenes.rays.embree_library import EmbreeError, check_device, load_library
 from scenes.rays.embree_packets import PacketScene
 from scenes.rays.local_mesh import LocalMesh
@@ -139,22 +139,19 @@ def awkward_rays(rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArr
 
 @settings(law, max_examples=20)
 @given(seeds)
-def test_the_compiled_arithmetic_is_that_in_numpy_to_the_last_bit(seed: int) -> None:
+def test_only_usable_rays_reach_embree_each_as_it_would_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n, centre = 333, rng.normal(size=3)
     origins, along = awkward_rays(rng, n)
     with np.errstate(all="ignore"):
         for start in (origins, rng.normal(size=(1, 3))):
-            ours, theirs = (m.pack_rays(start, along, centre) for m in (ray_kernels, ray_oracle))
-            assert ours.reach is theirs.reach is None
-            for name in ("origins", "directions"):
-                assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
-            flags, others = np.zeros((2, n), np.bool_)
-            ours = ray_kernels.pack_segments(start, along, centre, flags)
-            theirs = ray_oracle.pack_segments(start, along, centre, others)
-            assert (flags == others).all()
-            for name in ("origins", "directions", "reach"):
-                assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
+            rays = embree_single.usable_rays(start - centre, along)
+            local = np.broadcast_to(start - centre, along.shape)
+            alone = [ray_oracle.usable_ray(*ray) for ray in zip(local, along, strict=True)]
+            assert rays.which.tolist() == [k for k, ray in enumerate(alone) if ray is not None]
+            expected = zip(*(ray for ray in alone if ray is not None), strict=True)
+            for ours, theirs in zip(rays[1:], expected, strict=True):
+                assert ours.tobytes() == np.array(theirs).tobytes()
 
 
 @settings(law, max_examples=20)
@@ -170,7 +167,7 @@ def test_planes_are_met_alike_whatever_the_face(seed: int) -> None:
     results = []
     for module in (ray_kernels, ray_oracle):
         out = np.full(300, 7.0), np.full((300, 3), 7.0), np.full(300, 7.0)
-        module.meet(mesh, origins, along, face, *out)
+        module.meet(mesh, origins, along, face, out)
         results.append(out)
     for ours, theirs in zip(*results, strict=True):
         np.testing.assert_array_equal(ours, theirs)
