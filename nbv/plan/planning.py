@@ -214,9 +214,9 @@ def _one_requirement(
 
 def _one_zones(zones: Zones, of_options: Zones) -> Zones:
     """Return the zones, which may stand in the planner's options instead."""
-    if of_options is EVERYWHERE or of_options is zones:
+    if of_options.is_everywhere or of_options is zones:
         return zones
-    if zones is not EVERYWHERE:
+    if not zones.is_everywhere:
         raise InputError("zones are given twice, as zones and in options.zones; give one of the two")
     return of_options
 

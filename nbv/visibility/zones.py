@@ -83,6 +83,11 @@ class Zones:
     def __post_init__(self) -> None:
         object.__setattr__(self, "keep_out", tuple(self.keep_out))
 
+    @property
+    def is_everywhere(self) -> bool:
+        """Whether all surface is to be measured and stations may be anywhere."""
+        return self.region is None and not self.keep_out
+
     def of_interest(self, points: FloatArray, tolerance_m: float = 0.0) -> BoolArray:
         """Tell which points (n, 3) are to be measured: those in the region, or within `tolerance_m` of it."""
         if self.region is None:
