@@ -25,31 +25,7 @@ _MOST_SURFACES = 6  # that a card lists
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompletedModel:
-    """What `complete` found.
-
-    Attributes
-    ----------
-    observations : tuple of Observation
-        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
-    patches : tuple of Patch
-        The completed surfaces, working frame; number i + 1 in files.
-    textures : tuple of ChartTexture or None
-        Colour of each patch; empty when texture was not asked for.
-    hypothesised : LabelledPoints
-        All inferred area as one mesh, working frame.
-    audit : AuditResult
-        How much of it stands in observed free space.
-    owners : tuple of (rows, columns) int32
-        For each scan, the number of the surface that each pixel belongs to.
-    mode : str
-        Mode it was made in.
-    edits : tuple of Edit
-        What a person said of the surfaces, world coordinates.
-    world_from_reference : Pose
-        From the working frame to the world.
-    derived : DerivedModel
-        Openings, outlines, meshes and the like, each computed when it is first read.
-    """
+    """What `complete` found, before any file; `Completion` describes the attributes."""
 
     observations: tuple[Observation, ...]
     patches: tuple[Patch, ...]

@@ -158,13 +158,17 @@ class DerivedModel:
         """The textures on few pages; none when texture was not asked for."""
         return make_atlas(self.textures or (None,) * len(self.surfaces))
 
+    def texture_coordinates(self, index: int, mesh: ChartMesh) -> FloatArray:
+        """Return places (n, 2) in the atlas of the vertices of a mesh of surface `index`, from 0."""
+        return self.atlas.coordinates(index, self.surfaces[index].patch.grid.uv_of(*mesh.cells.T))
+
     @cached_property
     def textured(self) -> tuple[TexturedMesh, ...]:
         """What was measured of each surface, and what was inferred, by provenance."""
         found = []
         for index, surface in enumerate(self.surfaces):
             for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
-                uv = self.atlas.coordinates(index, surface.patch.grid.uv_of(*mesh.cells.T))
+                uv = self.texture_coordinates(index, mesh)
                 found.append(TexturedMesh(index + 1, why, mesh, uv, int(self.atlas.page[index])))
         return tuple(found)
 

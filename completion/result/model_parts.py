@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from completion.boundary.meshing import ChartMesh
-from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES
-from scenes.checks import ColourArray, FloatArray
+from scenes.checks import ColourArray
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
@@ -41,14 +40,14 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
 
 def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name: str) -> MeshPart:
     """One state of a surface, with its page of the atlas or the state's colour."""
-    atlas, patch = completion.derived.atlas, completion.patches[index]
+    atlas = completion.derived.atlas
     page = int(atlas.page[index])
     vertices = completion.world_from_reference.apply(mesh.vertices)
     faces = mesh.faces.astype(np.int64)
     if page < 0:
         tint = OBSERVED_GREY if name.startswith("observed") else HYPOTHESISED_BLUE
         return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
-    uv = atlas.coordinates(index, chart_coordinates(mesh, patch)).astype(np.float32)
+    uv = completion.derived.texture_coordinates(index, mesh).astype(np.float32)
     white = _plain((1.0, 1.0, 1.0), len(vertices))
     return MeshPart(
         name=name,
@@ -92,7 +91,7 @@ def display_mesh(
             colours.append(np.broadcast_to(tint, (len(mesh.faces), 3, 3)))
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
-            corner_uv.append(atlas.coordinates(index, chart_coordinates(mesh, surface.patch))[mesh.faces])
+            corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
     rest = completion.derived.remainder
     corners.append(rest.vertices[rest.faces])
     colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
@@ -128,8 +127,3 @@ def inferred_points(completion: CompletedModel) -> list[InferredPoints]:
             )
         )
     return clouds
-
-
-def chart_coordinates(mesh: ChartMesh, patch: Patch) -> FloatArray:
-    """Chart coordinates (n, 2) of the vertices, going on where the chart closes."""
-    return patch.grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])

@@ -16,12 +16,12 @@ from completion.edits.surface_edits import SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.result.outline import straight_corners, trace_cells
+from completion.result.straightening import crossing
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
 _NEAR = 1.5  # cells between an outline and the edge that it follows
 _FOLLOWS = 0.6  # share of a side that must lie near one edge
-_PARALLEL = float(np.sin(np.radians(10.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,8 +149,5 @@ def _without_repeats(sides: Sequence[_Side]) -> list[_Side]:
 
 def _meet(one: _Side, other: _Side) -> FloatArray:
     """The corner between two sides: where their lines meet, or where the outline turns if they hardly do."""
-    across = float(other.line.normal @ one.line.direction)
-    if abs(across) < _PARALLEL:
-        return other.start
-    along = float(other.line.normal @ (other.line.point - one.line.point)) / across
-    return np.asarray(one.line.at(np.array(along)), dtype=np.float64)
+    corner = crossing(one.line, other.line)
+    return other.start if corner is None else corner

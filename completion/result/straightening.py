@@ -151,7 +151,7 @@ def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
     if len(guides) > 1:
         for place in np.flatnonzero(np.isfinite(np.take_along_axis(across, order[1:2], axis=0)[0])):
             one, other = (guides[k] for k in order[:, place])
-            corner = _meeting(one.line, other.line)
+            corner = crossing(one.line, other.line)
             if corner is not None and np.linalg.norm(corner - uv[place]) <= 1.5 * max(
                 one.reach_m, other.reach_m
             ):
@@ -166,8 +166,8 @@ def _follows(uv: FloatArray, guide: Guide) -> Any:
     return beside & (np.abs(guide.line.across(uv)) <= guide.reach_m)
 
 
-def _meeting(one: Line, other: Line) -> FloatArray | None:
-    """Where two lines meet, None where they hardly do."""
+def crossing(one: Line, other: Line) -> FloatArray | None:
+    """Return where two lines of a chart cross (2,); None where the angle between them is below 10 degrees."""
     across = float(other.normal @ one.direction)
     if abs(across) < _PARALLEL:
         return None
