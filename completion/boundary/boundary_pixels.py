@@ -86,16 +86,17 @@ def find_boundary_pixels(
     tolerance : Tolerance
         Along the ray.
     """
-    parts = [
+    none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
+    parts = [none] + [
         _pixels_beside(fit, mask, seen, step, tolerance)
         for mask, seen in zip(masks, observations, strict=True)
         for step in _STEPS
         if mask.any()
     ]
     return BoundaryPixels(
-        np.concatenate([part.uv for part in parts]) if parts else np.zeros((0, 2)),
-        np.concatenate([part.step for part in parts]) if parts else np.zeros((0, 2)),
-        np.concatenate([part.kind for part in parts]) if parts else np.zeros(0, np.int8),
+        np.concatenate([part.uv for part in parts]),
+        np.concatenate([part.step for part in parts]),
+        np.concatenate([part.kind for part in parts]),
     )
 
 

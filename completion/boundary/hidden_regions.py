@@ -93,8 +93,11 @@ def divide_hidden(
     length = np.concatenate([np.full(a.size, side) for a, _, side in sides])
     flat = hidden.ravel()
     inner = flat[first] & flat[second]
-    borders = _borders(grid, first[inner], second[inner], length[inner], continued)
-    region = _numbered(flat, first[inner], second[inner], borders.first, borders.second)
+    a, b = first[inner], second[inner]
+    edge, cost = _parted(grid, a, b, continued)
+    at = edge >= 0
+    borders = Borders(a[at], b[at], edge[at], cost[at], length[inner][at])
+    region = _numbered(flat, a[~at], b[~at])
     n_regions = int(region.max(initial=-1)) + 1
     beside = np.zeros((2, n_regions))
     for row, what in enumerate((measured.ravel(), open_.ravel())):
@@ -104,47 +107,28 @@ def divide_hidden(
     return HiddenRegions(region.reshape(grid.shape), n_regions, borders, beside[0], beside[1])
 
 
-def _borders(
-    grid: ChartGrid,
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
-    length: FloatArray,
-    continued: Sequence[ContinuedEdge],
-) -> Borders:
-    """Pairs of cells on different sides of a continued edge."""
+def _parted(
+    grid: ChartGrid, first: NDArray[np.int64], second: NDArray[np.int64], continued: Sequence[ContinuedEdge]
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """The continued edge (n,) between each pair of cells, -1 for none, and the cost (n, 2) of `Borders`."""
     centres = grid.centres_uv().reshape(-1, 2)
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
-    owner = np.full(len(first), -1, np.int32)
-    for number, edge in enumerate(continued):
-        side = edge.curve.across(centres) >= 0
+    edge = np.full(len(first), -1, np.int32)
+    for number, one in enumerate(continued):
+        side = one.curve.across(centres) >= 0
         parted = np.flatnonzero(side[first] != side[second])
-        middle = (centres[first[parted]] + centres[second[parted]]) / 2
-        progress = edge.progress(middle)
-        within = (progress >= -slack) & (progress <= abs(edge.end - edge.start) + slack)
-        parted, progress = parted[within], progress[within]
-        surface = np.where(side[first[parted]] == (edge.side > 0), 0, 1)
-        owner[parted[owner[parted] < 0]] = number
-        cost[parted, surface] = 1 - GOES_ON
-    at = np.flatnonzero(owner >= 0)
-    return Borders(first[at], second[at], owner[at], cost[at], length[at])
+        progress = one.progress((centres[first[parted]] + centres[second[parted]]) / 2)
+        parted = parted[(progress >= -slack) & (progress <= abs(one.end - one.start) + slack)]
+        edge[parted[edge[parted] < 0]] = number
+        cost[parted, np.where(side[first[parted]] == (one.side > 0), 0, 1)] = 1 - GOES_ON
+    return edge, cost
 
 
-def _numbered(
-    hidden: BoolArray,
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
-    cut_first: NDArray[np.int64],
-    cut_second: NDArray[np.int64],
-) -> NDArray[np.int32]:
-    """Number the parts that hang together without crossing a border."""
-    n = hidden.size
-    number = np.full(n, -1, np.int32)
-    if not hidden.any():
-        return number
-    is_cut = np.isin(first * n + second, cut_first * n + cut_second)
-    a, b = first[~is_cut], second[~is_cut]
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(n, n))
+def _numbered(hidden: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Number the hidden cells (n,) by the parts that the pairs connect; -1 for other cells."""
+    number = np.full(hidden.size, -1, np.int32)
+    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(hidden.size, hidden.size))
     part = connected_components(graph, directed=False)[1]
     number[hidden] = np.unique(part[hidden], return_inverse=True)[1]
     return number

@@ -127,7 +127,6 @@ def _end_along(
     chart: Surface, cut: Plane, axis: int, sign: float, low: FloatArray, high: FloatArray
 ) -> float | None:
     """Chart coordinate where the cut meets the rectangle's continuation, None if it faces away."""
-    corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
     centre = (low + high) / 2
     step = np.zeros(2)
     step[axis] = max(float((high - low)[axis]), 1e-3) * 0.5
@@ -136,7 +135,7 @@ def _end_along(
     slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
     if sign * slope > -_SIDEWAYS:
         return None
-    at_sides = corners[(corners[:, axis] == (high if sign > 0 else low)[axis])]
-    height = cut.distance(chart.from_uv(at_sides))
-    ends = at_sides[:, axis] - height / slope
+    corners = np.array([low, high])  # of the side
+    corners[:, axis] = (high if sign > 0 else low)[axis]
+    ends = corners[:, axis] - cut.distance(chart.from_uv(corners)) / slope
     return float(ends.max() if sign > 0 else ends.min())

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,12 +156,10 @@ def _contradicted(
     parts: Sequence[_ScanRegion],
 ) -> bool:
     """Tell whether some pair across two groups fails the test that their best pair passed."""
-    for i in np.flatnonzero(group == one):
-        for j in np.flatnonzero(group == other):
-            pair = (min(int(i), int(j)), max(int(i), int(j)))
-            found = agreements.get(pair) or compare(parts[pair[0]].part, parts[pair[1]].part)
-            if found.chi2 > 1:
-                return True
+    for pair in product(np.flatnonzero(group == one), np.flatnonzero(group == other)):
+        i, j = sorted(map(int, pair))
+        if (agreements.get((i, j)) or compare(parts[i].part, parts[j].part)).chi2 > 1:
+            return True
     return False
 
 
@@ -238,9 +237,7 @@ def _merged(
 
 
 def _masks(parts: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
-    masks = []
-    for index, observation in enumerate(observations):
-        own = [one.region.mask for one in parts if one.scan == index]
-        none = np.zeros(observation.scan.shape, dtype=np.bool_)
-        masks.append(own[0] if len(own) == 1 else np.logical_or.reduce(own) if own else none)
-    return tuple(masks)
+    masks = tuple(np.zeros(observation.scan.shape, dtype=np.bool_) for observation in observations)
+    for one in parts:
+        masks[one.scan][one.region.mask] = True
+    return masks
