@@ -30,7 +30,8 @@ class EvidenceOptions:
     max_tolerance_m : float
         Where the tolerance is larger, only the surface's own pixels make it visible, and no beam is a veto.
     max_cells : int
-        In how many cells at most a surface's chart is weighed; of large ones the cells are larger then.
+        In how many cells at most a surface's chart is weighed; of large ones the cells are larger then. A
+        cylinder has at least 48 cells around.
     """
 
     n_sigma: float = 4.0
