@@ -12,11 +12,12 @@ import numpy as np
 
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
-from nbv.report.blocks.station_tables import scans_table
+from nbv.report.blocks.stations import scans_table
 from nbv.report.blocks.verdict_blocks import edit_sections, verification_sections
 from nbv.report.figures.plots import range_colours
 from nbv.report.page.page import (
     Bar,
+    BarShare,
     Block,
     Cell,
     Gallery,
@@ -24,13 +25,12 @@ from nbv.report.page.page import (
     Legend,
     Page,
     Section,
-    Share,
     State,
     Table,
     Text,
 )
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
-from nbv.report.pictures.completion_shots import Stage, is_single_camera, solid_bounds
+from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera, solid_bounds
 from nbv.report.pictures.picture import picture_of, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
@@ -118,7 +118,7 @@ def area_bar(completion: Completion) -> Bar:
     total = max(sum(area for _, area in pairs), 1e-12)
     return Bar(
         "",
-        tuple(Share(name, name, area / total, f"{square_metres(area)} m\u00b2") for name, area in pairs),
+        tuple(BarShare(name, name, area / total, f"{square_metres(area)} m\u00b2") for name, area in pairs),
     )
 
 
@@ -159,7 +159,7 @@ def scans_of(completion: Completion) -> Table:
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
     """The model in three dimensions, and as measured, with inferred area, and with that marked."""
-    stage = Stage.of(completion, n_threads)
+    stage = ModelDrawings.of(completion, n_threads)
     mesh, scans = stage.after.mesh, stage.scans
     if not len(mesh.faces):
         return (Text("There is no surface to show."),)

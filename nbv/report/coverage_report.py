@@ -11,13 +11,12 @@ from nbv.coverage.measurement import visibility_history
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
-from nbv.report.blocks.baseline_blocks import baselines_section
 from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
 from nbv.report.blocks.inference_blocks import with_inference
-from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
-from nbv.report.blocks.state_pictures import state_pictures
-from nbv.report.blocks.station_plots import curve, stations
-from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, Share, State, Text
+from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
+from nbv.report.blocks.state_pictures import StateMarks, state_pictures
+from nbv.report.blocks.stations import curve, stations
+from nbv.report.page.page import Bar, BarShare, Block, Gallery, Headline, Page, Section, State, Text
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.viewer.markers import (
     given_markers,
@@ -136,11 +135,11 @@ def by_views(
     coverage: Coverage,
     n_threads: int | None,
     baselines: Sequence[Baseline] = (),
-) -> Findings:
+) -> PlanFindings:
     """Return what views alone achieve."""
     met = [view.met_fraction or 0.0 for view in plan.views]
     bound = plan.lower_bound.views if plan.lower_bound else None
-    return Findings(
+    return PlanFindings(
         summary=f"{measured_sentence(plan, coverage)} {_rest(coverage)}",
         headlines=coverage_headlines(coverage),
         bar=coverage_bar(coverage),
@@ -260,7 +259,7 @@ def coverage_bar(coverage: Coverage) -> Bar:
     return Bar(
         "",
         tuple(
-            Share(label, state, share, f"{square_metres(share * total)} m\u00b2")
+            BarShare(label, state, share, f"{square_metres(share * total)} m\u00b2")
             for label, state, share in parts
         ),
     )
@@ -274,8 +273,7 @@ def overview_pictures(
         scene,
         coverage.samples,
         state=coverage.state,
-        colours={MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: PALE},
-        hatched=REACHABLE,
+        marks=StateMarks(colours={MET: MEASURED, REACHABLE: UNKNOWN, UNREACHABLE: PALE}, hatched=REACHABLE),
         title="Measured, missed, out of reach",
         n_threads=n_threads,
         zones=zones,

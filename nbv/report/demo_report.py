@@ -13,12 +13,13 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
-from nbv.report.blocks.state_pictures import state_pictures
-from nbv.report.blocks.station_plots import curve, stations
+from nbv.report.blocks.state_pictures import StateMarks, state_pictures
+from nbv.report.blocks.stations import curve, stations
 from nbv.report.blocks.truth import INFERRED, MEASURED, UNKNOWN, Comparison
 from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
 from nbv.report.page.page import (
     Bar,
+    BarShare,
     Block,
     Cell,
     Gallery,
@@ -26,7 +27,6 @@ from nbv.report.page.page import (
     Legend,
     Page,
     Section,
-    Share,
     State,
     Table,
     Text,
@@ -125,7 +125,7 @@ def _bar(comparison: Comparison) -> Bar:
     return Bar(
         f"All {square_metres(total)} m\u00b2 of the true surface, undersides of the boxes included",
         tuple(
-            Share(name, name, share, f"{percent(share)} %")
+            BarShare(name, name, share, f"{percent(share)} %")
             for name, share in ((name, comparison.share(state)) for name, state in _STATES)
         ),
     )
@@ -138,8 +138,7 @@ def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple
         scene,
         comparison.samples,
         state=comparison.state,
-        colours=colours,
-        hatched=UNKNOWN,
+        marks=StateMarks(colours=colours, hatched=UNKNOWN),
         title="The true room",
         n_threads=n_threads,
     )

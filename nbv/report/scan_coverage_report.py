@@ -14,7 +14,7 @@ from nbv.report.blocks.scan_coverage_blocks import (
     stations_plan,
     surfaces_blocks,
 )
-from nbv.report.blocks.station_tables import scans_table
+from nbv.report.blocks.stations import scans_table
 from nbv.report.page.page import Gallery, Page, Section
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor import Sensor

@@ -12,10 +12,10 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNOWN, Shares
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
-from nbv.report.blocks.plan_findings import Findings, measured_sentence, met_before
-from nbv.report.blocks.state_pictures import state_pictures
+from nbv.report.blocks.plan_findings import PlanFindings, measured_sentence, met_before
+from nbv.report.blocks.state_pictures import StateMarks, state_pictures
 from nbv.report.figures.plots import class_curve
-from nbv.report.page.page import Bar, Block, Cell, Headline, Section, Share, State, Table, Text
+from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, Section, State, Table, Text
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
 from nbv.run.wording import percent, square_metres
@@ -48,7 +48,7 @@ def with_inference(
     coverage: Coverage,
     n_threads: int | None,
     _baselines: Sequence[Baseline] = (),
-) -> Findings:
+) -> PlanFindings:
     """Return what views and the completion of their scans achieve together."""
     shares = plan.shares[-1]
     summary = (
@@ -56,7 +56,7 @@ def with_inference(
         f"more, which they saw but not as required, and infers {percent(shares.inferred)} % more where they "
         f"saw too little or nothing; {percent(shares.unknown)} % stays unknown. {_right(shares)}"
     )
-    return Findings(
+    return PlanFindings(
         summary=summary,
         headlines=class_headlines(shares),
         bar=class_bar(shares, coverage.total_m2),
@@ -90,7 +90,7 @@ def class_bar(shares: Shares, total_m2: float) -> Bar:
     return Bar(
         "",
         tuple(
-            Share(label, state, amount, f"{square_metres(amount * total_m2)} m\u00b2")
+            BarShare(label, state, amount, f"{square_metres(amount * total_m2)} m\u00b2")
             for label, state, amount in zip(labels, _STATES, _amounts(shares), strict=True)
         ),
     )
@@ -208,12 +208,10 @@ def class_pictures(
         scene,
         coverage.samples,
         state=coverage.classes,
-        colours=_COLOURS,
-        hatched=UNKNOWN,
+        marks=StateMarks(colours=_COLOURS, hatched=UNKNOWN, dotted=MODELLED),
         title="Measured, modelled, inferred, unknown",
         n_threads=n_threads,
         zones=zones,
-        dotted=MODELLED,
     )
 
 

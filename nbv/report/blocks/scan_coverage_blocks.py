@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from nbv.online.occupancy import SEEN
-from nbv.report.blocks.station_plots import field_length, fields_of, places_of, zones_caption
+from nbv.report.blocks.stations import field_length, fields_of, places_of, zones_caption
 from nbv.report.figures.floor_plan import FloorPlan
-from nbv.report.page.page import Bar, Block, Cell, Headline, Share, State, Table, Text
+from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, State, Table, Text
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
-from nbv.report.pictures.drawing import Canvas, blend, mark_unknown
+from nbv.report.pictures.drawing import MeshDrawing, blend, mark_unknown
 from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.state_view import state_view
@@ -62,7 +62,7 @@ def area_bar(coverage: ScanCoverage) -> Bar:
     ]
     total = max(sum(area for _, _, area in parts), 1e-12)
     shares = tuple(
-        Share(label, state, area / total, f"{square_metres(area)} m\u00b2")
+        BarShare(label, state, area / total, f"{square_metres(area)} m\u00b2")
         for label, state, area in parts
         if area > 0
     )
@@ -96,7 +96,7 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
     scans = list(coverage.scan_map.scans)
     drawn = state.mesh.face_surface != FRONTIER  # it would hide what was measured
     mesh = part_of(state.mesh, drawn)
-    canvas = Canvas(mesh, state.front[drawn], n_threads)
+    canvas = MeshDrawing(mesh, state.front[drawn], n_threads)
     if is_single_camera(scans):
         cameras = aside_cameras(scans[0])[:2]
     else:

@@ -32,7 +32,7 @@ class Headline:
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class BarShare:
     """A part of a bar: `amount` in the bar's own unit, and as text."""
 
     label: str
@@ -46,7 +46,7 @@ class Bar:
     """A whole cut into its shares."""
 
     label: str
-    shares: tuple[Share, ...]
+    shares: tuple[BarShare, ...]
     kind: ClassVar[str] = "bar"
 
 

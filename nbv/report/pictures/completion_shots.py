@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Stage: a completed model before a camera, as measured, completed, and completed with marks."""
+"""Drawings of a completed model before a camera, as measured, completed, and completed with marks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from completion.result.completion import Completion
 from completion.result.model_parts import display_mesh
 from nbv.report.pictures.camera import Camera
-from nbv.report.pictures.drawing import Canvas, Layer, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.pictures.drawing import MeshDrawing, SeenFaces, mark_inferred, mark_unknown, passes_hidden
 from nbv.report.pictures.picture import Picture, picture_of
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
@@ -35,33 +35,35 @@ def is_single_camera(scans: list[RangeImage]) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class ModelDrawings:
     """The model with and without inferred area, ready for drawing.
 
     Attributes
     ----------
-    before, after : Canvas
+    before, after : MeshDrawing
         What was measured, and that with what was inferred.
     scans : list of RangeImage
         World coordinates.
     """
 
-    before: Canvas
-    after: Canvas
+    before: MeshDrawing
+    after: MeshDrawing
     scans: list[RangeImage]
 
     @classmethod
-    def of(cls, completion: Completion, n_threads: int | None = None, *, in_colour: bool = True) -> Stage:
+    def of(
+        cls, completion: Completion, n_threads: int | None = None, *, in_colour: bool = True
+    ) -> ModelDrawings:
         """Set up a completed model; without colour its shape alone is drawn, in grey."""
         scans = [seen.scan.transformed(completion.world_from_reference) for seen in completion.observations]
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
         front = mesh.face_normals()
         kept = np.flatnonzero(mesh.face_surface != _INFERRED)
-        before = Canvas(part_of(mesh, kept), front[kept], n_threads)
-        return cls(before, Canvas(mesh, front, n_threads), scans)
+        before = MeshDrawing(part_of(mesh, kept), front[kept], n_threads)
+        return cls(before, MeshDrawing(mesh, front, n_threads), scans)
 
-    def is_inferred(self, layer: Layer) -> BoolArray:
+    def is_inferred(self, layer: SeenFaces) -> BoolArray:
         """Pixels that show inferred area."""
         labels = self.after.mesh.face_surface
         return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)

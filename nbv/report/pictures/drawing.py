@@ -23,7 +23,7 @@ _LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layer:
+class SeenFaces:
     """First faces seen from their front: face (rows, columns), -1 for none, its point, weights and cosine."""
 
     face: NDArray[np.int64]
@@ -37,7 +37,7 @@ class Layer:
         return self.face >= 0
 
 
-class Canvas:
+class MeshDrawing:
     """A mesh prepared for drawing; `front` (m, 3) are its faces' fronts, else the winding says.
 
     `caster` is the mesh prepared for ray casting, where there is one already.
@@ -55,7 +55,7 @@ class Canvas:
         self.front = mesh.face_normals() if front is None else front
         self._caster = caster or RayCaster(mesh.vertices, mesh.faces, n_threads)
 
-    def look(self, camera: Camera, shape: tuple[int, int]) -> Layer:
+    def look(self, camera: Camera, shape: tuple[int, int]) -> SeenFaces:
         """Return what each pixel sees."""
         rays = camera.rays(shape).reshape(-1, 3)
         face = np.full(len(rays), -1, np.int64)
@@ -79,11 +79,11 @@ class Canvas:
             weights[done], cosine[done] = hits.barycentric[from_hit], facing[seen]
             start[pending] = reached + rays[pending] * 1e-4
             pending = pending[~seen]
-        return Layer(
+        return SeenFaces(
             face.reshape(shape), points.reshape(*shape, 3), weights.reshape(*shape, 3), cosine.reshape(shape)
         )
 
-    def colour(self, layer: Layer) -> FloatArray:
+    def colour(self, layer: SeenFaces) -> FloatArray:
         """Return the shaded colour (rows, columns, 4) of a layer; see-through where nothing is seen."""
         image = np.zeros((*layer.face.shape, 4))
         hit = layer.hit
@@ -95,7 +95,7 @@ class Canvas:
         image[hit, 3] = 1.0
         return image
 
-    def shade(self, layer: Layer) -> FloatArray:
+    def shade(self, layer: SeenFaces) -> FloatArray:
         """Brightness (rows, columns) of each pixel by the slope of its face to the camera and the light."""
         normal = self.front[np.maximum(layer.face, 0)]
         light = 0.5 + 0.5 * (normal @ _LIGHT)

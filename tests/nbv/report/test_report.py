@@ -9,13 +9,13 @@ import pytest
 
 from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
-from nbv.report.blocks.station_plots import outline_of
+from nbv.report.blocks.stations import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve, range_colours
-from nbv.report.page.page import Bar, Cell, Gallery, Headline, Page, Section, Share, Table, Text
+from nbv.report.page.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.camera import aim, aside_cameras, overview_cameras
-from nbv.report.pictures.drawing import Canvas, passes_hidden
+from nbv.report.pictures.drawing import MeshDrawing, passes_hidden
 from nbv.report.pictures.picture import hatch, picture_of, segment_pixels, surface_colour
 from nbv.report.pictures.surface_values import fine_coverage, nearest_samples
 from nbv.run.wording import percent
@@ -56,7 +56,7 @@ def test_everything_that_comes_from_outside_is_escaped():
         kicker=EVIL,
         summary=EVIL,
         headlines=(Headline(EVIL, EVIL, EVIL, "measured"),),
-        bar=Bar(EVIL, (Share(EVIL, "measured", 1.0, EVIL),)),
+        bar=Bar(EVIL, (BarShare(EVIL, "measured", 1.0, EVIL),)),
         sections=(Section(EVIL, (table, Text(EVIL), Gallery((picture,), 2))),),
         options={EVIL: EVIL},
         seed=0,
@@ -145,10 +145,10 @@ def test_back_faces_are_looked_through():
         np.array([0.2, 0.2, 5.0]), np.array([0.2, 0.2, 0.0]), np.array([0.0, 1, 0]), np.full(2, 0.01),
         mirrored=False,
     )  # fmt: skip
-    layer = Canvas(mesh).look(camera, (3, 3))
+    layer = MeshDrawing(mesh).look(camera, (3, 3))
     assert (layer.face == 1).all()
     assert np.allclose(layer.points[..., 2], 0)
-    assert (Canvas(mesh, -mesh.face_normals()).look(camera, (3, 3)).face == 0).all()
+    assert (MeshDrawing(mesh, -mesh.face_normals()).look(camera, (3, 3)).face == 0).all()
 
 
 def test_overview_cameras_hold_the_whole_box(scene):

@@ -15,8 +15,8 @@ from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Share
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline
 from nbv.plan.planning import plan_views
-from nbv.report.blocks.baseline_blocks import baselines_section
 from nbv.report.blocks.inference_blocks import class_pictures, class_table, layers
+from nbv.report.blocks.plan_findings import baselines_section
 from nbv.report.coverage_report import plan_page
 from nbv.report.figures.plots import class_curve
 from nbv.report.next_stations_report import stations_table

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Plots of a report on stations: where they stand, and what they measure one after the other."""
+"""Stations of a report: tables of where they stand and look, plots of what they measure one by one."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from shapely import MultiPoint
 from nbv.coverage.coverage import Coverage
 from nbv.plan.baselines import Baseline
 from nbv.plan.tour import Tour
-from nbv.report.figures.floor_plan import FloorPlan
+from nbv.report.figures.floor_plan import FloorPlan, letters
 from nbv.report.figures.plots import Plot, coverage_curve
+from nbv.report.page.page import Cell, Table
 from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
@@ -21,6 +22,7 @@ from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.projection import Projection
+from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
 _RAYS = 25  # along each side of a field of view
@@ -136,3 +138,44 @@ def _picture(plot: Plot, title: str, caption: str) -> Picture:
     return Picture(
         title=title, caption=caption, png=plot.light, width=plot.width, height=plot.height, dark_png=plot.dark
     )
+
+
+PLACE_COLUMNS = ("position x, y, z, m", "#heading, \u00b0", "#elevation, \u00b0")
+_MANY = 20
+
+
+def place_cells(pose: Pose) -> tuple[Cell, Cell, Cell]:
+    """Position, heading from the x axis to the y axis, and elevation of where a sensor looks."""
+    dx, dy, dz = pose.rotation[:, 2]
+    heading, elevation = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
+    place = ", ".join(f"{c:.2f}" for c in pose.translation)
+    return Cell(place), Cell(f"{heading:.0f}"), Cell(f"{elevation:.0f}")
+
+
+def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table:
+    """A row for each scan: number or letter as in plan and 3-D view, name, place, pixels that measured."""
+    rows = []
+    for number, scan in enumerate(scans, start=1):
+        hits = int(scan.valid.sum())
+        share = hits / max(scan.valid.size, 1)
+        farthest = f"{float(scan.ranges[scan.valid].max()):.2f}" if hits else ""
+        rows.append(
+            (
+                Cell(letters(number - 1) if lettered else str(number)),
+                Cell(scan.name),
+                *place_cells(scan.world_from_sensor),
+                Cell(f"{hits}"),
+                Cell(f"{100 * share:.1f}", share=share, state="measured"),
+                Cell(farthest),
+            )
+        )
+    columns = (
+        "Scan",
+        "Name",
+        *PLACE_COLUMNS,
+        "#measured pixels",
+        "#of all, %",
+        "#farthest, m",
+    )
+    many = len(rows) > _MANY
+    return Table(columns, tuple(rows), "Every scan" if many else "", is_folded=many)
