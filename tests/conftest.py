@@ -28,7 +28,7 @@ LONGEST = (
     "nbv/commands/test_demo.py", "scenes/run/test_journal.py", "nbv/report/test_report_inference.py",
     "nbv/plan/test_baselines.py", "nbv/plan/test_inference.py", "robustness/test_disk_full.py",
     "nbv/commands/test_cli_scans.py", "nbv/commands/test_cli_fit.py", "benchmarks/test_free_space.py",
-    "completion/result/test_verification.py", "completion/test_edits.py", "texture/test_pipeline.py",
+    "completion/result/test_verification.py", "completion/edits/test_edits.py", "texture/test_pipeline.py",
     "nbv/plan/test_resume.py", "nbv/plan/test_plan.py", "nbv/report/test_display.py",
     "nbv/report/test_report_in_chromium.py", "robustness/test_bad_input.py",
 )  # fmt: skip
