@@ -35,9 +35,12 @@ divergence_rad = 0.004
 def warm(folder: Path) -> None:
     """Scan, plan online and offline, complete and texture, with little to do; results go to `folder`."""
     sensor, scan, image = folder / "small.toml", folder / "scan.npz", folder / "noise.png"
+    candidates = folder / "candidates.npz"
     sensor.write_text(_SENSOR)
     noise = np.random.default_rng(0).integers(0, 255, (24, 24, 3), np.uint8)
     Image.fromarray(noise).save(image)
+    positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
+    np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
 
     def shared(name: str) -> Shared:
         return Shared(
@@ -57,7 +60,9 @@ def warm(folder: Path) -> None:
     )
     run_texture(shared("grown.png"), str(image), mask=None, shape=(16, 16), window=5, order="paper")
     for method in ("nbv", "cover"):
-        asked = PlanRequest(method=method, sensor=str(sensor), views=2, polish_steps=20)
+        asked = PlanRequest(
+            method=method, sensor=str(sensor), views=2, polish_steps=20, candidates=str(candidates)
+        )
         run_plan(shared(method), _ROOM, asked)
     how = CompleteRequest(
         mode="standard", sigma_m=None, max_sd_m=0.02, registration_m=0.005, texture=True, edits=None
