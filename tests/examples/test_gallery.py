@@ -36,6 +36,7 @@ def test_pictures_of_the_readme_come_from_scripts():
         assert picture in (ROOT / f"examples/{script}.py").read_text("utf-8")
 
 
+@pytest.mark.long
 def test_a_script_runs_small(gallery, tmp_path, capfd):
     gallery.main(["plot_scanner", "-o", str(tmp_path)])
     assert re.search(r"plot_scanner: done, \d+ s", capfd.readouterr().out)

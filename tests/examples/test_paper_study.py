@@ -54,6 +54,7 @@ def results(score, problem):
         return score.measure(problem, score.STUDIES, (75,))
 
 
+@pytest.mark.long
 def test_who_knows_the_room_needs_no_more_views(score, results):
     offline, greedy, blind = (results[name, 75] for name in ("offline", "greedy", "random"))
     for share in score.SHARES:
@@ -61,6 +62,7 @@ def test_who_knows_the_room_needs_no_more_views(score, results):
     assert offline.views(0.95) <= results["online", 75].views(0.95)
 
 
+@pytest.mark.long
 def test_shares_only_grow_and_never_pass_all(results):
     for result in results.values():
         for run in result.runs:
@@ -68,6 +70,7 @@ def test_shares_only_grow_and_never_pass_all(results):
             assert 0 < run[0] <= run[-1] <= 1 + 1e-9
 
 
+@pytest.mark.long
 def test_the_explorer_is_measured_as_all_others_are(score, problem, results):
     (poses,), (run,) = results["online", 75].poses, results["online", 75].runs
     candidates = problem.candidates
@@ -106,6 +109,7 @@ def test_labels_are_pushed_apart_in_order(plot):
     assert plot.apart({1: 0.0, 2: 0.9, 3: 0.1}, 0.25) == pytest.approx({1: 0.0, 3: 0.25, 2: 0.9})
 
 
+@pytest.mark.long
 def test_pictures_and_page_are_made(plot, score, problem, results, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(plot, "SENSORS", {"generic60cone": "a cone"})
     monkeypatch.setattr(plot, "MAP_ANGLE", 75)

@@ -38,7 +38,7 @@ def run(folder):
 @pytest.mark.parametrize(
     ("name", "old", "new", "result"),
     [
-        ("callee.py", "2 * x", "5 * x", 18),
+        pytest.param("callee.py", "2 * x", "5 * x", 18, marks=pytest.mark.long),
         ("lowest.py", "3 * x", "9 * x", 21),
         ("sizes.py", "STEP = 10", "STEP = 20", 25),
     ],

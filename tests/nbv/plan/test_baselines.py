@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import PLAN, Baseline, compare_with_baselines, farthest_poses, thinned
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import plan_page
@@ -22,7 +23,8 @@ SENSOR = PinholeSensor(fov_deg=60, width=80, height=80)
 
 @pytest.fixture(scope="module")
 def plan():
-    return plan_views(ROOM, SENSOR, method="cover", views=10, target=1.0, samples=SAMPLES)
+    budgets = CoverOptions(polish_steps=300)
+    return plan_views(ROOM, SENSOR, method="cover", views=10, target=1.0, samples=SAMPLES, budgets=budgets)
 
 
 @pytest.fixture(scope="module")

@@ -88,12 +88,12 @@ def completed(journal):
     ("run", "cut_at"),
     [
         (explored, 4),
-        (explored_with_completion, 2),
+        pytest.param(explored_with_completion, 2, marks=pytest.mark.long),
         (covered, 1),
         (covered, 2),
-        (completed, 2),
+        pytest.param(completed, 2, marks=pytest.mark.long),
         (completed, 7),
-        (completed, 12),
+        pytest.param(completed, 12, marks=pytest.mark.long),
     ],
 )
 def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(tmp_path, run, cut_at):
