@@ -179,7 +179,7 @@ def _opened(path: str) -> Iterator[Image.Image]:
 
 
 def write_image(path: Path, pixels: NDArray[Any]) -> None:
-    """Write an image by its suffix; JPEG loses alpha."""
+    """Write an image (rows, columns) or (rows, columns, channels) by its suffix; JPEG loses alpha."""
     kind = _format_of(path)
     image = Image.fromarray(pixels)
     if kind == "JPEG" and image.mode in ("LA", "RGBA"):

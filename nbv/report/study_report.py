@@ -76,7 +76,7 @@ def drawn_settings(groups: Sequence[Group]) -> list[tuple[str, str, str]]:
 
 
 def spread(values: FloatArray) -> str:
-    """Return the median of numbers, with the least and the most where they differ.
+    """Return the median of numbers (n,), with the least and the most where they differ.
 
     Examples
     --------

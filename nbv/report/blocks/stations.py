@@ -89,7 +89,7 @@ def stations(
 
 
 def field_length(bounds: FloatArray) -> float:
-    """How far fields of view are drawn, metres: short enough to tell them apart."""
+    """Return how far fields of view are drawn within `bounds` (2, 3), metres: short enough to tell apart."""
     return 0.16 * float(np.ptp(bounds[:, :2], axis=0).max())
 
 

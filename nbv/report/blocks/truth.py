@@ -42,7 +42,7 @@ class Comparison:
     median_m: float
 
     def share(self, state: int, where: BoolArray | None = None) -> float:
-        """Share of the true area in `state`, of all of it or of the samples at `where`."""
+        """Return the share of the true area in `state`, of all samples or of those at `where` (n,)."""
         area = self.samples.areas if where is None else self.samples.areas * where
         return float(area[self.state == state].sum() / area.sum())
 

@@ -57,7 +57,10 @@ class Camera:
 def aim(
     origin: FloatArray, target: FloatArray, up: FloatArray, slope: FloatArray, *, mirrored: bool
 ) -> Camera:
-    """Return the camera at `origin` that looks at `target` with `up` upwards."""
+    """Return the camera at `origin` that looks at `target` with `up` upwards.
+
+    These have shape (3,), world coordinates, metres; `slope` (2,) is half the image's extent at distance 1.
+    """
     forward = (target - origin) / np.linalg.norm(target - origin)
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)

@@ -64,7 +64,7 @@ class ModelDrawings:
         return cls(before, MeshDrawing(mesh, front, n_threads), scans)
 
     def is_inferred(self, layer: SeenFaces) -> BoolArray:
-        """Pixels that show inferred area."""
+        """Return the pixels (rows, columns) that show inferred area."""
         labels = self.after.mesh.face_surface
         return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
 

@@ -33,7 +33,7 @@ class SeenFaces:
 
     @property
     def hit(self) -> BoolArray:
-        """Where anything is seen."""
+        """Pixels (rows, columns) in which anything is seen."""
         return self.face >= 0
 
 
@@ -104,7 +104,7 @@ class MeshDrawing:
 
 
 def mark_inferred(image: FloatArray, where: BoolArray, shade: FloatArray) -> FloatArray:
-    """Paint pixels in the colour of what is inferred."""
+    """Return the image (rows, columns, 4), pixels `where` (rows, columns) coloured as inferred."""
     painted = image.copy()
     painted[where, :3] = np.array(INFERRED) * (0.35 + 0.75 * shade[where, None])
     painted[where, 3] = 1.0
@@ -112,7 +112,7 @@ def mark_inferred(image: FloatArray, where: BoolArray, shade: FloatArray) -> Flo
 
 
 def mark_modelled(image: FloatArray, where: BoolArray, shade: FloatArray) -> FloatArray:
-    """Dot pixels in the colour of what is measured."""
+    """Return the image (rows, columns, 4), pixels at `where` (rows, columns) dotted as what is modelled."""
     painted = image.copy()
     opacity = dots(where.shape)[where][:, None]
     dot = 0.85 * np.array(MEASURED) * shade[where, None]
@@ -121,7 +121,7 @@ def mark_modelled(image: FloatArray, where: BoolArray, shade: FloatArray) -> Flo
 
 
 def mark_unknown(image: FloatArray, where: BoolArray) -> FloatArray:
-    """Hatch pixels in the colour of what is unknown."""
+    """Return the image (rows, columns, 4), pixels at `where` (rows, columns) hatched as what is unknown."""
     painted = image.copy()
     opacity = hatch(where.shape)[where]
     painted[where, :3] = UNKNOWN
@@ -181,7 +181,7 @@ def _through_box(origin: FloatArray, rays: FloatArray, bounds: FloatArray) -> tu
 
 
 def blend(image: FloatArray, where: BoolArray) -> FloatArray:
-    """Return the image with its see-through pixels at `where` laid over white."""
+    """Return the image (rows, columns, 4), see-through pixels `where` (rows, columns) laid over white."""
     laid = image.copy()
     opacity = laid[where, 3:]
     laid[where, :3] = opacity * laid[where, :3] + (1 - opacity)

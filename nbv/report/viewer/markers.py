@@ -68,7 +68,7 @@ def _marker(
 
 
 def opening_lines(outlines: Sequence[FloatArray]) -> tuple[Lines, ...]:
-    """Closed outlines of windows and doors."""
+    """Return the closed outlines, each (n, 3), of windows and doors."""
     return _lines("openings", "openings", [closed(outline) for outline in outlines], _OPENING)
 
 

@@ -240,7 +240,7 @@ def _skin(look: Appearance | None, fine: FineCoverage) -> Appearance | None:
 
 
 def skin_of_faces(skin: Appearance, chosen: NDArray[np.int64]) -> Appearance:
-    """The colours of some faces."""
+    """Return the colours of the `chosen` (m,) faces."""
     return replace(
         skin,
         corner_colour=skin.corner_colour[chosen],
