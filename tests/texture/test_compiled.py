@@ -40,7 +40,7 @@ def run(folder):
     [
         pytest.param("callee.py", "2 * x", "5 * x", 18, marks=pytest.mark.long),
         ("lowest.py", "3 * x", "9 * x", 21),
-        ("sizes.py", "STEP = 10", "STEP = 20", 25),
+        pytest.param("sizes.py", "STEP = 10", "STEP = 20", 25, marks=pytest.mark.long),
     ],
 )
 def test_an_edit_anywhere_below_compiles_anew(tmp_path, name, old, new, result):
