@@ -12,6 +12,7 @@ import argparse
 import ast
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -38,6 +39,7 @@ class Import:
     when: str  # "at import", "late" (inside a function), or "types" (for a type checker alone)
 
 
+@cache
 def modules() -> dict[str, str]:
     """Return the path of every module of the four packages by its dotted name."""
     files = sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))
@@ -45,6 +47,7 @@ def modules() -> dict[str, str]:
     return {path[:-3].replace("/", ".").removesuffix(".__init__"): path for path in paths}
 
 
+@cache
 def find_imports() -> list[Import]:
     """Return the imports among the four packages' files; a package's face has none of its own."""
     known = modules()

@@ -99,6 +99,7 @@ def test_a_file_that_is_no_outcome_is_refused(tmp_path: Path) -> None:
         archive.find(key)
 
 
+@pytest.mark.long
 def test_an_interrupted_evaluation_ends_in_the_same_bytes(tmp_path, monkeypatch) -> None:
     app = typer.Typer()
     app.command()(evaluation)

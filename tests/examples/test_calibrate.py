@@ -19,6 +19,7 @@ def calibrate():
     return module
 
 
+@pytest.mark.long
 def test_known_constants_come_out_of_what_they_make(calibrate):
     rng = np.random.default_rng(0)
     true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5], [0.97, 5.0], [0.9, 1.0], [0.99, 9.0]])

@@ -54,6 +54,7 @@ def test_the_ablation_shows_every_weight(monkeypatch, capsys):
     assert all(len(cells) == 6 for cells in table.values())
 
 
+@pytest.mark.long
 def test_the_whole_script_runs_to_its_end(monkeypatch, capsys):
     script = load("score_online")
     small = {"VOXELS_M": (0.2,), "NOISES": ("none",), "MOST_VIEWS": 2, "WEIGHTS": {"w_q = 0": (1.0, 0.0)}}

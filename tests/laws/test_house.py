@@ -22,14 +22,13 @@ from examples.plot_architecture import (
     reduced,
 )
 
-IMPORTS = find_imports()
 MOST_MODULES, MOST_ENTRIES, MOST_ARGUMENTS, MOST_POSITIONAL = 14, 12, 8, 5
 FACES = ("nbv/commands/", "nbv/cli.py")  # of the command line: a parameter is an option there
 
 
 def by_file(whens=("at import", "late", "types"), without=()):
     arrows = defaultdict(set)
-    for one in IMPORTS:
+    for one in find_imports():
         if one.when in whens and not one.source.startswith(without):
             arrows[one.source].add(one.target)
     return dict(arrows)
@@ -37,7 +36,7 @@ def by_file(whens=("at import", "late", "types"), without=()):
 
 def by_folder():
     arrows = defaultdict(set)
-    for one in IMPORTS:
+    for one in find_imports():
         source, target = folder_of(one.source), folder_of(one.target)
         if one.when == "at import" and source != target:
             arrows[source].add(target)
@@ -138,7 +137,7 @@ def test_the_helpers_of_these_laws() -> None:
     assert floors(arrows) == {"a": 3, "b": 2, "c": 1, "d": 0}
     assert set(reached(reduced(arrows), "a")) == set(reached(arrows, "a"))
     assert reduced(arrows)["a"] == {"b"}
-    assert {one.when for one in IMPORTS} >= {"at import", "late"}
+    assert {one.when for one in find_imports()} >= {"at import", "late"}
 
 
 @pytest.mark.parametrize("name", FLOWS)

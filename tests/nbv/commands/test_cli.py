@@ -300,6 +300,7 @@ def test_offline_plan_takes_its_requirement_and_budgets(sensor, tmp_path):
     assert "whose errors are known" in unusable.stderr
 
 
+@pytest.mark.long
 def test_plan_is_the_same_for_any_number_of_threads(plan, sensor, tmp_path):
     arguments = ("--sensor", sensor, "--views", 3, "--threads", 2, "-o", tmp_path, "--quiet")
     succeed("plan", "builtin:two_occluders", *arguments)
