@@ -256,8 +256,7 @@ def fit(
         bool, typer.Option("--robust", help="Many points may belong to something else.")
     ] = False,
     rays: Annotated[
-        bool,
-        typer.Option("--rays", help="Errors lie along the scanner's rays, as range noise does."),
+        bool, typer.Option("--rays", help="Errors lie along the scanner's rays, as range noise does.")
     ] = False,
     origin: Annotated[
         str | None,

@@ -80,12 +80,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         journal = run.journal({**request.options(), **how.options()})
         run.will_call(solve_plane, 40)
         completion = complete(
-            scans,
-            options,
-            rng=shared.seed,
-            n_threads=shared.threads,
-            progress=run.progress,
-            journal=journal,
+            scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
         )
         verification = None
         if len(scans) > 1:

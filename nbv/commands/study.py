@@ -36,11 +36,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
 
 
 def _write(
-    run: Run,
-    spec: StudySpec,
-    outcomes: tuple[Outcome, ...],
-    options: dict[str, Any],
-    stem: str,
+    run: Run, spec: StudySpec, outcomes: tuple[Outcome, ...], options: dict[str, Any], stem: str
 ) -> None:
     names = [f"plans/{outcome.case.name}.json" for outcome in outcomes]
     run.kept.update({name: run.out / name for name in names})

@@ -84,11 +84,7 @@ class CompletedSurfaces:
         return patch.observed & (patch.spread <= self.max_sd_m)
 
     def _lie_on(
-        self,
-        points: FloatArray,
-        normals: FloatArray,
-        close_m: float,
-        cells_of: Callable[[Patch], BoolArray],
+        self, points: FloatArray, normals: FloatArray, close_m: float, cells_of: Callable[[Patch], BoolArray]
     ) -> BoolArray:
         """Tell which points lie near such cells of a surface, their normals along its own."""
         found = np.zeros(len(points), dtype=np.bool_)

@@ -19,13 +19,7 @@ _LEVEL = 1.5  # voxels by which a patch of floor may lie off the floor's level
 
 
 def feasible_viewpoints(
-    candidates: Candidates,
-    voxels: VoxelMap,
-    here: Pose,
-    clearance_m: float,
-    *,
-    on_floor: bool,
-    zones: Zones,
+    candidates: Candidates, voxels: VoxelMap, here: Pose, clearance_m: float, *, on_floor: bool, zones: Zones
 ) -> Candidates:
     """Return the candidates where the sensor can stand; where it stands it may also turn.
 

@@ -131,10 +131,7 @@ def find_targets(
     before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
     slope = voxels.towards_empty(faces.voxel[unknown])
     flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
-    worth = [
-        options.occplane_weight * side**2 * flatter,
-        worse[poor] * surfels.areas[poor],
-    ]
+    worth = [options.occplane_weight * side**2 * flatter, worse[poor] * surfels.areas[poor]]
     targets = Targets(
         points=np.concatenate([before_faces, before_surface]),
         normals=np.concatenate([slope, surfels.normals[poor]]),

@@ -149,11 +149,7 @@ class PlanningRun:
         return None
 
     def plan(
-        self,
-        method: str,
-        reason: str,
-        bound: LowerBound | None = None,
-        stations: Stations | None = None,
+        self, method: str, reason: str, bound: LowerBound | None = None, stations: Stations | None = None
     ) -> Plan:
         """Return the plan."""
         problem = self.problem

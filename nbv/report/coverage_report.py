@@ -18,13 +18,7 @@ from nbv.report.blocks.state_pictures import StateMarks, state_pictures
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.page.page import Bar, BarShare, Block, Gallery, Headline, Page, Section, State, Text
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
-from nbv.report.viewer.markers import (
-    given_markers,
-    opening_lines,
-    tour_lines,
-    view_markers,
-    zone_lines,
-)
+from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import Sensor
@@ -86,8 +80,7 @@ def plan_page(
             *found.meanings,
             Section(found.overview, (view, Text(found.note, is_note=True))),
             Section(
-                "Views",
-                (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan)),
+                "Views", (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan))
             ),
             *baselines_section(plan, baselines),
             Section("What cannot be reached, and why", reasons(coverage)),
@@ -130,11 +123,7 @@ def _plan_view(
 
 
 def by_views(
-    scene: Scene,
-    plan: Plan,
-    coverage: Coverage,
-    n_threads: int | None,
-    baselines: Sequence[Baseline] = (),
+    scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None, baselines: Sequence[Baseline] = ()
 ) -> PlanFindings:
     """Return what views alone achieve."""
     met = [view.met_fraction or 0.0 for view in plan.views]

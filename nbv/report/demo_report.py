@@ -83,10 +83,7 @@ def demo_page(
             Headline(percent(measured), "%", f"measured by {few} of them", "measured"),
             Headline(percent(inferred), "%", "more, inferred behind the occluders", "inferred"),
             Headline(
-                percent(comparison.within_close),
-                "%",
-                "of the inferred area is within 2 cm",
-                "inferred",
+                percent(comparison.within_close), "%", "of the inferred area is within 2 cm", "inferred"
             ),
             Headline(percent(unknown), "%", "stays unknown", "unknown"),
         ),

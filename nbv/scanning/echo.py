@@ -189,11 +189,7 @@ def _normals(mesh: LabelledMesh, faces: NDArray[np.int32]) -> FloatArray:
 
 
 def footprint_echo(
-    world: World,
-    directions: FloatArray,
-    footprint: Footprint,
-    intensity: Intensity,
-    rng: np.random.Generator,
+    world: World, directions: FloatArray, footprint: Footprint, intensity: Intensity, rng: np.random.Generator
 ) -> Echo:
     """Return the echoes of beams along unit `directions` (n, 3), world frame, from the world's sensor.
 

@@ -150,11 +150,7 @@ def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
 
 
 def _received(
-    echo: Echo,
-    intensity: NDArray[np.float32],
-    sensor: Sensor,
-    effects: Effects,
-    rng: np.random.Generator,
+    echo: Echo, intensity: NDArray[np.float32], sensor: Sensor, effects: Effects, rng: np.random.Generator
 ) -> FloatArray:
     """Return the ranges of the echoes that lie in a circular aperture and are not dropped; inf for others."""
     ranges = echo.ranges
@@ -193,11 +189,7 @@ def _disturbed(
 
 
 def _pointed(
-    distance: FloatArray,
-    echo: Echo,
-    projection: Projection,
-    effects: Effects,
-    rng: np.random.Generator,
+    distance: FloatArray, echo: Echo, projection: Projection, effects: Effects, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
     if effects.pointing is None:

@@ -43,11 +43,7 @@ _SWATCHES = {
 
 
 def with_inference(
-    scene: Scene,
-    plan: Plan,
-    coverage: Coverage,
-    n_threads: int | None,
-    _baselines: Sequence[Baseline] = (),
+    scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None, _baselines: Sequence[Baseline] = ()
 ) -> PlanFindings:
     """Return what views and the completion of their scans achieve together."""
     shares = plan.shares[-1]

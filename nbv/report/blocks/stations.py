@@ -169,13 +169,6 @@ def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table
                 Cell(farthest),
             )
         )
-    columns = (
-        "Scan",
-        "Name",
-        *PLACE_COLUMNS,
-        "#measured pixels",
-        "#of all, %",
-        "#farthest, m",
-    )
+    columns = ("Scan", "Name", *PLACE_COLUMNS, "#measured pixels", "#of all, %", "#farthest, m")
     many = len(rows) > _MANY
     return Table(columns, tuple(rows), "Every scan" if many else "", is_folded=many)

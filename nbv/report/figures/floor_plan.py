@@ -134,12 +134,7 @@ def _ring(box: Box) -> tuple[FloatArray, FloatArray]:
 
 
 def _label(
-    axes: Axes,
-    positions: FloatArray,
-    names: Sequence[str],
-    colour: str,
-    offset: tuple[int, int],
-    size: float,
+    axes: Axes, positions: FloatArray, names: Sequence[str], colour: str, offset: tuple[int, int], size: float
 ) -> None:
     """Write the names of the stations at each place, those together that lie within a third of `size`."""
     places: dict[tuple[float, float], list[str]] = {}

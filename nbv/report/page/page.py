@@ -192,12 +192,7 @@ def plain_text(value: Any) -> str:
 
 
 def _colours() -> dict[str, str]:
-    pairs = (
-        ("measured", MEASURED),
-        ("modelled", MODELLED),
-        ("inferred", INFERRED),
-        ("unknown", UNKNOWN),
-    )
+    pairs = (("measured", MEASURED), ("modelled", MODELLED), ("inferred", INFERRED), ("unknown", UNKNOWN))
     return {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
 
 
