@@ -10,6 +10,7 @@ from texture.analysis.lattice import measure_phase_error
 from texture.analysis.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.result import Synthesis
 from texture.sampling.arguments import check_known, check_mask
+from texture.sampling.sample import BoolArray
 
 N_PIECES = 6
 CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
@@ -100,7 +101,7 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     )
 
 
-def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
+def list_pieces(hole: BoolArray, known: BoolArray) -> list[tuple[slice, slice]]:
     """List up to six boxes, far from each other, in which all is known where the hole's own box has a hole.
 
     Hole and known have the image's shape (h, w). The first box is the hole's own; nothing is listed without
@@ -122,14 +123,14 @@ def list_pieces(hole: NDArray[np.bool_], known: NDArray[np.bool_]) -> list[tuple
     return [own, *(pieces[k] for k in chosen)]
 
 
-def _distance(first: NDArray[np.generic], second: NDArray[np.generic], shape: NDArray[np.bool_]) -> float:
+def _distance(first: NDArray[np.generic], second: NDArray[np.generic], shape: BoolArray) -> float:
     try:
         return measure_distance(first, second, shape, shape)
     except ValueError:  # too thin for a patch
         return float("nan")
 
 
-def _seam(image: NDArray[np.generic], hole: NDArray[np.bool_]) -> float:
+def _seam(image: NDArray[np.generic], hole: BoolArray) -> float:
     try:
         return measure_seam(image, hole)
     except ValueError:  # no patch across the border

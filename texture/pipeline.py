@@ -15,8 +15,7 @@ References
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.analysis.self_check import WindowCheck, check_windows
-from texture.analysis.window import SMALLEST_CHOICE
+from texture.analysis.window import SMALLEST_CHOICE, WindowCheck, check_windows
 from texture.engine.engine import can_compile, count_threads
 from texture.engine.passes import Progress, Way, synthesise
 from texture.engine.plain import fill_plainly
@@ -34,12 +33,9 @@ from texture.sampling.arguments import (
     check_window,
     check_wrap,
 )
-from texture.sampling.canvas import Canvas
-from texture.sampling.levels import quantise
-from texture.sampling.order import OrderName
+from texture.sampling.canvas import Canvas, OrderName, plant_seed
 from texture.sampling.randomness import draw_key
-from texture.sampling.sample import Sample
-from texture.sampling.seed import plant_seed
+from texture.sampling.sample import BoolArray, IntArray, Sample, quantise
 
 
 def fill(
@@ -70,7 +66,7 @@ def fill(
     window : int, optional
         Odd side of the comparison window, 3..99 pixels. None chooses 7..31 by the largest feature of the
         sample and, where it has room for them and numba compiles, by filling holes cut out of it
-        (`texture.analysis.self_check`); the result says which.
+        (`texture.analysis.window`); the result says which.
     order : {"paper", "window"}
         "paper": a pass visits the whole rim, most filled 8-neighbours first. "window": it visits the best
         eighth of the rim, most filled pixels in the whole window first: much more reliable on structured
@@ -221,18 +217,14 @@ def grow(
 
 
 def _choose_window(
-    window: int | None,
-    levels: NDArray[np.int64],
-    usable: NDArray[np.bool_],
-    order: OrderName,
-    n_threads: int | None,
+    window: int | None, levels: IntArray, usable: BoolArray, order: OrderName, n_threads: int | None
 ) -> WindowCheck:
     """Return the caller's window, or the one that a self-check chooses."""
     if window is not None:
         return WindowCheck(check_window(window), {})
 
     def fill_piece(
-        image: NDArray[np.uint8], hole: NDArray[np.bool_], known: NDArray[np.bool_], side: int
+        image: NDArray[np.uint8], hole: BoolArray, known: BoolArray, side: int
     ) -> NDArray[np.uint8]:
         filled = fill(image, hole, known=known, window=side, order=order, rng=0, n_threads=n_threads)
         return np.asarray(filled.image)

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
 """The result: an image, and for each pixel where it came from and how well its source agreed."""
 
+import base64
+import io
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.analysis.self_check import WindowCheck
+from texture.analysis.window import WindowCheck
 from texture.engine.passes import Tally
 from texture.sampling.canvas import Canvas
-from texture.sampling.levels import HIGHEST_LEVEL, Pixels
-from texture.sampling.sample import Sample
+from texture.sampling.sample import HIGHEST_LEVEL, Pixels, Sample
+
+_MOST = 240  # pixels, the longer side of a picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +42,7 @@ class Synthesis:
     window : int
         Side of the comparison window, pixels.
     window_distances : dict of int to float
-        What the self-check measured for each window when none was given (`texture.analysis.self_check`).
+        What the self-check measured for each window when none was given (`texture.analysis.window`).
     is_complete : bool
         Whether all was filled; a time budget may end a synthesis before. What is unfilled then has no source.
     """
@@ -65,17 +69,51 @@ class Synthesis:
         return self.to_html(self.image)
 
     def to_html(self, image: Pixels) -> str:
-        """Return a card for notebooks: `image` (h, w) or (h, w, c), and where its pixels came from."""
-        from texture.provenance_picture import show_fill  # only notebooks need it
+        """Return a card for notebooks: `image` (h, w) or (h, w, c), and where its pixels came from.
 
-        return show_fill(
-            image,
-            source_rows=self.source_rows,
-            source_cols=self.source_cols,
-            confidence=self.confidence,
-            window=self.window,
-            is_complete=self.is_complete,
+        Known pixels, which point at themselves, are see-through in the second picture; the others are redder
+        the lower, and greener the further right, their source lies. No style sheet, no script.
+        """
+        height, width = self.source_rows.shape
+        itself = (self.source_rows == np.arange(height)[:, None]) & (self.source_cols == np.arange(width))
+        filled = (self.source_rows >= 0) & ~itself
+        agreement = f"{100 * float(self.confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
+        said = (
+            f"{np.count_nonzero(filled)} pixels copied, window {self.window} px, mean confidence {agreement}"
         )
+        if not self.is_complete:
+            said += "; not complete: the time was up"
+        sources = np.zeros((height, width, 4), np.uint8)
+        for channel, place in enumerate((self.source_rows, self.source_cols)):
+            sources[..., channel] = np.rint(255 * place.clip(0) / max(int(place.max(initial=0)), 1))
+        sources[..., 2], sources[..., 3] = 128, np.where(filled, 255, 0)
+        pictures = _figure(image, "image") + _figure(sources, "where its pixels came from")
+        return (
+            '<div class="unseen-card" style="font:13px/1.45 system-ui,sans-serif;color:inherit;'
+            "display:inline-block;max-width:760px;padding:10px 14px;margin:4px 0;border-radius:8px;"
+            'border:1px solid color-mix(in srgb,currentColor 25%,transparent)">'
+            f'<div style="font-weight:600;margin-bottom:6px">Texture, {height} x {width} pixels</div>'
+            f'<div style="display:flex;flex-wrap:wrap;gap:10px 22px">{pictures}</div>'
+            f'<div style="opacity:.7;margin-top:6px">{said}</div></div>'
+        )
+
+
+def _figure(pixels: NDArray[Any], caption: str) -> str:
+    """Return every k-th pixel as a figure."""
+    from PIL import Image  # only notebooks need it
+
+    step = max(1, -(-max(pixels.shape[:2]) // _MOST))
+    small = pixels[::step, ::step]
+    if small.dtype != np.uint8:
+        small = np.rint(255 * np.clip(np.nan_to_num(small.astype(np.float64)), 0, 1)).astype(np.uint8)
+    data = io.BytesIO()
+    Image.fromarray(small[..., 0] if small.ndim == 3 and small.shape[2] == 1 else small).save(data, "PNG")
+    uri = "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+    return (
+        f'<figure style="margin:0"><img src="{uri}" alt="{caption}" width="{max(small.shape[1], 160)}" '
+        'style="max-width:100%"/><figcaption style="opacity:.7;font-size:85%">'
+        f"{caption}</figcaption></figure>"
+    )
 
 
 def collect(

@@ -15,14 +15,7 @@ from scenes.files.describe_image import IMAGE_SUFFIXES, describe_image
 from scenes.files.describe_points import describe_points, describe_poses
 from scenes.files.describe_scans import describe_scans
 from scenes.files.point_files import POINT_SUFFIXES, TEXT_SUFFIXES
-from scenes.files.scan_files import (
-    MESH_SUFFIXES,
-    SCAN_SUFFIXES,
-    Intrinsics,
-    Units,
-    open_scans,
-    split_index,
-)
+from scenes.files.scan_files import MESH_SUFFIXES, SCAN_SUFFIXES, Intrinsics, Units, open_scans, split_index
 from scenes.files.scene_loading import open_scene
 from scenes.formats.guard import check_file
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up

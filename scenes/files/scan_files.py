@@ -90,10 +90,7 @@ class ScanSource:
 
 
 def open_scans(
-    path: str | os.PathLike[str],
-    *,
-    intrinsics: Intrinsics | None = None,
-    depth_scale: float | None = None,
+    path: str | os.PathLike[str], *, intrinsics: Intrinsics | None = None, depth_scale: float | None = None
 ) -> ScanSource:
     """Open a file or folder of scans; the pixels are read when a reader is called.
 

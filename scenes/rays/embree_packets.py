@@ -127,11 +127,7 @@ def _padded(rows: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.gen
 
 
 def _attach(
-    library: ctypes.CDLL,
-    device: int,
-    scene: int,
-    vertices: NDArray[np.generic],
-    faces: NDArray[np.generic],
+    library: ctypes.CDLL, device: int, scene: int, vertices: NDArray[np.generic], faces: NDArray[np.generic]
 ) -> None:
     geometry = library.rtcNewGeometry(device, _TRIANGLES)
     for array, kind, layout in ((vertices, _VERTEX, _FLOAT3), (faces, _INDEX, _UINT3)):

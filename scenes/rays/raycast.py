@@ -106,12 +106,7 @@ class RayCaster:
     """
 
     def __init__(
-        self,
-        vertices: object,
-        faces: object,
-        n_threads: int | None = None,
-        *,
-        backend: Backend | None = None,
+        self, vertices: object, faces: object, n_threads: int | None = None, *, backend: Backend | None = None
     ) -> None:
         points = check_points("vertices", vertices)
         indices = check_faces(faces, len(points))

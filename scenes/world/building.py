@@ -98,14 +98,7 @@ class SceneBuilder:
         self._add(name, Plane(origin, np.cross(along, up), along), corners, finish)
 
     def add_box(
-        self,
-        name: str,
-        low: object,
-        high: object,
-        finish: Finish,
-        *,
-        inward: bool = False,
-        yaw: float = 0.0,
+        self, name: str, low: object, high: object, finish: Finish, *, inward: bool = False, yaw: float = 0.0
     ) -> None:
         """Add the six sides of an upright box, seen from outside or, `inward`, from within.
 

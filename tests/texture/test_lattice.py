@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import fill, find_lattice, measure_phase_error
-from texture.analysis.masked_correlation import Correlator
+from texture.analysis.phase import Correlator
 
 
 def tiled(

@@ -14,10 +14,16 @@ from texture.engine import kernels, passes, scan_kernels
 from texture.engine.engine import can_compile, lay_out, view
 from texture.sampling.arguments import LARGEST_WINDOW
 from texture.sampling.canvas import Canvas
-from texture.sampling.matching import find_candidates, measure_distances, scan_exhaustively
+from texture.sampling.matching import (
+    Candidates,
+    Template,
+    find_candidates,
+    gaussian_weights,
+    measure_distances,
+    scan_exhaustively,
+)
 from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import Sample
-from texture.sampling.template import Candidates, Template, gaussian_weights
 
 NO_SOURCES = np.full((3, 3), -1)
 

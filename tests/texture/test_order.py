@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from texture.sampling.canvas import Canvas
-from texture.sampling.order import OrderName, list_visits
+from texture.sampling.canvas import Canvas, OrderName, list_visits
 
 
 def draw_canvas(seed: int, wrap: tuple[bool, bool], window: int = 7) -> Canvas:

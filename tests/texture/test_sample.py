@@ -6,12 +6,10 @@ import pytest
 from skimage import data
 
 from texture.analysis.window import choose_window
-from texture.sampling.canvas import Canvas
-from texture.sampling.levels import quantise
+from texture.sampling.canvas import Canvas, draw_place, plant_seed
+from texture.sampling.matching import gaussian_weights
 from texture.sampling.randomness import Purpose, draw_key, pick, random_words
-from texture.sampling.sample import Sample
-from texture.sampling.seed import draw_place, plant_seed
-from texture.sampling.template import gaussian_weights
+from texture.sampling.sample import Sample, quantise
 
 
 @pytest.mark.parametrize("window", [3, 7, 11, 23, 99])

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import Lattice, fill, find_lattice
-from texture.analysis.self_check import (
+from texture.analysis.window import (
     WINDOWS,
     FillPiece,
     check_windows,
     choose_first,
+    choose_window,
     find_fullest_part,
     list_holes,
 )
-from texture.analysis.window import choose_window
 
 
 def test_the_self_check_says_what_it_tried_and_the_result_is_that_of_its_window() -> None:

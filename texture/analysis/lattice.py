@@ -10,13 +10,12 @@ from itertools import product
 
 import numpy as np
 import scipy  # its parts load when they are first used
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from texture.analysis.masked_correlation import Correlator
-from texture.analysis.phase import cut_tiles, measure_tiles
+from texture.analysis.phase import Correlator, cut_tiles, measure_tiles
 from texture.analysis.quality import read_levels
 from texture.sampling.arguments import check_known, check_mask
-from texture.sampling.levels import HIGHEST_LEVEL
+from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, FloatArray, IntArray
 
 REPEATED = 0.35  # correlation from which a texture is said to repeat
 VALLEY = 0.2  # how far the correlation falls between a pixel and its repetition
@@ -40,7 +39,7 @@ class Lattice:
         Autocorrelation of the texture at the first; 0 without a lattice.
     """
 
-    periods: NDArray[np.float64]
+    periods: FloatArray
     correlation: float
 
     def __post_init__(self) -> None:
@@ -155,16 +154,14 @@ def measure_phase_error(
     return measure_tiles(correlator, values[near], [tile[near] for tile in tiles], lattice.periods)
 
 
-def _box_around(within: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+def _box_around(within: BoolArray, margin: int) -> tuple[slice, slice]:
     """Return the box of a mask, with a margin as far as the image goes."""
     rows, columns = np.nonzero(within)
     first = max(0, int(rows.min()) - margin), max(0, int(columns.min()) - margin)
     return np.s_[first[0] : int(rows.max()) + margin + 1, first[1] : int(columns.max()) + margin + 1]
 
 
-def _list_choices(
-    correlation: NDArray[np.float64], reach: tuple[int, int]
-) -> list[tuple[NDArray[np.int64], ...]]:
+def _list_choices(correlation: FloatArray, reach: tuple[int, int]) -> list[tuple[IntArray, ...]]:
     """List what the periods may be, the best guess first: two, or one of them."""
     peaks = _list_peaks(correlation, reach)
     for other in peaks[1:]:
@@ -174,7 +171,7 @@ def _list_choices(
     return [(peak,) for peak in peaks[:1]]
 
 
-def _list_peaks(correlation: NDArray[np.float64], reach: tuple[int, int]) -> NDArray[np.int64]:
+def _list_peaks(correlation: FloatArray, reach: tuple[int, int]) -> IntArray:
     """Return displacements at maxima beyond a valley, one of each pair of opposites, the shortest first."""
     inner = correlation[1:-1, 1:-1]
     is_peak = inner >= REPEATED
@@ -191,9 +188,7 @@ def _list_peaks(correlation: NDArray[np.float64], reach: tuple[int, int]) -> NDA
     return np.asarray(places[heights >= ALIKE * heights.max(initial=0)])
 
 
-def _is_beyond_valley(
-    correlation: NDArray[np.float64], reach: tuple[int, int], place: NDArray[np.int64]
-) -> bool:
+def _is_beyond_valley(correlation: FloatArray, reach: tuple[int, int], place: IntArray) -> bool:
     """Say whether the correlation falls on the straight way to a displacement, and rises again."""
     steps = np.linspace(0, 1, 2 * int(np.abs(place).max()) + 1)
     places = np.outer(place, steps) + np.array(reach)[:, None]
@@ -201,19 +196,17 @@ def _is_beyond_valley(
     return bool(way.min() <= way[-1] - VALLEY)
 
 
-def _is_aside(first: NDArray[np.int64], other: NDArray[np.int64]) -> bool:
+def _is_aside(first: IntArray, other: IntArray) -> bool:
     turn = abs(int(first[0] * other[1] - first[1] * other[0]))
     return bool(turn > np.sin(np.deg2rad(ASIDE_DEG)) * np.hypot(*first) * np.hypot(*other))
 
 
-def _shorten(place: NDArray[np.int64], period: NDArray[np.int64]) -> NDArray[np.int64]:
+def _shorten(place: IntArray, period: IntArray) -> IntArray:
     """Return the shortest of a displacement's repetitions by a period."""
     return np.asarray(place - round(float(place @ period) / float(period @ period)) * period)
 
 
-def _refine(
-    correlation: NDArray[np.float64], reach: tuple[int, int], period: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _refine(correlation: FloatArray, reach: tuple[int, int], period: IntArray) -> FloatArray:
     """Return a period to fractions of a pixel: that of its furthest repetition, followed pixel by pixel."""
     refined, n = period.astype(np.float64), 1
     while (np.abs(np.rint((n + 1) * refined)) < np.array(reach)).all():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Phase: how far the tiles of a texture are out of step with given periods."""
+"""Phase: how far the tiles of a texture are out of step with given periods, by masked correlation."""
 
 from itertools import pairwise, product
 
@@ -7,14 +7,88 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from texture.analysis.masked_correlation import Correlator
+from texture.sampling.sample import BoolArray, FloatArray
 
+_LEAST_SPREAD = 1e-6  # 8-bit levels: less is the transforms' rounding
 TILES_PER_SIDE = 4
 OUT_OF_STEP = 0.5  # periods
 N_REPETITIONS = 8
 
 
-def cut_tiles(within: NDArray[np.bool_], periods: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
+class Correlator:
+    """An image, transformed once, that others of its shape can be correlated with.
+
+    Parameters
+    ----------
+    values : array, shape (h, w, c), float64
+        8-bit levels.
+    within : array, shape (h, w), bool
+        Pixels that count.
+    """
+
+    def __init__(self, values: FloatArray, within: BoolArray) -> None:
+        self._middle = values[within].mean(axis=0) if within.any() else np.zeros(values.shape[2])
+        self._counts, self._sums, self._squares = self._transform(values, within)
+
+    def correlate(
+        self, values: FloatArray, within: BoolArray, reach: tuple[int, int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Correlate another image with this one (Padfield 2012, "Masked object registration", section 3).
+
+        Parameters
+        ----------
+        values, within : arrays, shapes (h, w, c) and (h, w)
+            The other image.
+        reach : (int, int)
+            Largest displacement looked at, rows and columns.
+
+        Returns
+        -------
+        correlation : array, shape (2 reach + 1, 2 reach + 1), float64
+            At [reach + d]: the correlation, over all channels, of the other's pixels at x with this one's at
+            x + d, where both count; 0 where either does not vary.
+        counts : array, same shape, float64
+            How many pairs that is.
+        """
+        counts, sums, squares = self._transform(values, within)
+
+        def meet(
+            other: NDArray[np.complex128], here: NDArray[np.complex128], is_summed: bool = False
+        ) -> FloatArray:
+            product = np.conj(other) * here
+            full = scipy.fft.irfft2(product.sum(axis=0) if is_summed else product, s=self._size(within.shape))
+            rows, columns = (np.arange(-far, far + 1) for far in reach)
+            return np.asarray(full[..., rows[:, None], columns])
+
+        n_pairs = np.rint(meet(counts, self._counts))
+        n = np.maximum(n_pairs, 1)
+        theirs, ours = meet(sums, self._counts), meet(counts, self._sums)
+        products = meet(sums, self._sums, is_summed=True)
+        covariance = products - (theirs * ours).sum(axis=0) / n
+        their_spread = meet(squares, self._counts) - (theirs**2).sum(axis=0) / n
+        our_spread = meet(counts, self._squares) - (ours**2).sum(axis=0) / n
+        least = _LEAST_SPREAD * n
+        varies = (their_spread > least) & (our_spread > least)
+        scale = np.sqrt(np.where(varies, their_spread * our_spread, 1))
+        return np.where(varies, covariance / scale, 0), n_pairs
+
+    def _transform(
+        self, values: FloatArray, within: BoolArray
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the transforms of what counts, of each channel's values, of the sum of their squares."""
+        centred = np.moveaxis(np.where(within[..., None], values - self._middle, 0), 2, 0)
+        size = self._size(within.shape)
+        counts = scipy.fft.rfft2(within.astype(np.float64), s=size)
+        return counts, scipy.fft.rfft2(centred, s=size), scipy.fft.rfft2((centred**2).sum(axis=0), s=size)
+
+    @staticmethod
+    def _size(shape: tuple[int, ...]) -> tuple[int, int]:
+        """Return a size at which nothing meets itself round the edge."""
+        rows, columns = (scipy.fft.next_fast_len(2 * size, real=True) for size in shape)
+        return rows, columns
+
+
+def cut_tiles(within: BoolArray, periods: FloatArray) -> list[BoolArray]:
     """Return the tiles of a hole, masks (h, w); those of which less than half lies within it are left out.
 
     Parameters
@@ -40,10 +114,7 @@ def cut_tiles(within: NDArray[np.bool_], periods: NDArray[np.float64]) -> list[N
 
 
 def measure_tiles(
-    correlator: Correlator,
-    values: NDArray[np.float64],
-    tiles: list[NDArray[np.bool_]],
-    periods: NDArray[np.float64],
+    correlator: Correlator, values: FloatArray, tiles: list[BoolArray], periods: FloatArray
 ) -> float:
     """Return how far tiles are out of step, in periods, on average; NaN where none meets anything known.
 
@@ -63,9 +134,7 @@ def measure_tiles(
     return float(errors.mean()) if errors.size else float("nan")
 
 
-def _measure_tile(
-    correlator: Correlator, values: NDArray[np.float64], tile: NDArray[np.bool_], periods: NDArray[np.float64]
-) -> float:
+def _measure_tile(correlator: Correlator, values: FloatArray, tile: BoolArray, periods: FloatArray) -> float:
     """Return how far a tile is out of step, in periods; NaN where it meets nothing known."""
     if float(values[tile].std(axis=0).max()) == 0:
         return OUT_OF_STEP
@@ -89,7 +158,7 @@ def _measure_tile(
     return float(np.abs(shares[best]).max())
 
 
-def _list_steps(periods: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _list_steps(periods: FloatArray) -> tuple[FloatArray, FloatArray]:
     """List the displacements within a cell, in periods (m, n) and in pixels (m, 2), the shortest first."""
     if len(periods) == 1:
         length = float(np.hypot(*periods[0]))
@@ -106,7 +175,7 @@ def _list_steps(periods: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     return shares[nearest], steps[nearest]
 
 
-def _list_repetitions(periods: NDArray[np.float64], reach: tuple[int, int]) -> NDArray[np.float64]:
+def _list_repetitions(periods: FloatArray, reach: tuple[int, int]) -> FloatArray:
     """List the displacements k p within reach, none excepted but the first, the shortest first."""
     most = [int(max(reach) / np.hypot(*period)) + 1 for period in periods]
     factors = np.array(list(product(*(range(-n, n + 1) for n in most))), dtype=np.float64)

@@ -6,10 +6,10 @@ blurred hole to a right texture. What can be compared are distributions of patch
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from texture.sampling.arguments import check_image, check_mask
-from texture.sampling.levels import HIGHEST_LEVEL, Pixels
+from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, FloatArray, Pixels
 
 PATCH = 7  # pixels: side of the patches that are compared
 _BAND = 32  # rows of patches that are compared at a time
@@ -133,9 +133,7 @@ def measure_verbatim_share(source_rows: ArrayLike, source_cols: ArrayLike, hole:
     return float((patches == patches[:, :1]).all(axis=(1, 2)).mean()) if len(patches) else 0.0
 
 
-def list_patches(
-    pixels: NDArray[np.float64], mask: NDArray[np.bool_], at: NDArray[np.bool_] | None = None
-) -> NDArray[np.float64]:
+def list_patches(pixels: FloatArray, mask: BoolArray, at: BoolArray | None = None) -> FloatArray:
     """Return the patches that lie wholly within a mask, shape (n, 49 * c), in raster order.
 
     Parameters
@@ -157,9 +155,7 @@ def list_patches(
     return np.asarray(whole.reshape(len(whole), PATCH**2 * pixels.shape[2]))
 
 
-def read_levels(
-    image: ArrayLike, mask: ArrayLike | None, name: str
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def read_levels(image: ArrayLike, mask: ArrayLike | None, name: str) -> tuple[FloatArray, BoolArray]:
     """Return an image as 8-bit levels (h, w, c), not rounded, and where it counts (h, w)."""
     pixels: Pixels = check_image(image, name)
     scale = 1.0 if pixels.dtype == np.uint8 else HIGHEST_LEVEL
@@ -168,33 +164,29 @@ def read_levels(
     return values, everywhere if mask is None else check_mask(mask, everywhere.shape, f"{name}_mask")
 
 
-def _halve(
-    pixels: NDArray[np.float64], mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _halve(pixels: FloatArray, mask: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the next level of a pyramid: means of 2 x 2 pixels, which belong to it if all four do."""
     height, width = (size // 2 for size in mask.shape)
     blocks = np.s_[: 2 * height, : 2 * width]
     means = pixels[blocks].reshape(height, 2, width, 2, -1).mean(axis=(1, 3))
-    is_whole: NDArray[np.bool_] = np.asarray(mask[blocks].reshape(height, 2, width, 2).all(axis=(1, 3)))
+    is_whole: BoolArray = np.asarray(mask[blocks].reshape(height, 2, width, 2).all(axis=(1, 3)))
     return means, is_whole
 
 
-def _match_sizes(projections: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _match_sizes(projections: list[FloatArray]) -> list[FloatArray]:
     """Return the quantiles of sorted columns at as many levels as the longer one has."""
     n = max(len(some) for some in projections)
     return [some[(np.arange(n) * len(some)) // n] for some in projections]
 
 
-def _find_border(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _find_border(within: BoolArray) -> BoolArray:
     """Return the pixels of a mask that have a neighbour, up, down, left or right, outside it."""
     padded = np.pad(within, 1, mode="edge")
     inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
     return within & ~inner
 
 
-def _measure_to_nearest(
-    patches: NDArray[np.float64], pixels: NDArray[np.float64], mask: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], int]:
+def _measure_to_nearest(patches: FloatArray, pixels: FloatArray, mask: BoolArray) -> tuple[FloatArray, int]:
     """Return how far each patch is from the nearest one within a mask, and how many these are.
 
     Matrix products find the nearest, a band of rows at a time; its distance is then taken directly.

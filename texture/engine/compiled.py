@@ -14,10 +14,14 @@ from hashlib import sha256
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 P = ParamSpec("P")
 R = TypeVar("R")
+LANES = 64  # consecutive centres that are measured together
+TERMS_PER_STEP = 8  # terms added between two comparisons with the bound
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -53,3 +57,65 @@ def _parts(names: Mapping[str, Any], seen: set[str]) -> Iterator[str]:
                 seen.add(source.__code__.co_filename)
                 yield "".join(linecache.getlines(source.__code__.co_filename, source.__globals__))
                 yield from _parts(source.__globals__, seen)
+
+
+@intrinsic
+def add_step(
+    _typing: Any, levels: Any, offsets: Any, values: Any, weights: Any, before: Any, sums: Any, _bound: Any
+) -> Any:
+    """Write the sums of LANES centres, what they were before and TERMS_PER_STEP terms; all by address.
+
+    Says whether any is at most the bound.
+    """
+    signature = types.boolean(levels, offsets, values, weights, before, sums, types.float32)
+    real, word, lanes = ir.FloatType(), ir.IntType(64), ir.VectorType(ir.FloatType(), LANES)
+    nobody = ir.Constant(lanes, ir.Undefined)
+    first = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        def spread(number: Any) -> Any:
+            single = builder.insert_element(nobody, number, ir.Constant(ir.IntType(32), 0))
+            return builder.shuffle_vector(single, nobody, first)
+
+        kinds = (real, word, real, real, lanes, lanes)
+        pointers = [builder.inttoptr(a, k.as_pointer()) for a, k in zip(arguments, kinds, strict=False)]
+        chains = [builder.load(pointers[4], align=4), None]
+        for term in range(TERMS_PER_STEP):
+            at = ir.Constant(word, term)
+            offset, value, weight = (builder.load(builder.gep(p, [at])) for p in pointers[1:4])
+            there = builder.bitcast(builder.gep(pointers[0], [offset]), lanes.as_pointer())
+            difference = builder.fsub(builder.load(there, align=4), spread(value))
+            weighted = builder.fmul(difference, spread(weight))
+            product = builder.fmul(weighted, difference, flags=("contract",))
+            chain = chains[term % 2]
+            chains[term % 2] = product if chain is None else builder.fadd(chain, product, flags=("contract",))
+        total = builder.fadd(*chains)
+        builder.store(total, pointers[5], align=4)
+        is_near = builder.fcmp_ordered("<=", total, spread(arguments[6]))
+        return builder.icmp_unsigned(
+            "!=", builder.bitcast(is_near, ir.IntType(LANES)), ir.Constant(ir.IntType(LANES), 0)
+        )
+
+    return signature, generate
+
+
+@intrinsic
+def take_number(_typing: Any, counter: Any) -> Any:
+    """Return the number at an address and raise it by one, as one step for all threads."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        pointer = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "acq_rel")
+
+    return types.int64(counter), generate
+
+
+@intrinsic
+def read_number(_typing: Any, address: Any) -> Any:
+    """Return the number at an address, and see all that was written before it."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        pointer = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+        return builder.load_atomic(pointer, "acquire", 8)
+
+    return types.int64(address), generate

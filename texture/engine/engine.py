@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texture.sampling.canvas import Canvas
-from texture.sampling.sample import Sample
-from texture.sampling.template import gaussian_weights
+from texture.sampling.matching import gaussian_weights
+from texture.sampling.sample import IntArray, Sample
 
 if TYPE_CHECKING:
     from texture.engine.kernels import CanvasArrays
     from texture.engine.scan_kernels import SampleArrays
 
-FillPixels: TypeAlias = Callable[[NDArray[np.int64], float, NDArray[np.uint64]], None]
+FillPixels: TypeAlias = Callable[[IntArray, float, NDArray[np.uint64]], None]
 
 TURNS_PER_THREAD = 8  # a pass of fewer turns is not worth a thread
 
@@ -55,7 +55,7 @@ def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_t
     nobody = np.iinfo(np.int64).max
     turns = np.full(canvas.known.shape, nobody)
 
-    def fill(visits: NDArray[np.int64], threshold: float, words: NDArray[np.uint64]) -> None:
+    def fill(visits: IntArray, threshold: float, words: NDArray[np.uint64]) -> None:
         rows, columns = np.divmod(visits, canvas.unfilled.shape[1])
         turns[rows, columns] = np.arange(visits.size)
         done, counter = np.zeros(visits.size, dtype=np.int64), np.zeros(1, dtype=np.int64)
@@ -81,7 +81,7 @@ def count_threads(n_threads: int | None) -> int:
 
 def lay_out(sample: Sample) -> SampleArrays:
     """Return a sample's levels as planes, and the blocks of centres that may be copied."""
-    from texture.engine.instructions import LANES
+    from texture.engine.compiled import LANES
     from texture.engine.scan_kernels import MISSING, SampleArrays
 
     height, width = sample.padded_usable.shape
@@ -113,7 +113,7 @@ def lay_out(sample: Sample) -> SampleArrays:
     )
 
 
-def _list_blocks(centres: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+def _list_blocks(centres: IntArray, size: int) -> IntArray:
     """Return where to begin the fewest runs of `size` places, none overlapping, that hold all centres."""
     starts, ordinal = [], 0
     while ordinal < centres.size:

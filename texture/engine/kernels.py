@@ -11,33 +11,33 @@ import numpy as np
 from numba import int64, uint64
 from numpy.typing import NDArray
 
-from texture.engine.compiled import compiled
-from texture.engine.instructions import LANES, TERMS_PER_STEP, read_number, take_number
+from texture.engine.compiled import LANES, TERMS_PER_STEP, compiled, read_number, take_number
 from texture.engine.scan_kernels import N_BUCKETS, Findings, SampleArrays, Terms, find_candidates
+from texture.sampling.sample import BoolArray, IntArray
 
 
 class CanvasArrays(NamedTuple):
     """The arrays of a `texture.sampling.canvas.Canvas`, in its shapes."""
 
-    levels: NDArray[np.int64]
-    known: NDArray[np.bool_]
-    sources: NDArray[np.int64]
-    unfilled: NDArray[np.bool_]
+    levels: IntArray
+    known: BoolArray
+    sources: IntArray
+    unfilled: BoolArray
     errors: NDArray[np.float32]
-    row_reach: NDArray[np.int64]
-    column_reach: NDArray[np.int64]
+    row_reach: IntArray
+    column_reach: IntArray
 
 
 @compiled
 def fill_visits(
     sample: SampleArrays,
     canvas: CanvasArrays,
-    visits: NDArray[np.int64],
+    visits: IntArray,
     words: NDArray[np.uint64],
     threshold: float,
-    turns: NDArray[np.int64],
-    done: NDArray[np.int64],
-    counter: NDArray[np.int64],
+    turns: IntArray,
+    done: IntArray,
+    counter: IntArray,
 ) -> None:
     """Fill the visited pixels in turn, as `passes.fill_pixels`; any number of threads may call it.
 
@@ -90,7 +90,7 @@ def _visit(
     threshold: float,
     terms: Terms,
     found: Findings,
-    guesses: NDArray[np.int64],
+    guesses: IntArray,
 ) -> None:
     """Fill a pixel by a random candidate, if its error is below the threshold."""
     row, column = pixel // canvas.unfilled.shape[1], pixel % canvas.unfilled.shape[1]
@@ -104,9 +104,7 @@ def _visit(
 
 
 @compiled
-def _is_ready(
-    canvas: CanvasArrays, pixel: int, turn: int, turns: NDArray[np.int64], done: NDArray[np.int64]
-) -> bool:
+def _is_ready(canvas: CanvasArrays, pixel: int, turn: int, turns: IntArray, done: IntArray) -> bool:
     """Say whether all earlier turns within a pixel's window are over."""
     for row in canvas.row_reach[pixel // canvas.unfilled.shape[1]]:
         for column in canvas.column_reach[pixel % canvas.unfilled.shape[1]]:
@@ -161,7 +159,7 @@ def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) ->
 
 @compiled
 def _list_guesses(
-    sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, guesses: NDArray[np.int64]
+    sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, guesses: IntArray
 ) -> int:
     """Write the centres that continue the sources of the eight neighbours; return how many."""
     radius = canvas.row_reach.shape[1] // 2

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from texture.engine.engine import can_compile, prepare_engine
 from texture.sampling.arguments import EngineName
-from texture.sampling.canvas import Canvas
+from texture.sampling.canvas import Canvas, OrderName, draw_place, list_visits, plant_seed
 from texture.sampling.matching import find_candidates
-from texture.sampling.order import OrderName, list_visits
 from texture.sampling.randomness import Purpose, pick, random_words
-from texture.sampling.sample import Sample
-from texture.sampling.seed import draw_place, plant_seed
+from texture.sampling.sample import IntArray, Sample
 
 Progress: TypeAlias = Callable[[int, int], None]
 
@@ -84,11 +82,7 @@ def synthesise(canvas: Canvas, sample: Sample, how: Way, progress: Progress | No
 
 
 def fill_pixels(
-    canvas: Canvas,
-    sample: Sample,
-    visits: NDArray[np.int64],
-    threshold: float,
-    words: NDArray[np.uint64],
+    canvas: Canvas, sample: Sample, visits: IntArray, threshold: float, words: NDArray[np.uint64]
 ) -> None:
     """Fill the visited pixels (n,) in turn, each by a random candidate, if its error is below the threshold.
 

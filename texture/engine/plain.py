@@ -6,18 +6,17 @@ robust mean and its noise: each pixel is a random one of the sample's usual pixe
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texture.sampling.canvas import Canvas
 from texture.sampling.randomness import Purpose, random_words
-from texture.sampling.sample import Sample
+from texture.sampling.sample import BoolArray, FloatArray, IntArray, Sample
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 UNUSUAL = 3.0  # standard deviations from the median
 IRRELEVANT = 0.05  # a correlation that explains 0.3 % of the variance
 
 
-def is_plain(levels: NDArray[np.int64], usable: NDArray[np.bool_]) -> bool:
+def is_plain(levels: IntArray, usable: BoolArray) -> bool:
     """Say whether a sample's pixels differ by noise alone: no correlation between close ones.
 
     Pixels further than 3 robust standard deviations from the median count as that far, so that a few specks
@@ -60,14 +59,14 @@ def fill_plainly(canvas: Canvas, sample: Sample, key: int) -> None:
         canvas.write(row, column, source, sample.levels[divmod(source, width)], 0.0)
 
 
-def _list_limits(chosen: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _list_limits(chosen: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest usual level of each channel; at least one level apart."""
     middle = np.median(chosen, axis=0)
     spread = np.maximum(1.4826 * np.median(np.abs(chosen - middle), axis=0), 1.0)
     return middle - UNUSUAL * spread, middle + UNUSUAL * spread
 
 
-def _is_uncorrelated(values: NDArray[np.float64], usable: NDArray[np.bool_]) -> bool:
+def _is_uncorrelated(values: FloatArray, usable: BoolArray) -> bool:
     height, width = values.shape
     centred = values - values[usable].mean()
     variance = (centred[usable] ** 2).mean()

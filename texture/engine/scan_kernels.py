@@ -12,8 +12,8 @@ import numpy as np
 from numba import int64
 from numpy.typing import NDArray
 
-from texture.engine.compiled import compiled
-from texture.engine.instructions import LANES, TERMS_PER_STEP, add_step
+from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, compiled
+from texture.sampling.sample import FloatArray, IntArray
 
 MISSING = np.float32(1e12)  # level where the sample has none: one difference exceeds every real distance
 NO_BOUND = 1e20  # exceeds every distance within the sample, and no other
@@ -27,10 +27,10 @@ class SampleArrays(NamedTuple):
 
     levels: NDArray[np.float32]  # (c * plane,), MISSING where the sample has no pixel
     costs: NDArray[np.float32]  # (plane,), 0 at centres that may be copied, MISSING elsewhere
-    blocks: NDArray[np.int64]  # first centre of each block of LANES
-    weights: NDArray[np.int64]  # (window, window)
-    means: NDArray[np.float64]  # (c,) of the levels that may be copied
-    variances: NDArray[np.float64]  # (c,)
+    blocks: IntArray  # first centre of each block of LANES
+    weights: IntArray  # (window, window)
+    means: FloatArray  # (c,) of the levels that may be copied
+    variances: FloatArray  # (c,)
     plane: int  # centres and margins of a plane
     row: int  # pixels of a row with its margins
     margin: int
@@ -40,31 +40,27 @@ class SampleArrays(NamedTuple):
 class Terms(NamedTuple):
     """What a distance sums, the most telling first: one term for each channel of each known pixel."""
 
-    offsets: NDArray[np.int64]  # from the centre, in `SampleArrays.levels`
+    offsets: IntArray  # from the centre, in `SampleArrays.levels`
     values: NDArray[np.float32]
     weights: NDArray[np.float32]
-    buckets: NDArray[np.int64]  # 0 for the most telling
-    ends: NDArray[np.int64]  # (N_BUCKETS + 1,), where each bucket's terms end
-    pixels: NDArray[np.int64]  # known pixels of the window, row * window + column
+    buckets: IntArray  # 0 for the most telling
+    ends: IntArray  # (N_BUCKETS + 1,), where each bucket's terms end
+    pixels: IntArray  # known pixels of the window, row * window + column
     colours: NDArray[np.float32]  # (n, c) of these
 
 
 class Findings(NamedTuple):
     """Room for what a scan finds; n is the number of places in all blocks."""
 
-    centres: NDArray[np.int64]  # (n,)
-    distances: NDArray[np.int64]  # (n,)
+    centres: IntArray  # (n,)
+    distances: IntArray  # (n,)
     estimates: NDArray[np.float32]  # (n,) the distances in single precision
     sums: NDArray[np.float32]  # (LANES,)
 
 
 @compiled
 def find_candidates(
-    sample: SampleArrays,
-    terms: Terms,
-    n_known: int,
-    guesses: NDArray[np.int64],
-    found: Findings,
+    sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, found: Findings
 ) -> tuple[int, int]:
     """Write the candidates' centres and distances, as `texture.sampling.matching.find_candidates`.
 
@@ -123,13 +119,7 @@ def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) ->
 
 
 @compiled
-def _scan(
-    sample: SampleArrays,
-    terms: Terms,
-    n_terms: int,
-    guesses: NDArray[np.int64],
-    found: Findings,
-) -> int:
+def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, found: Findings) -> int:
     """Write the centres that offer all of the template and are at most 1.1 times as far as the nearest."""
     allowance = 1.1 * (1 + 3 * _ROUNDING * (n_terms + TERMS_PER_STEP))
     bound = NO_BOUND

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from texture.sampling.levels import Pixels
-from texture.sampling.order import OrderName
+from texture.sampling.canvas import OrderName
+from texture.sampling.sample import BoolArray, Pixels
 
 EngineName: TypeAlias = Literal["numba", "reference"]
 LARGEST_WINDOW = 99  # keeps every distance below the compiled scan's mark for "not in the sample"
@@ -24,7 +24,7 @@ def check_image(image: ArrayLike, name: str = "image") -> Pixels:
     return pixels
 
 
-def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> NDArray[np.bool_]:
+def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> BoolArray:
     """Return a mask of an image's (h, w) as booleans: non-zero is True; raise ValueError for other shapes."""
     checked = np.asarray(mask)
     if checked.shape != shape:
@@ -35,14 +35,14 @@ def check_mask(mask: ArrayLike, shape: tuple[int, ...], name: str = "mask") -> N
     return np.asarray(checked != 0, dtype=np.bool_)
 
 
-def check_known(known: ArrayLike | None, hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def check_known(known: ArrayLike | None, hole: BoolArray) -> BoolArray:
     """Return which pixels (h, w) hold a value: `known` without the hole, or all outside it."""
     return ~hole if known is None else check_mask(known, hole.shape, "known") & ~hole
 
 
 def check_sample_mask(
-    sample_mask: ArrayLike | None, known: NDArray[np.bool_], *, is_needed: bool = True
-) -> NDArray[np.bool_]:
+    sample_mask: ArrayLike | None, known: BoolArray, *, is_needed: bool = True
+) -> BoolArray:
     """Return which pixels (h, w) may be copied: all known ones, or the selected ones, which must be known.
 
     Raises

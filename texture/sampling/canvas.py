@@ -1,14 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""The canvas: the image while it is being filled. The one thing in this package that changes."""
+"""The canvas: the image while it is filled, the order in which it is, and the seeds from which it grows."""
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.sampling.template import Template
+from texture.sampling.matching import Template
+from texture.sampling.randomness import Purpose, pick, random_words
+from texture.sampling.sample import BoolArray, IntArray, Sample
 
 NOWHERE = -1  # the source of a pixel that has none
+OrderName: TypeAlias = Literal["paper", "window"]
+
+SHARE_PER_PASS = 8  # the window order visits the best eighth of the front
+UNSUPPORTED = 1.0  # the error of a seed: nothing around it vouches for it
 
 
 @dataclass(slots=True, eq=False)
@@ -35,13 +42,13 @@ class Canvas:
         The same of columns.
     """
 
-    levels: NDArray[np.int64]
-    known: NDArray[np.bool_]
-    sources: NDArray[np.int64]
-    unfilled: NDArray[np.bool_]
+    levels: IntArray
+    known: BoolArray
+    sources: IntArray
+    unfilled: BoolArray
     errors: NDArray[np.float32]
-    row_reach: NDArray[np.int64]
-    column_reach: NDArray[np.int64]
+    row_reach: IntArray
+    column_reach: IntArray
 
     @classmethod
     def empty(cls, shape: tuple[int, int], n_channels: int, wrap: tuple[bool, bool], window: int) -> "Canvas":
@@ -59,12 +66,7 @@ class Canvas:
 
     @classmethod
     def around_hole(
-        cls,
-        levels: NDArray[np.int64],
-        known: NDArray[np.bool_],
-        hole: NDArray[np.bool_],
-        wrap: tuple[bool, bool],
-        window: int,
+        cls, levels: IntArray, known: BoolArray, hole: BoolArray, wrap: tuple[bool, bool], window: int
     ) -> "Canvas":
         """Return a canvas that holds the known pixels, each its own source, and a hole to be filled.
 
@@ -100,7 +102,7 @@ class Canvas:
         sources = self.sources[rows[near], columns[near]]
         return Template(self.levels[rows, columns], self.known[rows, columns], sources)
 
-    def write(self, row: int, column: int, source: int, levels: NDArray[np.int64], error: float) -> None:
+    def write(self, row: int, column: int, source: int, levels: IntArray, error: float) -> None:
         """Fill a pixel with levels (c,) from a source, and keep its error, 0..1."""
         self.levels[row, column] = levels
         self.known[row, column] = True
@@ -116,7 +118,7 @@ class Canvas:
         columns = np.flatnonzero(self.unfilled[rows[0] : rows[-1] + 1].any(axis=0))
         return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
-    def count_known(self, box: tuple[slice, slice], radius: int) -> NDArray[np.int64]:
+    def count_known(self, box: tuple[slice, slice], radius: int) -> IntArray:
         """Count the known pixels within `radius` (rows and columns) of each pixel of a box, in its shape.
 
         A table of sums over rectangles (Crow 1984, "Summed-area tables for texture mapping", section 2).
@@ -129,7 +131,7 @@ class Canvas:
         far = 2 * radius + 1
         return np.asarray(sums[far:, far:] - sums[:-far, far:] - sums[far:, :-far] + sums[:-far, :-far])
 
-    def _list_lines(self, reach: NDArray[np.int64], radius: int) -> NDArray[np.int64]:
+    def _list_lines(self, reach: IntArray, radius: int) -> IntArray:
         """Return the rows, or columns, of a box and those within `radius` of it."""
         if not len(reach):
             return np.zeros(2 * radius, dtype=np.int64)
@@ -137,6 +139,81 @@ class Canvas:
         return np.concatenate([near[0, :radius], near[:, radius], near[-1, radius + 1 :]])
 
 
-def _list_reach(size: int, window: int, wraps: bool) -> NDArray[np.int64]:
+def _list_reach(size: int, window: int, wraps: bool) -> IntArray:
     reach = np.arange(size)[:, None] + np.arange(window) - window // 2
     return reach % size if wraps else np.where((reach >= 0) & (reach < size), reach, size)
+
+
+def list_visits(canvas: Canvas, order: OrderName, key: int, pass_number: int) -> IntArray:
+    """List the pixels that a pass visits: the front, those with most filled neighbours first, ties at random.
+
+    The paper (Efros & Leung 1999, section 2.2 and the pseudocode) leaves open which neighbours count.
+    "paper" counts the eight around the pixel and visits the whole front; "window" counts the whole window and
+    visits the best eighth of the front.
+
+    Parameters
+    ----------
+    canvas : Canvas
+        As it is when the pass begins.
+    order : {"paper", "window"}
+        See above.
+    key, pass_number : int
+        Random ties are a pure function of them and the pixel.
+
+    Returns
+    -------
+    array, shape (n,), int64
+        row * width + column; empty when no unfilled pixel has a filled neighbour.
+    """
+    box = canvas.find_unfilled_box()
+    n_neighbours = canvas.count_known(box, radius=1)
+    front = np.nonzero(canvas.unfilled[box] & (n_neighbours > 0))
+    n_filled = (canvas.count_known(box, canvas.radius) if order == "window" else n_neighbours)[front]
+    n_visits = -(-front[0].size // (SHARE_PER_PASS if order == "window" else 1))
+    pixels = (front[0] + box[0].start) * canvas.unfilled.shape[1] + front[1] + box[1].start
+    ties = random_words(key, Purpose.ORDER, pass_number, pixels)
+    visits: IntArray = pixels[np.lexsort((ties, -n_filled))][:n_visits]
+    return visits
+
+
+def plant_seed(
+    canvas: Canvas, sample: Sample, place: tuple[int, int], key: int, pass_number: int = 0
+) -> None:
+    """Copy a random 3 x 3 piece of the sample to a place of the canvas, as far as it is unfilled there.
+
+    The piece is whole if the sample holds a whole one; otherwise at least its centre can be used.
+    """
+    height, width = sample.usable.shape
+    shifts = np.indices((3, 3)).reshape(2, 9, 1) - 1
+    choices = np.flatnonzero(_is_whole(sample).ravel()[sample.positions])
+    choices = choices if choices.size else np.arange(sample.positions.size)
+    seed = choices[pick(random_words(key, Purpose.SEED_SOURCE, pass_number, 0)[0], choices.size)]
+    row, column = divmod(int(sample.positions[seed]), width)
+    beside_rows, beside_columns = row + shifts[0, :, 0], column + shifts[1, :, 0]  # (9,): the piece around it
+    has_counterpart = sample.padded_usable[beside_rows + sample.margin, beside_columns + sample.margin]
+    sources = beside_rows % height * width + beside_columns % width
+    reached_rows = canvas.row_reach[place[0], canvas.radius + shifts[0, :, 0]]
+    reached_columns = canvas.column_reach[place[1], canvas.radius + shifts[1, :, 0]]
+    is_outside = (reached_rows == canvas.unfilled.shape[0]) | (reached_columns == canvas.unfilled.shape[1])
+    for piece in np.flatnonzero(has_counterpart & ~is_outside):
+        row, column, source = int(reached_rows[piece]), int(reached_columns[piece]), int(sources[piece])
+        if canvas.unfilled[row, column]:
+            canvas.write(row, column, source, sample.levels[divmod(source, width)], UNSUPPORTED)
+
+
+def _is_whole(sample: Sample) -> BoolArray:
+    """Tell around which pixels (h, w) of the sample a whole 3 x 3 piece may be copied."""
+    height, width = sample.usable.shape
+    whole = np.ones((height, width), dtype=np.bool_)
+    for row, column in np.ndindex(3, 3):
+        top, left = sample.margin + row - 1, sample.margin + column - 1
+        whole &= sample.padded_usable[top : top + height, left : left + width]
+    return whole
+
+
+def draw_place(canvas: Canvas, key: int, pass_number: int) -> tuple[int, int]:
+    """Draw an unfilled pixel."""
+    unfilled = np.flatnonzero(canvas.unfilled)
+    word = random_words(key, Purpose.SEED_PLACE, pass_number, 0)[0]
+    row, column = divmod(int(unfilled[pick(word, unfilled.size)]), canvas.unfilled.shape[1])
+    return row, column

@@ -4,12 +4,88 @@
 All distances are whole numbers, so "the same candidates" means equal, not close.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from texture.sampling.levels import HIGHEST_LEVEL
-from texture.sampling.sample import Sample
-from texture.sampling.template import Candidates, Template, gaussian_weights
+import numpy as np
+
+from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, IntArray, Sample
+
+WEIGHT_LEVELS = 2**14 - 1  # 14 bits: distances are exact int64 sums, the same on any machine
+SIGMA_PER_WINDOW = 1 / 6.4  # Efros's own page: sigma = window / 6.4
+
+
+class Template(NamedTuple):
+    """The window around an unfilled pixel.
+
+    One is read per pixel and never kept, so it is a plain record without copies.
+
+    Parameters
+    ----------
+    levels : array, shape (window, window, c), int64
+        8-bit levels; meaningless where unknown.
+    known : array, shape (window, window), bool
+        Which pixels of the window hold a value.
+    neighbour_sources : array, shape (3, 3), int64
+        Where in the sample the pixel's neighbours came from, row * width + column; -1 for nowhere. Their
+        continuations are good first guesses; the candidates do not depend on them.
+    """
+
+    levels: IntArray
+    known: BoolArray
+    neighbour_sources: IntArray
+
+    def narrow(self, window: int) -> "Template":
+        """Return the template with nothing known outside its central `window` x `window` pixels."""
+        size = self.known.shape[0]
+        rim = (size - window) // 2
+        known = np.zeros_like(self.known)
+        known[rim : size - rim, rim : size - rim] = self.known[rim : size - rim, rim : size - rim]
+        return self._replace(known=known)
+
+
+class Candidates(NamedTuple):
+    """The places of the sample that resemble a template nearly as much as the best one.
+
+    Parameters
+    ----------
+    positions : array, shape (n,), int64
+        row * width + column in the sample, in raster order.
+    distances : array, shape (n,), int64
+        Weighted sum of squared differences of 8-bit levels, exact.
+    largest_distance : int
+        What the distance would be if every known pixel of the template differed by 255.
+    """
+
+    positions: IntArray
+    distances: IntArray
+    largest_distance: int
+
+
+def gaussian_weights(window: int) -> IntArray:
+    """Return the weights of a window's pixels.
+
+    Parameters
+    ----------
+    window : int
+        Odd side of the window, at most 99 pixels.
+
+    Returns
+    -------
+    array, shape (window, window), int64
+        1..16383, largest in the centre; no pixel of the window counts nothing.
+
+    Examples
+    --------
+    >>> gaussian_weights(3)
+    array([[  173,  1683,   173],
+           [ 1683, 16383,  1683],
+           [  173,  1683,   173]])
+    """
+    offsets = np.arange(window) - window // 2
+    squared = offsets[:, None] ** 2 + offsets**2
+    sigma = window * SIGMA_PER_WINDOW
+    weights: IntArray = np.rint(WEIGHT_LEVELS * np.exp(-squared / (2 * sigma**2))).astype(np.int64)
+    return weights
 
 
 def find_candidates(template: Template, sample: Sample) -> Candidates:
@@ -50,7 +126,7 @@ def scan_exhaustively(template: Template, sample: Sample) -> Candidates:
     return _select(distances[competes], template, sample, sample.positions[competes])
 
 
-def measure_distances(template: Template, sample: Sample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def measure_distances(template: Template, sample: Sample) -> tuple[IntArray, IntArray]:
     """Measure how much the surroundings of each sample pixel differ from a template.
 
     Returns
@@ -75,9 +151,7 @@ def measure_distances(template: Template, sample: Sample) -> tuple[NDArray[np.in
     return distances[sample.usable], missing_weights[sample.usable]
 
 
-def _select(
-    distances: NDArray[np.int64], template: Template, sample: Sample, positions: NDArray[np.int64]
-) -> Candidates:
+def _select(distances: IntArray, template: Template, sample: Sample, positions: IntArray) -> Candidates:
     """Keep what is at most 1.1 times as far as the nearest: 10 d <= 11 d_min, in whole numbers."""
     weights = gaussian_weights(template.known.shape[0])
     largest = int(weights[template.known].sum()) * sample.levels.shape[2] * HIGHEST_LEVEL**2

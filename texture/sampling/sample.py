@@ -1,10 +1,71 @@
 # SPDX-License-Identifier: MIT
-"""The sample: the pixels that may be copied, prepared so that any window around them can be read."""
+"""The sample: its 8-bit levels, and the pixels that may be copied, with a margin around them."""
 
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
+Pixels: TypeAlias = NDArray[Any]  # uint8, or float in 0..1; the dtype is kept from input to result
+
+HIGHEST_LEVEL = 255
+ROUNDING = 1e-5  # how far single-precision arithmetic may carry a colour out of 0..1
+
+
+def quantise(pixels: Pixels, needed: BoolArray) -> IntArray:
+    """Round an image to 8-bit levels.
+
+    Parameters
+    ----------
+    pixels : array, shape (h, w) or (h, w, c)
+        uint8, or float in 0..1 where needed.
+    needed : array, shape (h, w), bool
+        Pixels whose value will be read; the others become level 0, whatever they hold.
+
+    Returns
+    -------
+    array, shape (h, w, c), int64
+        0..255.
+
+    Raises
+    ------
+    ValueError
+        When a needed pixel is not finite or lies outside 0..1.
+
+    Examples
+    --------
+    >>> quantise(np.array([[0.0, 0.4, np.nan]]), np.array([[True, True, False]]))[..., 0]
+    array([[  0, 102,   0]])
+    """
+    channels = pixels if pixels.ndim == 3 else pixels[..., None]
+    read = np.where(needed[..., None], channels, np.zeros((), dtype=pixels.dtype))
+    if pixels.dtype == np.uint8:
+        levels = read.astype(np.int64)
+    else:
+        _check_range(read)
+        levels = np.rint(np.clip(read.astype(np.float64), 0, 1) * HIGHEST_LEVEL).astype(np.int64)
+    levels.flags.writeable = False  # so that a sample may keep it as it is
+    return levels
+
+
+def _check_range(read: Pixels) -> None:
+    is_bad = ~np.isfinite(read).all(axis=2)
+    if is_bad.any():
+        row, column = np.argwhere(is_bad)[0]
+        raise ValueError(
+            f"image: {np.count_nonzero(is_bad)} of {is_bad.size} pixels are known but not finite (first at "
+            f"row {row}, column {column}); mask them, or exclude them by `known` (for grow: by `sample_mask`)"
+        )
+    lowest, highest = float(read.min()), float(read.max())
+    if lowest < -ROUNDING or highest > 1 + ROUNDING:
+        raise ValueError(
+            f"image: expected float values in 0..1, got {lowest:.4g}..{highest:.4g}; "
+            "divide by the largest possible value, or pass 8-bit values as uint8"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,14 +101,14 @@ class Sample:
     array([4, 5, 0, 1, 2, 3, 4, 5, 0, 1])
     """
 
-    levels: NDArray[np.int64]
-    usable: NDArray[np.bool_]
+    levels: IntArray
+    usable: BoolArray
     wrap: tuple[bool, bool]
     radius: int
     margin: int = field(init=False)
-    positions: NDArray[np.int64] = field(init=False)
-    padded_levels: NDArray[np.int64] = field(init=False)
-    padded_usable: NDArray[np.bool_] = field(init=False)
+    positions: IntArray = field(init=False)
+    padded_levels: IntArray = field(init=False)
+    padded_usable: BoolArray = field(init=False)
 
     def __post_init__(self) -> None:
         margin = self.radius + 1
@@ -67,7 +128,7 @@ class Sample:
         object.__setattr__(self, "margin", margin)
 
 
-def _extend(size: int, margin: int, wraps: bool) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _extend(size: int, margin: int, wraps: bool) -> tuple[IntArray, BoolArray]:
     """Return the index of each pixel of an axis with its margin, and whether there is such a pixel."""
     indices = np.arange(-margin, size + margin)
     inside = (indices >= 0) & (indices < size)

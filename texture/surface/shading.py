@@ -13,6 +13,8 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
+from texture.sampling.sample import BoolArray, FloatArray
+
 _DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
 _ROUNDS = 10  # of reweighting
 _MOST_PIXELS = 20_000  # that are fitted
@@ -38,7 +40,7 @@ class Shading:
 
 
 def fit_shading(
-    brightness: NDArray[np.floating[Any]], known: NDArray[np.bool_], wrap: tuple[bool, bool] = (False, False)
+    brightness: NDArray[np.floating[Any]], known: BoolArray, wrap: tuple[bool, bool] = (False, False)
 ) -> Shading:
     """Fit log-quadratic shading to the known pixels, robustly (Huber's weights).
 
@@ -83,9 +85,7 @@ def fit_shading(
     return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()).astype(np.float32))
 
 
-def _within_hull(
-    logs: NDArray[np.float64], known: NDArray[np.bool_], wrap: tuple[bool, bool]
-) -> NDArray[np.float64]:
+def _within_hull(logs: FloatArray, known: BoolArray, wrap: tuple[bool, bool]) -> FloatArray:
     """Return the fit within the known pixels' hull, and outside that of the nearest place on it.
 
     The hull of what closes on itself is taken along the other axis alone.
@@ -103,12 +103,12 @@ def _within_hull(
     return np.asarray(logs[tuple(nearest)], dtype=np.float64)
 
 
-def _span(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _span(marked: BoolArray) -> BoolArray:
     """Return what lies between the first and the last marked place."""
     return np.asarray(np.logical_or.accumulate(marked) & np.logical_or.accumulate(marked[::-1])[::-1])
 
 
-def _list_waves(size: int, wraps: bool) -> list[NDArray[np.float64]]:
+def _list_waves(size: int, wraps: bool) -> list[FloatArray]:
     """Return the two functions of an axis: x and x**2 for x in -1..1, or a sine and a cosine."""
     if wraps:
         angle = 2 * np.pi * np.arange(size) / size
@@ -117,7 +117,7 @@ def _list_waves(size: int, wraps: bool) -> list[NDArray[np.float64]]:
     return [place, place**2]
 
 
-def _fit_robustly(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _fit_robustly(design: FloatArray, values: FloatArray) -> FloatArray:
     """Return the parameters of a linear fit in which pixels far off count less."""
     weights = np.ones(values.size)
     for _ in range(_ROUNDS):

@@ -19,9 +19,9 @@ from texture.sampling.arguments import (
     check_time_budget,
     check_wrap,
 )
-from texture.sampling.levels import HIGHEST_LEVEL, Pixels, quantise
-from texture.sampling.order import OrderName
+from texture.sampling.canvas import OrderName
 from texture.sampling.randomness import draw_key
+from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, Pixels, quantise
 from texture.surface.shading import Shading, fit_shading
 from texture.surface.tiling import MOST_PIXELS, SAMPLE_SIDE, Piece, densest_block, fill_tiles
 
@@ -140,7 +140,7 @@ def fill_surface(
     return SurfaceFill(_put_back(pixels, lit, hole & (made.source_rows >= 0)), made, shading, plain)
 
 
-def _read(pixels: Pixels, known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _read(pixels: Pixels, known: BoolArray) -> NDArray[np.float32]:
     """Return the image as floats 0..1 of shape (h, w, c), 0 where nothing is known."""
     if pixels.dtype != np.uint8:
         quantise(pixels, known)  # refuses what is not finite or out of range
@@ -149,7 +149,7 @@ def _read(pixels: Pixels, known: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(np.clip(np.where(known[..., None], values, 0), 0, 1), np.float32)
 
 
-def _put_back(pixels: Pixels, lit: NDArray[np.float32], filled: NDArray[np.bool_]) -> Pixels:
+def _put_back(pixels: Pixels, lit: NDArray[np.float32], filled: BoolArray) -> Pixels:
     """Return the image with its filled pixels replaced, in its own type."""
     values = np.clip(lit[filled], 0, 1)
     values = np.rint(values * HIGHEST_LEVEL) if pixels.dtype == np.uint8 else values

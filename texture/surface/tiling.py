@@ -10,18 +10,17 @@ from time import monotonic
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texture.engine.passes import Progress
 from texture.result import Synthesis
-from texture.sampling.levels import Pixels
+from texture.sampling.sample import BoolArray, IntArray, Pixels
 
 SIDE = 192  # pixels: of a tile
 SAMPLE_SIDE = 256  # of the block that is sampled
 MOST_PIXELS = 512 * 512  # of an image that is filled in one piece
 MARGIN = 49  # the largest window's reach
 
-Block: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64]]
+Block: TypeAlias = tuple[IntArray, IntArray]
 
 
 class Tile(NamedTuple):
@@ -36,7 +35,7 @@ class Tile(NamedTuple):
     """
 
     block: Block
-    inner: NDArray[np.bool_]
+    inner: BoolArray
 
 
 class Piece(NamedTuple):
@@ -53,9 +52,9 @@ class Piece(NamedTuple):
     """
 
     image: Pixels
-    hole: NDArray[np.bool_]
-    known: NDArray[np.bool_]
-    usable: NDArray[np.bool_]
+    hole: BoolArray
+    known: BoolArray
+    usable: BoolArray
     number: int
 
 
@@ -127,7 +126,7 @@ def fill_tiles(
     )
 
 
-def densest_block(usable: NDArray[np.bool_], side: int) -> Block:
+def densest_block(usable: BoolArray, side: int) -> Block:
     """Return rows and columns of the block with most usable pixels; its side is this or the image's.
 
     Examples
@@ -146,7 +145,7 @@ def densest_block(usable: NDArray[np.bool_], side: int) -> Block:
     return np.arange(top, top + height), np.arange(left, left + width)
 
 
-def _in_order(hole: NDArray[np.bool_], done: NDArray[np.bool_], wrap: tuple[bool, bool]) -> Iterator[Tile]:
+def _in_order(hole: BoolArray, done: BoolArray, wrap: tuple[bool, bool]) -> Iterator[Tile]:
     """Yield the tiles that hold part of the hole, the one around which most is done by then first."""
     waiting: dict[int, Tile] = {}
     for top in range(0, hole.shape[0], SIDE):
@@ -164,7 +163,7 @@ def _in_order(hole: NDArray[np.bool_], done: NDArray[np.bool_], wrap: tuple[bool
         yield waiting.pop(max(shares, key=lambda key: shares[key]))
 
 
-def _reach(start: int, size: int, wraps: bool) -> tuple[NDArray[np.int64], int]:
+def _reach(start: int, size: int, wraps: bool) -> tuple[IntArray, int]:
     """Return the indices of a tile with its margin along an axis, and at which of them the tile starts."""
     reach = np.arange(start - MARGIN, min(start + SIDE, size) + MARGIN)
     if wraps:
@@ -174,9 +173,9 @@ def _reach(start: int, size: int, wraps: bool) -> tuple[NDArray[np.int64], int]:
 
 def _piece(
     image: Pixels,
-    hole: NDArray[np.bool_],
-    done: NDArray[np.bool_],
-    usable: NDArray[np.bool_],
+    hole: BoolArray,
+    done: BoolArray,
+    usable: BoolArray,
     tile: Tile,
     sampled: Block,
     number: int,

@@ -182,12 +182,7 @@ def _monotonic(angles: FloatArray) -> FloatArray:
 
 
 def organised_scan(
-    points: FloatArray,
-    fit: GridFit,
-    world_from_sensor: Pose,
-    colour: Any,
-    name: str,
-    intensity: Any = None,
+    points: FloatArray, fit: GridFit, world_from_sensor: Pose, colour: Any, name: str, intensity: Any = None
 ) -> RangeImage:
     """Return the scan of sensor-frame points (rows, columns, 3), metres, NaN where nothing came back.
 
