@@ -2,6 +2,11 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# compiled files are kept whatever the shell says (without them each of the gate's processes compiles every file
+# again), and linear algebra has one thread, as under the command
+export PYTHONDONTWRITEBYTECODE :=
+export OPENBLAS_NUM_THREADS := 1
+
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo test test-long types install bench docs gallery format fuzz clean
