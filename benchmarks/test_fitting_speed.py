@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from completion.fitting import fit
-from completion.fitting.moments import moments
-from completion.fitting.quadrics import fit_quadric, read_surface
+from completion.fitting.quadrics import fit_quadric, moments, read_surface
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder
 
 RADIUS, LENGTH, SIGMA = 60.0, 100.0, 0.1

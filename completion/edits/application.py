@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from shapely import Polygon
 
-from completion.edits.edit import Anchor, Edit
-from completion.edits.surface_edits import SurfaceEdits, Wish, outline_uv
+from completion.edits.edit import Anchor, Edit, SurfaceEdits, Wish, outline_uv
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.refitting import refit

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.boundary.hidden_regions import HiddenRegions
-from completion.boundary.labelling import Labelling
+from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent

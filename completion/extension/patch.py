@@ -13,10 +13,9 @@ from shapely import MultiPoint, contains_xy
 
 from completion.boundary.continuation import ContinuedEdge
 from completion.boundary.edges import Edge
-from completion.boundary.hidden_regions import HiddenRegions
-from completion.boundary.labelling import Labelling
+from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.boundary.meshing import Trim
-from completion.edits.surface_edits import SurfaceEdits
+from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent

@@ -13,11 +13,10 @@ from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, ContinuedEdge, Cue, continue_edges
 from completion.boundary.curves import meeting_line
 from completion.boundary.edges import Edge, edge_along, find_edges
-from completion.boundary.hidden_regions import HiddenRegions, divide_hidden
-from completion.boundary.labelling import label_regions
+from completion.boundary.hidden_regions import HiddenRegions, divide_hidden, label_regions
 from completion.boundary.meshing import Trim
 from completion.edits.application import EditedSurface
-from completion.edits.surface_edits import SurfaceEdits
+from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans, weigh
 from completion.extension.confidence import estimate

@@ -7,11 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from completion.fitting.charts.axial_charts import ConeChart, CylinderChart
+from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, chart_of
 from completion.fitting.charts.chart import Chart
-from completion.fitting.charts.planar_charts import chart_of
-from completion.fitting.degeneracy import check_enough, check_layer, check_spread, principal, undetermined
-from completion.fitting.moments import centroid
+from completion.fitting.degeneracy import (
+    centroid,
+    check_enough,
+    check_layer,
+    check_spread,
+    principal,
+    undetermined,
+)
 from completion.fitting.polish import Cloud, Normal, full_step, polished
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import cones_along, starts

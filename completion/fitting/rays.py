@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.charts.chart import Chart
-from completion.fitting.charts.planar_charts import chart_of
 from completion.fitting.degeneracy import undetermined
 from completion.fitting.euclidean import normalised
 from completion.fitting.polish import Cloud, Normal

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.fitting.charts.planar_charts import chart_of
+from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.degeneracy import check_layer
 from completion.fitting.polish import Cloud, normal_equations, polished

@@ -15,9 +15,8 @@ from functools import cache
 import numpy as np
 
 from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
-from completion.fitting.charts.chart import Chart, axis_frame, turned_frame
-from completion.fitting.charts.planar_charts import SphereChart
-from completion.fitting.moments import moments
+from completion.fitting.charts.chart import Chart, SphereChart, axis_frame, turned_frame
+from completion.fitting.quadrics import moments
 from scenes.checks import FloatArray
 
 _N_DIRECTIONS = 600

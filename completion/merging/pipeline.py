@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
-from completion.merging.gaps import gap_is_hidden
+from completion.merging.agreement import Agreement, Part, compare, find_candidates, gap_is_hidden, lies_on
 from completion.observe.observation import Beams, Observation
 from completion.observe.refitting import improve, refit
 from completion.observe.tolerance import Tolerance

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import FitError, SurfaceFit
-from completion.observe.correlation import residual_correlation
 from completion.observe.observation import Beams, Observation
+from completion.observe.packed_surfaces import residual_correlation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints
-from completion.result.model_parts import inferred_points, model_parts
 from completion.result.polygons import polygons_record
-from completion.result.record import completion_record
+from completion.result.record import completion_record, inferred_points, model_parts
 from completion.result.verification import Verification
 from scenes.checks import FloatArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
-from completion.result.atlas import Atlas, make_atlas
 from completion.result.labelled_points import LabelledPoints, observed_mesh
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
-from completion.texturing.chart_texture import ChartTexture
+from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import BoolArray, FloatArray
 
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from completion.boundary.curves import Line
 from completion.boundary.edges import Edge
-from completion.edits.surface_edits import SurfaceEdits, outline_uv
+from completion.edits.edit import SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.result.outline import straight_corners, trace_cells

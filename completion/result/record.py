@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Record: a completion as `completion.json` holds it."""
+"""Record: a completed model as files and pictures show it: named textured pieces, points, and JSON."""
 
 from __future__ import annotations
 
@@ -8,12 +8,132 @@ from typing import Any
 
 import numpy as np
 
+from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
 from completion.fitting.result import surface_parameters
 from completion.result.completed_model import CompletedModel
 from completion.result.derived_model import DerivedSurface
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
+from scenes.checks import ColourArray
+from scenes.formats.e57.e57_inferred import InferredPoints
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+from scenes.mesh.mesh_parts import MeshPart
+
+OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
+"""Colours of surface without texture, sRGB in 0..1."""
+
+
+def model_parts(completion: CompletedModel) -> list[MeshPart]:
+    """Return the model in world coordinates; a part for each surface and state, and one for the rest.
+
+    They are called `observed 1 plane`, `hypothesised 1 plane` and so on, and `observed remainder`: a
+    hypothesis can never pass for a measurement. Their textures lie on the pages of one atlas; without
+    texture, parts have the colour of their state.
+    """
+    parts = []
+    for index, surface in enumerate(completion.derived.surfaces):
+        for state, mesh in (("observed", surface.observed), ("hypothesised", surface.hypothesised)):
+            if len(mesh.faces):
+                name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
+                parts.append(_surface_part(completion, index, mesh, name))
+    rest = completion.derived.remainder
+    if len(rest.faces):
+        vertices = completion.world_from_reference.apply(rest.vertices)
+        faces = rest.faces.astype(np.int64)
+        parts.append(MeshPart("observed remainder", vertices, faces, 0, rest.colour))
+    return parts
+
+
+def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name: str) -> MeshPart:
+    """One state of a surface, with its page of the atlas or the state's colour."""
+    atlas = completion.derived.atlas
+    page = int(atlas.page[index])
+    vertices = completion.world_from_reference.apply(mesh.vertices)
+    faces = mesh.faces.astype(np.int64)
+    if page < 0:
+        tint = OBSERVED_GREY if name.startswith("observed") else HYPOTHESISED_BLUE
+        return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
+    uv = completion.derived.texture_coordinates(index, mesh).astype(np.float32)
+    white = _plain((1.0, 1.0, 1.0), len(vertices))
+    return MeshPart(
+        name=name,
+        vertices=vertices,
+        faces=faces,
+        surface=index + 1,
+        colour=white,
+        image=atlas.pages[page],
+        uv=uv,
+    )
+
+
+def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
+    return np.tile(np.rint(np.array(tint) * 255).astype(np.uint8), (n, 1))
+
+
+def display_mesh(
+    completion: CompletedModel, *, hypothesised: bool = True, mark: bool = False
+) -> LabelledMesh:
+    """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
+
+    Parameters
+    ----------
+    completion : CompletedModel
+        What to show.
+    hypothesised : bool
+        Whether inferred area is shown.
+    mark : bool
+        Paint inferred area in one colour instead of its texture.
+    """
+    corners, colours, labels, face_image, corner_uv = [], [], [], [], []
+    atlas = completion.derived.atlas
+    for index, surface in enumerate(completion.derived.surfaces):
+        states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
+        for state, mesh in enumerate(states):
+            page = -1 if mark and state == 1 else int(atlas.page[index])
+            corners.append(mesh.vertices[mesh.faces])
+            tint = np.array(
+                (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0), np.float32
+            )
+            colours.append(np.broadcast_to(tint, (len(mesh.faces), 3, 3)))
+            labels.append(np.full(len(mesh.faces), state, np.int32))
+            face_image.append(np.full(len(mesh.faces), page, np.int32))
+            corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
+    rest = completion.derived.remainder
+    corners.append(rest.vertices[rest.faces])
+    colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
+    labels.append(np.zeros(len(rest.faces), np.int32))
+    face_image.append(np.full(len(rest.faces), -1, np.int32))
+    corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
+    vertices = completion.world_from_reference.apply(np.concatenate(corners).reshape(-1, 3))
+    appearance = Appearance(
+        np.concatenate(colours).astype(np.float32),
+        atlas.pages,
+        np.concatenate(face_image),
+        np.concatenate(corner_uv).astype(np.float32),
+    )
+    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
+
+
+def inferred_points(completion: CompletedModel) -> list[InferredPoints]:
+    """Return the vertices of what is inferred, surface by surface, in the world."""
+    points, clouds = completion.hypothesised, []
+    for number in np.unique(points.surface):
+        chosen = points.surface == number
+        clouds.append(
+            InferredPoints(
+                name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
+                points=completion.world_from_reference.apply(points.vertices[chosen]),
+                colour=points.colour[chosen],
+                surface=points.surface[chosen],
+                provenance=points.provenance[chosen],
+                confidence=points.confidence[chosen],
+                sd=points.sd[chosen],
+                legend=dict(PROVENANCE_NAMES),
+            )
+        )
+    return clouds
 
 
 def completion_record(completion: CompletedModel, verification: Verification | None = None) -> dict[str, Any]:

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""Regions: connected parts of a scan that lie on one surface, and the options of finding them."""
+"""Regions: connected parts of a labelled scan, each on one surface, and the options of finding them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
+from completion.observe.observation import Observation
+from completion.observe.packed_surfaces import unpack
 from completion.observe.tolerance import FLATNESS_M
 from scenes.checks import BoolArray, FloatArray, check_options
-from scenes.surfaces.catalogue import Cylinder
+from scenes.surfaces.catalogue import Cylinder, Surface
+from texture.engine.compiled import compiled
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,3 +85,118 @@ def observed_arc(cylinder: Cylinder, points: FloatArray) -> float:
         return 0.0
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     return float(2 * np.pi - gaps.max())
+
+
+def split_parts(
+    labels: NDArray[np.int32], models: FloatArray, observation: Observation, options: SegmentationOptions
+) -> tuple[NDArray[np.int32], list[Surface]]:
+    """Number the connected parts that are large enough and nowhere only a seam, and find each one's surface.
+
+    Parameters
+    ----------
+    labels : (rows, columns) int32
+        Model of each pixel, from 1; 0 for none.
+    models : (m, 9) float
+        Packed surfaces.
+    observation : Observation
+        The scan.
+    options : SegmentationOptions
+        The least size of a part, and the most parts.
+
+    Returns
+    -------
+    (rows, columns) int32, list of Surface
+        The part of each pixel, from 1, largest first, and the surface of each part, working frame.
+    """
+    parts, n_parts = number_parts(labels)
+    count, core, model, centre = _part_sums(parts, labels, observation.points, n_parts + 1)
+    kept = (count >= options.min_pixels) & (core > 0)
+    kept[0] = False
+    order = np.flatnonzero(kept)
+    order = order[np.argsort(-count[order], kind="stable")][: options.max_regions]
+    number = np.zeros(len(count), np.int32)
+    number[order] = np.arange(1, len(order) + 1)
+    surfaces = [unpack(models[model[part] - 1], centre[part], observation.scan.origin) for part in order]
+    return np.take(number, parts), surfaces
+
+
+@compiled
+def _root(parent: NDArray[np.int32], number: int) -> int:
+    """The root of a number's tree; its branch is halved on the way."""
+    while parent[number] != number:
+        parent[number] = parent[parent[number]]
+        number = parent[number]
+    return number
+
+
+@compiled
+def number_parts(labels: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
+    """The parts (rows, columns) of equal label that touch along sides, numbered in reading order from 1.
+
+    Returns also how many there are; unlabelled pixels, 0, are in none. Provisional numbers in one pass,
+    those of one part joined in a forest, each root its least number (Rosenfeld & Pfaltz 1966).
+    """
+    rows, columns = labels.shape
+    parts = np.zeros((rows, columns), np.int32)
+    parent = np.zeros(rows * columns + 1, np.int32)
+    n = 0
+    for i in range(rows):
+        for j in range(columns):
+            label = labels[i, j]
+            if label == 0:
+                continue
+            left = parts[i, j - 1] if j > 0 and labels[i, j - 1] == label else 0
+            above = parts[i - 1, j] if i > 0 and labels[i - 1, j] == label else 0
+            if left == 0 and above == 0:
+                n += 1
+                parent[n] = n
+                parts[i, j] = n
+            elif left == 0 or above == 0 or left == above:
+                parts[i, j] = max(left, above)
+            else:
+                left, above = _root(parent, left), _root(parent, above)
+                parts[i, j] = min(left, above)
+                parent[max(left, above)] = parts[i, j]
+    n_parts = 0
+    for k in range(1, n + 1):  # a parent is never greater than its child
+        if parent[k] == k:
+            n_parts += 1
+            parent[k] = n_parts
+        else:
+            parent[k] = parent[parent[k]]
+    for i in range(rows):
+        for j in range(columns):
+            parts[i, j] = parent[parts[i, j]]
+    return parts, n_parts
+
+
+@compiled
+def _part_sums(
+    parts: NDArray[np.int32], labels: NDArray[np.int32], points: FloatArray, n: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Of each part: pixels, whether a pixel has it all around, its label, and the mean of every 8th point."""
+    count, core = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    model, sampled, centre = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 3))
+    rows, columns = parts.shape
+    for i in range(rows):
+        for j in range(columns):
+            part = parts[i, j]
+            if part == 0:
+                continue
+            count[part] += 1
+            if count[part] & 7 == 1:
+                model[part] = labels[i, j]
+                centre[part, 0] += points[i, j, 0]
+                centre[part, 1] += points[i, j, 1]
+                centre[part, 2] += points[i, j, 2]
+                sampled[part] += 1
+            if core[part] == 0 and 0 < i < rows - 1 and 0 < j < columns - 1:
+                whole = True
+                for k in range(i - 1, i + 2):
+                    if parts[k, j - 1] != part or parts[k, j] != part or parts[k, j + 1] != part:
+                        whole = False
+                        break
+                core[part] += whole
+    for part in range(n):
+        centre[part] /= max(sampled[part], 1)
+    return count, core, model, centre

@@ -15,7 +15,7 @@ import numpy as np
 
 from completion.result.completed_model import CompletedModel
 from completion.result.completion import Completion
-from completion.result.model_parts import display_mesh
+from completion.result.record import display_mesh
 from nbv.scans.measured_area import MeasuredArea, PixelQuality, measure_area
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.unseen_boundary import UnseenBoundary

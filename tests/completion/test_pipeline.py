@@ -19,8 +19,7 @@ from completion import (
     pipeline,
 )
 from completion.observe.tolerance import Tolerance
-from completion.result.model_parts import display_mesh, model_parts
-from completion.result.record import completion_record
+from completion.result.record import completion_record, display_mesh, model_parts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError

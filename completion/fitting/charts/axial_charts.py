@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Charts of surfaces with an axis: circular cylinder, cone, elliptic cylinder."""
+"""Charts of surfaces with an axis: circular cylinder, cone, elliptic cylinder; and that at any surface."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from completion.fitting.charts.chart import axis_frame, moved_axis, radius_about, turned_frame
+from completion.fitting.charts.chart import (
+    Chart,
+    PlaneChart,
+    SphereChart,
+    axis_frame,
+    moved_axis,
+    radius_about,
+    turned_frame,
+)
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
 from scenes.surfaces.elliptic_cylinder import ellipse_feet, ellipse_normal
 
 
@@ -180,3 +188,24 @@ class EllipticChart:
     def size(self) -> float:
         """The greater radius."""
         return max(1.0, self.greater)
+
+
+def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
+    """The chart at a surface, in coordinates relative to `centre` (3,) in units of `scale`."""
+    if isinstance(surface, Plane):
+        frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
+        return PlaneChart((surface.point - centre) / scale, frame)
+    if isinstance(surface, Sphere):
+        return SphereChart((surface.centre - centre) / scale, surface.radius / scale)
+    if isinstance(surface, Cylinder | Cone | EllipticCylinder):
+        point = (surface.point - centre) / scale
+        along = -float(point @ surface.direction)
+        origin = point + along * surface.direction
+        if isinstance(surface, Cylinder):
+            return CylinderChart(origin, axis_frame(surface.direction), surface.radius / scale)
+        if isinstance(surface, EllipticCylinder):
+            frame = turned_frame(surface.direction, surface.zero_direction)
+            return EllipticChart(origin, frame, surface.radii[0] / scale, surface.radii[1] / scale)
+        radius = surface.radius / scale + along * np.tan(surface.half_angle)
+        return ConeChart(origin, axis_frame(surface.direction), float(radius), -surface.half_angle)
+    raise TypeError(f"no chart is known for a {type(surface).__name__}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from completion.result.completion import Completion
-from completion.result.model_parts import display_mesh
+from completion.result.record import display_mesh
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.drawing import MeshDrawing, SeenFaces, mark_inferred, mark_unknown, passes_hidden
 from nbv.report.pictures.picture import Picture, picture_of

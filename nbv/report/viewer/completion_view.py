@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.extension.patch import Patch, Provenance
-from completion.result.atlas import Atlas
 from completion.result.completed_model import CompletedModel
 from completion.result.derived_model import TexturedMesh
+from completion.texturing.chart_texture import Atlas
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import cut_finely

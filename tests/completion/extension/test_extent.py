@@ -10,8 +10,7 @@ from completion.extension.adjacency import Adjacency
 from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
-from completion.observe.noise_estimate import RangeNoise
-from completion.observe.observation import Observation
+from completion.observe.observation import Observation, RangeNoise
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -12,7 +12,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.edits.application import EditedSurface
-from completion.edits.surface_edits import SurfaceEdits, Wish
+from completion.edits.edit import SurfaceEdits, Wish
 from completion.evidence.evidence import Label, Scans
 from completion.extension.extent import Extent, with_ends
 from completion.extension.patch import Patch

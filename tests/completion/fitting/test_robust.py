@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.fitting import FitError, fit, select
-from completion.fitting.charts.planar_charts import chart_of
+from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.euclidean import normalised
 from completion.fitting.polish import normal_equations
 from completion.fitting.robust import tukey_weights

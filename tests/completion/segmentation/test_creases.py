@@ -7,12 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from completion.observe.noise_estimate import RangeNoise
-from completion.observe.observation import Observation, observe
+from completion.observe.observation import Observation, RangeNoise, observe
 from completion.observe.packed_surfaces import pack
+from completion.segmentation.absorbing import sharpen_creases
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.rounded_creases import sharpen_creases
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

@@ -6,8 +6,8 @@ import pytest
 from completion.observe.packed_surfaces import pack_plane
 from completion.observe.tiles import cut_tiles
 from completion.segmentation.growing import deviations, flood, grow_plane, tile_cut, with_smooth_ring
+from completion.segmentation.pipeline import find_seeds, next_seed
 from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.seeds import find_seeds, next_seed
 
 SIDE, COLUMNS, SIGMA = 4, 8, 0.001
 OPTIONS = SegmentationOptions()

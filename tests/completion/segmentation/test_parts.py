@@ -11,15 +11,13 @@ from skimage.measure import label as slow_parts
 from completion.fitting.euclidean import fit_cylinder, fit_plane
 from completion.merging.agreement import Part, compare, find_candidates, lies_on
 from completion.merging.pipeline import merge
-from completion.observe.noise_estimate import RangeNoise
-from completion.observe.observation import observe
+from completion.observe.observation import RangeNoise, observe
 from completion.observe.packed_surfaces import pack, unpack
 from completion.observe.refitting import refit
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from completion.observe.tolerance import EvidenceOptions
-from completion.segmentation.connected_parts import number_parts
 from completion.segmentation.pipeline import segment
-from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.regions import SegmentationOptions, number_parts
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage

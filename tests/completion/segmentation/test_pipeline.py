@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from completion.merging.pipeline import merge
-from completion.observe.noise_estimate import estimate_noise
-from completion.observe.observation import Observation, observe
+from completion.observe.observation import Observation, estimate_noise, observe
 from completion.observe.refitting import refit
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment

@@ -10,13 +10,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from completion import Completion, CompletionOptions, TexturingOptions, complete
-from completion.result.atlas import make_atlas
-from completion.result.model_parts import model_parts
-from completion.texturing.chart_texture import spread_colour
-from completion.texturing.light import cast_shadows
-from completion.texturing.material import same_material
+from completion.result.record import model_parts
+from completion.texturing.chart_texture import make_atlas, spread_colour
+from completion.texturing.material import cast_shadows, same_material
 from completion.texturing.measured import MeasuredColour
-from completion.texturing.texture_samples import choose_samples, distance_to
+from completion.texturing.problem import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.files.scene_loading import load_scene
@@ -176,7 +174,7 @@ def test_the_atlas_shows_each_texture_where_its_coordinates_say():
 
 
 def test_large_textures_go_to_several_pages(monkeypatch):
-    monkeypatch.setattr("completion.result.atlas._PAGE_TEXELS", 45_000)
+    monkeypatch.setattr("completion.texturing.chart_texture._PAGE_TEXELS", 45_000)
     textures = [texture for texture in (*wall(-0.25).textures, *pipe().textures) if texture is not None]
     atlas = make_atlas(textures)
     assert len(atlas.pages) == len(set(atlas.page.tolist())) > 1

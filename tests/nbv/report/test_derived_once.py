@@ -6,10 +6,10 @@ from collections import Counter
 from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
-import completion.result.atlas as atlas
 import completion.result.labelled_points as labelled_points
 import completion.result.openings as openings
 import completion.result.outline as outline
+import completion.texturing.chart_texture as atlas
 import nbv.report.completion_report  # noqa: F401 - so that all the command uses is loaded
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
