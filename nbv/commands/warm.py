@@ -7,6 +7,8 @@ compiles beside the sources, or in `NUMBA_CACHE_DIR`; several may run at once.
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,41 +35,56 @@ divergence_rad = 0.004
 
 
 def warm(folder: Path) -> None:
-    """Scan, plan online and offline, complete and texture, with little to do; results go to `folder`."""
-    sensor, scan, image = folder / "small.toml", folder / "scan.npz", folder / "noise.png"
-    candidates = folder / "candidates.npz"
-    sensor.write_text(_SENSOR)
+    """Compile what planning needs and what completion needs, side by side; results go to `folder`."""
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for done in [pool.submit(part, folder) for part in (warm_completion, warm_planning)]:
+            done.result()
+
+
+def warm_completion(folder: Path) -> None:
+    """Scan a room, complete the scan with texture, and fill an image, with little to do."""
+    image = folder / "noise.png"
     noise = np.random.default_rng(0).integers(0, 255, (24, 24, 3), np.uint8)
     Image.fromarray(noise).save(image)
-    positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
-    np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
-
-    def shared(name: str) -> Shared:
-        return Shared(
-            out=folder / name, seed=0, as_json=False, quiet=True, threads=None, max_memory=None, limits={}
-        )
-
     stand = Stand((1.0, 1.0, 1.5), (3.0, 3.0, 1.0), None)
     run_scan(
-        shared("scan.npz"),
+        _shared(folder / "scan.npz"),
         _ROOM,
         stand=stand,
-        sensor=str(sensor),
+        sensor=_sensor(folder / "scanning.toml"),
         noise="profile",
         truth=False,
         up="z",
         units="m",
     )
-    run_texture(shared("grown.png"), str(image), mask=None, shape=(16, 16), window=5, order="paper")
-    for method in ("nbv", "cover"):
-        asked = PlanRequest(
-            method=method, sensor=str(sensor), views=2, polish_steps=20, candidates=str(candidates)
-        )
-        run_plan(shared(method), _ROOM, asked)
     how = CompleteRequest(
         mode="standard", sigma_m=None, max_sd_m=0.02, registration_m=0.005, texture=True, edits=None
     )
-    run_complete(shared("completed"), ScanRequest((str(scan),)), how)
+    run_complete(_shared(folder / "completed"), ScanRequest((str(folder / "scan.npz"),)), how)
+    run_texture(_shared(folder / "grown.png"), str(image), mask=None, shape=(16, 16), window=5, order="paper")
+
+
+def warm_planning(folder: Path) -> None:
+    """Plan two views online and offline."""
+    candidates = folder / "candidates.npz"
+    positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
+    np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
+    sensor = _sensor(folder / "planning.toml")
+    for method in ("nbv", "cover"):
+        asked = PlanRequest(
+            method=method, sensor=sensor, views=2, polish_steps=20, candidates=str(candidates)
+        )
+        run_plan(_shared(folder / method), _ROOM, asked)
+
+
+def _sensor(path: Path) -> str:
+    """Write a small sensor's profile and return where."""
+    path.write_text(_SENSOR)
+    return str(path)
+
+
+def _shared(out: Path) -> Shared:
+    return Shared(out=out, seed=0, as_json=False, quiet=True, threads=None, max_memory=None, limits={})
 
 
 if __name__ == "__main__":

@@ -61,8 +61,9 @@ def test_warming_calls_every_stage(tmp_path, monkeypatch):
     called = []
     for name in ("run_scan", "run_texture", "run_plan", "run_complete"):
         monkeypatch.setattr(warm, name, lambda shared, *_, **__: called.append(shared.out.name))
-    warm.warm(tmp_path)
-    assert called == ["scan.npz", "grown.png", "nbv", "cover", "completed"]
+    warm.warm_completion(tmp_path)
+    warm.warm_planning(tmp_path)
+    assert called == ["scan.npz", "completed", "grown.png", "nbv", "cover"]
     for target in ("demo", "dev"):
         recipe = (
             (ROOT / "Makefile").read_text().partition(f".venv/{target}: pyproject")[2].partition("\n\n")[0]
