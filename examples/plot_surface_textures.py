@@ -29,7 +29,7 @@ from nbv.scanning.effects.effects import named_effects
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 from scenes.scan.projection import PinholeProjection
 from scenes.world.building import Finish, SceneBuilder
-from scenes.world.finishes import brick
+from scenes.world.builtin import brick
 
 DATA = Path(os.environ.get("UNSEEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 _BLUE, _GAP, _HEIGHT = np.array([60, 110, 235]), 12, 420

@@ -6,9 +6,9 @@ from .files.scan_files import read_scan as read_scan
 from .files.scan_files import read_scans as read_scans
 from .files.scan_files import write_scan as write_scan
 from .files.scan_files import write_scans as write_scans
-from .files.scene_loading import load_scene as load_scene
-from .files.scene_loading import open_scene as open_scene
-from .files.scene_saving import save_scene as save_scene
+from .files.scene_files import load_scene as load_scene
+from .files.scene_files import open_scene as open_scene
+from .files.scene_files import save_scene as save_scene
 from .formats.scans.station import scan_from_station as scan_from_station
 from .mesh.labelled_mesh import Appearance as Appearance
 from .mesh.labelled_mesh import LabelledMesh as LabelledMesh
@@ -29,7 +29,7 @@ from .surfaces.catalogue import Plane as Plane
 from .surfaces.catalogue import Sphere as Sphere
 from .surfaces.catalogue import Surface as Surface
 from .surfaces.catalogue import surfaces_close as surfaces_close
-from .surfaces.opening import Opening as Opening
+from .surfaces.surface import Opening as Opening
 from .world.builtin import builtin_names as builtin_names
 from .world.builtin import builtin_scene as builtin_scene
 from .world.scene import Scene as Scene

@@ -109,7 +109,7 @@ class SurfaceFit:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""
-        from scenes.card.card import Card  # only notebooks need it
+        from scenes.card import Card  # only notebooks need it
 
         figures = [
             (f"{name}, {_unit(name)}" if _unit(name) else name, _digits(value))

@@ -80,7 +80,7 @@ class CompletedModel:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
-        from scenes.card.card import INFERRED, MEASURED, Card, Share  # only notebooks need it and the picture
+        from scenes.card import INFERRED, MEASURED, Card, Share  # only notebooks need it and the picture
         from scenes.scan.thumbnail import thumbnails
 
         observed, inferred = self.observed_m2, self.hypothesised_m2

@@ -21,12 +21,11 @@ from scenes.checks import FloatArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.formats.e57.e57_writer import write_e57
 from scenes.formats.meshes.glb import glb_of
-from scenes.formats.meshes.obj_writer import write_obj
+from scenes.formats.meshes.obj import write_obj
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import make_folder, write_bytes, write_json
-from scenes.run.lock import locked
-from scenes.run.staged_outputs import Stage
+from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.range_image import RangeImage
 
 _COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)

@@ -32,7 +32,7 @@ from nbv.visibility.standing_room import scene_candidates
 from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
-from scenes.files.scene_loading import open_scene
+from scenes.files.scene_files import open_scene
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.formats.trajectory import read_poses
 from scenes.mesh.orientation import Axis

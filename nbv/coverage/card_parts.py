@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from nbv.run.wording import count
-from scenes.card.card import INFERRED, MEASURED, UNKNOWN, UNREACHABLE, CardPicture, Share
+from scenes.card import INFERRED, MEASURED, UNKNOWN, UNREACHABLE, CardPicture, Share
 
 _WIDTH, _HEIGHT = 240, 120  # of the curve, CSS pixels
 

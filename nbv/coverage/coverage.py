@@ -268,7 +268,7 @@ class Coverage:
     def _repr_html_(self) -> str:
         """What a notebook shows: measured, missed and unreachable area."""
         from nbv.coverage.card_parts import area_bar  # only notebooks need cards
-        from scenes.card.card import Card
+        from scenes.card import Card
 
         total, reasons = self.total_m2, self.reasons()
         figures = [

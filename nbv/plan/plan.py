@@ -137,7 +137,7 @@ class Plan:
     def _repr_html_(self) -> str:
         """What a notebook shows: views, coverage and its curve."""
         from nbv.coverage.card_parts import area_bar, coverage_curve  # only notebooks need cards
-        from scenes.card.card import Card, CardPicture, Share
+        from scenes.card import Card, CardPicture, Share
 
         figures = [
             ("views", f"{len(self.views)} of {self.n_candidates} candidates"),

@@ -24,7 +24,7 @@ from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.standing_room import scene_candidates
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
-from scenes.files.scene_loading import open_scene
+from scenes.files.scene_files import open_scene
 from scenes.formats.documents import read_json
 from scenes.run.atomic import json_text, make_folder, write_json
 from scenes.world.scene import Scene

@@ -11,25 +11,27 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.files.describe_image import IMAGE_SUFFIXES, describe_image
-from scenes.files.describe_points import describe_points, describe_poses
-from scenes.files.describe_scans import describe_scans
+from scenes.files.describe_scans import describe_points, describe_poses, describe_scans
 from scenes.files.point_files import POINT_SUFFIXES, TEXT_SUFFIXES
 from scenes.files.scan_files import MESH_SUFFIXES, SCAN_SUFFIXES, Intrinsics, Units, open_scans, split_index
-from scenes.files.scene_loading import open_scene
+from scenes.files.scene_files import open_scene
 from scenes.formats.guard import check_file
+from scenes.formats.image import open_image
+from scenes.formats.rgbd.rgbd import depth_warnings, suspected_encoding
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
 from scenes.world.scene import Scene
 
+_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 _POSES = (".txt", ".log", ".json", ".tum")
-_KNOWN = {*SCAN_SUFFIXES, *POINT_SUFFIXES, *IMAGE_SUFFIXES, *_POSES}
+_KNOWN = {*SCAN_SUFFIXES, *POINT_SUFFIXES, *_IMAGES, *_POSES}
 _LOOKS = {
     b"PK": "is an archive; unpack it first",
     b"%P": "is a PDF",
     b"<?": "is XML",
     b"{": "is JSON without its manifest",
 }
+_METRES = {1000: "millimetres (Kinect, RealSense)", 5000: "1/5000 m (TUM, ICL-NUIM)"}
 
 
 def describe(
@@ -74,7 +76,7 @@ def describe(
         return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
     if not base.is_dir() and check_file(base) and suffix not in _KNOWN:
         raise InputError(f"{base}: {_stranger(base)}")
-    if suffix in IMAGE_SUFFIXES:
+    if suffix in _IMAGES:
         return _plain(describe_image(base))
     if suffix in _POSES and (poses := describe_poses(base, units)):
         return _plain(poses)
@@ -163,4 +165,45 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
         "up": up,
         "suggested_up": in_file,
         "warnings": warnings,
+    }
+
+
+def describe_image(path: Path) -> dict[str, Any]:
+    """Return size, channels and values of an image; for depth images which unit is plausible.
+
+    Raises
+    ------
+    InputError
+        No image, or too large.
+    """
+    with open_image(path) as image:
+        mode, size, values = image.mode, image.size, np.asarray(image)
+    is_depth = mode.startswith(("I", "F"))
+    found: dict[str, Any] = {
+        "kind": "depth image" if is_depth else "image",
+        "path": str(path),
+        "width": size[0],
+        "height": size[1],
+        "mode": mode,
+        "channels": 1 if values.ndim == 2 else values.shape[2],
+        "bits": values.dtype.itemsize * 8,
+        "warnings": [],
+    }
+    with np.errstate(invalid="ignore"):  # counts may be of any kind
+        return found | _depth(values.astype(np.float64)) if is_depth else found
+
+
+def _depth(counts: Any) -> dict[str, Any]:
+    """What the counts of a depth image say."""
+    known = counts[np.isfinite(counts) & (counts > 0)]
+    if not len(known):
+        return {"valid_share": 0.0, "counts": None, "warnings": ["no pixel holds a depth"]}
+    low, middle, high = (float(pick(known)) for pick in (np.min, np.median, np.max))
+    plausible = [f"median {middle / scale:.2f} m if {text}" for scale, text in _METRES.items()]
+    suspected = suspected_encoding(counts)
+    return {
+        "valid_share": float(len(known) / counts.size),
+        "counts": {"min": low, "median": middle, "max": high},
+        "depth": [] if suspected else plausible,
+        "warnings": [*depth_warnings(counts), *([suspected] if suspected else [])],
     }

@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: MIT
-"""Description of scans for `unseen info`: grid, ranges, projection, pose, and what is doubtful about them."""
+"""Description of scans, points and poses for `unseen info`, and what is doubtful about them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from scenes.checks import FloatArray
-from scenes.files.scan_files import ScanSource, Units, in_metres
-from scenes.files.scene_loading import units_doubt
+from scenes.checks import FloatArray, InputError
+from scenes.files.point_files import read_points
+from scenes.files.scan_files import METRES_PER_UNIT, ScanSource, Units, in_metres, split_index
+from scenes.files.scene_files import units_doubt
 from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
+from scenes.formats.trajectory import read_poses
 from scenes.scan.convention import convention_doubt
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
 _FAR_M, _NEAR_M = 200.0, 0.05  # median ranges beyond which unit or depth scale are doubted
+_NO_RAYS = "no ray can be traced: to use these points as a scan say where the scanner stood (--origin X,Y,Z)"
 
 
 def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
@@ -169,3 +173,55 @@ def describe_projection(projection: Projection) -> dict[str, Any]:
 def _angle(focal: float, low: float, high: float) -> float:
     """Angle in degrees between the rays through two image coordinates."""
     return float(np.degrees(np.arctan2(high, abs(focal)) - np.arctan2(low, abs(focal))))
+
+
+def describe_points(path: str, units: Units) -> dict[str, Any]:
+    """Return what a file of points holds; lengths in metres.
+
+    Raises
+    ------
+    InputError
+        Unusable file.
+    """
+    cloud = read_points(path, units)
+    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    stood = None if cloud.origins is None else np.unique(cloud.origins, axis=0)
+    doubt = units_doubt(diagonal) if diagonal > 0 else ""
+    return {
+        "kind": "points",
+        "path": path,
+        "format": split_index(path)[0].suffix[1:].lower(),
+        "points": len(cloud.points),
+        "bounds_m": [low, high],
+        "extent_m": high - low,
+        "diagonal_m": diagonal,
+        "has_normals": cloud.normals is not None,
+        "has_colour": cloud.colour is not None,
+        "scanner_places_m": [] if stood is None else stood,
+        "warnings": [*cloud.warnings, *([_NO_RAYS] if stood is None else []), *([doubt] if doubt else [])],
+    }
+
+
+def describe_poses(path: Path, units: Units) -> dict[str, Any] | None:
+    """Return what a file of poses holds, None where it holds none; lengths in metres."""
+    try:
+        poses = read_poses(path)
+    except InputError:
+        return None
+    if not poses:
+        return None
+    places = np.array([pose.translation for pose in poses]) * METRES_PER_UNIT[units]
+    legs = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    warnings = []
+    if path.name == "images.txt":
+        warnings.append("the unit of a COLMAP model is arbitrary unless it was scaled")
+    return {
+        "kind": "poses",
+        "path": str(path),
+        "poses": len(poses),
+        "bounds_m": [places.min(axis=0), places.max(axis=0)],
+        "way_m": float(legs.sum()),
+        "first_world_from_sensor": poses[0].matrix,
+        "warnings": warnings,
+    }

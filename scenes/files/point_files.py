@@ -18,13 +18,12 @@ from scenes.formats.e57.e57 import E57File
 from scenes.formats.guard import check_file, reading
 from scenes.formats.header import colour_bytes
 from scenes.formats.las.las import read_las_points
-from scenes.formats.raw_points import RawPoints, joined
+from scenes.formats.scans.cloud import RawPoints, joined
 from scenes.formats.scans.npz import scans_in
 from scenes.formats.scans.pcd import read_pcd_points
-from scenes.formats.scans.ply_points import read_ply_points
 from scenes.formats.scans.point_table import read_point_table
 from scenes.formats.scans.ptx import PtxFile
-from scenes.formats.scans.scan_ply import is_scan_ply
+from scenes.formats.scans.scan_ply import is_scan_ply, read_ply_points
 from scenes.scan.range_image import RangeImage
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")

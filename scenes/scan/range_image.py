@@ -234,7 +234,7 @@ class RangeImage:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: figures and a small picture."""
-        from scenes.card.card import Card  # only notebooks need it and the pictures
+        from scenes.card import Card  # only notebooks need it and the pictures
         from scenes.scan.thumbnail import field_of_view, thumbnails
 
         known, (rows, columns), (x, y, z) = self.ranges[self.valid], self.shape, self.origin

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.card.card import CardPicture
+from scenes.card import CardPicture
 from scenes.checks import FloatArray
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 

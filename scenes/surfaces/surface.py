@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""What every surface offers, and the reference directions of charts."""
+"""What every surface offers, the reference directions of charts, and openings in surfaces."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, check_direction
+from scenes.checks import FloatArray, InputError, check_direction, check_points, frozen_copy
 from scenes.pose import Pose
 
 
@@ -75,3 +76,26 @@ def reference_direction(axis: FloatArray, wished: object | None) -> FloatArray:
             "the chart's reference direction is parallel to the normal or axis; give another one"
         )
     return across / length
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opening:
+    """An opening in a surface that one sees through: a window, a door opening.
+
+    Parameters
+    ----------
+    surface : int
+        Id of the surface it is in.
+    outline : (n, 3) float
+        Its corners in order, world coordinates, metres.
+    """
+
+    surface: int
+    outline: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outline", frozen_copy(check_points("outline", self.outline)))
+
+    def transformed(self, pose: Pose) -> Opening:
+        """Return the opening moved by `pose`."""
+        return Opening(self.surface, pose.apply(self.outline))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 from scenes.world.scene import Mode, Scene
 
 _N_FACETS = 256  # around a full cylinder; at r = 0.25 m the sagitta is 0.02 mm

@@ -14,7 +14,7 @@ from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 
 Mode = Literal["room", "object"]
 
@@ -87,7 +87,7 @@ class Scene:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: size, surfaces and warnings."""
-        from scenes.card.card import Card  # only notebooks need it
+        from scenes.card import Card  # only notebooks need it
 
         kinds = Counter("mesh only" if one is None else type(one).__name__.lower() for one in self.surfaces)
         vertices, area = self.mesh.vertices, float(self.mesh.face_areas().sum())

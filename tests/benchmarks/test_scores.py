@@ -18,7 +18,7 @@ from nbv.scanning.scanner import scan_scene
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 from tests.helpers.evaluation_examples import CAMERA, WALL_Y, Wall, hypothesis, plain_wall, wall_with_window
 
 SHADOW_M2 = 0.8 * 0.6

@@ -18,8 +18,8 @@ from completion.fitting import fit
 from nbv.cover.cover import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Leg, Stations, Tour
-from scenes.card import card
-from scenes.card.card import Card, CardPicture, Share
+from scenes import card
+from scenes.card import Card, CardPicture, Share
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
@@ -200,7 +200,7 @@ def test_a_fill_shows_the_image_and_its_sources(channels):
 def test_cards_cost_nothing_until_they_are_shown():
     code = (
         "import sys, nbv.plan.plan; "
-        "print([m for m in ('jinja2', 'matplotlib', 'nbv.report.display', 'scenes.card.card') if m in "
+        "print([m for m in ('jinja2', 'matplotlib', 'nbv.report.display', 'scenes.card') if m in "
         "sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

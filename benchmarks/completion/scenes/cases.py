@@ -22,7 +22,7 @@ from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.run.atomic import json_text
 from scenes.scan.range_image import RangeImage
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 from scenes.world.scene import Scene
 
 UNSCORED = ("outside",)  # what is seen through openings

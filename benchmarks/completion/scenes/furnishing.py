@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray
 from scenes.world.building import Finish, SceneBuilder
-from scenes.world.finishes import PLASTER
+from scenes.world.builtin import PLASTER
 
 _TRIES = 40
 _GAP_M = 0.12

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, frozen_copy
 from scenes.scan.range_image import RangeImage
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 
 
 @dataclass(frozen=True, slots=True, eq=False)

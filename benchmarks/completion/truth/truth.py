@@ -17,7 +17,7 @@ from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.surfaces.catalogue import Plane, Surface
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 
 FARTHEST_M = 0.05  # the largest distance that is told apart from none
 _LEG_M = 0.03  # how far from a corner its sides are looked at

@@ -178,9 +178,8 @@ def running(
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
     from scenes.run.file_limits import limits
-    from scenes.run.lock import locked
     from scenes.run.memory import memory_limit
-    from scenes.run.staged_outputs import Stage
+    from scenes.run.staged_outputs import Stage, locked
 
     watch = Stopwatch()
     try:

@@ -17,7 +17,7 @@ from scenes.formats.e57.e57_inferred import INFERRED
 from scenes.formats.e57.e57_structure import check_e57
 from scenes.formats.guard import check_size, import_extra
 from scenes.formats.header import FORMAT, checked_bytes, colour_from_bytes, described, projection_from_dict
-from scenes.formats.raw_points import RawPoints
+from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, GridFit, fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, rotation_of

@@ -14,8 +14,7 @@ from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.documents import parse_json
 from scenes.formats.guard import import_extra
 from scenes.formats.las.las_header import check_las
-from scenes.formats.raw_points import RawPoints
-from scenes.formats.scans.cloud import NO_RAYS, Cloud, cloud_of, scan_of
+from scenes.formats.scans.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
 from scenes.run.atomic import json_text, write_bytes
 from scenes.scan.range_image import RangeImage
 

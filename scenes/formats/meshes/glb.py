@@ -13,8 +13,7 @@ from PIL import Image
 
 from scenes.checks import FloatArray
 from scenes.mesh.appearance import linear_from_srgb
-from scenes.mesh.local_frame import local_origin
-from scenes.mesh.mesh_parts import MeshPart
+from scenes.mesh.mesh_parts import MeshPart, local_origin
 
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
 

@@ -7,8 +7,6 @@ one mesh a million times; the specification's own rules (glTF 2.0, sections 3.5 
 
 from __future__ import annotations
 
-import base64
-import binascii
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +15,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.formats.image import check_image
-from scenes.formats.meshes.gltf_nodes import Content, entry_list, entry_number, placed_meshes
+from scenes.formats.meshes.gltf import Content, data_bytes, entry_list, entry_number, placed_meshes
 from scenes.run.file_limits import check_limit, check_unpacked
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -63,23 +61,6 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     n_faces = sum(times * faces[k] for k, times in placed.items())
     check_limit("faces", n_faces, "its faces as placed")
     return Contents(n_faces, sum(_embedded(content, views)))
-
-
-def data_bytes(text: str) -> bytes:
-    """Return the bytes of a `data:` address.
-
-    Raises
-    ------
-    InputError
-        Not in base 64.
-    """
-    head, _, body = text.partition(",")
-    if not head.endswith(";base64"):
-        raise InputError("holds a data: address that is not in base 64")
-    try:
-        return base64.b64decode(body, validate=True)
-    except binascii.Error as error:
-        raise InputError(f"holds a data: address that is damaged: {error}") from error
 
 
 def _check_version(content: Content) -> None:

@@ -13,7 +13,7 @@ from scenes.checks import InputError
 from scenes.formats.guard import check_file
 from scenes.formats.meshes.gltf import read_gltf
 from scenes.formats.meshes.gltf_structure import Contents, check_gltf
-from scenes.formats.meshes.obj_structure import check_obj, plain_obj
+from scenes.formats.meshes.obj import check_obj, plain_obj
 from scenes.formats.meshes.off import read_off
 from scenes.formats.meshes.ply_structure import check_ply
 from scenes.formats.meshes.stl import check_stl, stl_origin

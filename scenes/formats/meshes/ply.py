@@ -15,23 +15,10 @@ from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
 from scenes.formats.guard import check_file, reading
+from scenes.formats.meshes.ply_structure import TYPES, header_lines
 from scenes.run.atomic import write_bytes
 
-_TYPE_OF_NAME = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "<i2"),
-    **dict.fromkeys(("ushort", "uint16"), "<u2"),
-    **dict.fromkeys(("int", "int32"), "<i4"),
-    **dict.fromkeys(("uint", "uint32"), "<u4"),
-    **dict.fromkeys(("float", "float32"), "<f4"),
-    **dict.fromkeys(("double", "float64"), "<f8"),
-}
-_NAME_OF_TYPE = {
-    "i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort",
-    "i4": "int", "u4": "uint", "f4": "float", "f8": "double",
-}  # fmt: skip
-_MAX_HEADER = 1 << 22  # bytes
+_NAME_OF_TYPE = {kind: name for name, kind in reversed(TYPES.items())}  # the older name of each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +127,7 @@ def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
     """Read a binary little-endian PLY of points or triangles with any scalar vertex properties.
 
     This reads what `write_mesh_ply` writes, all properties included; foreign meshes, ASCII and big-endian
-    files are opened with `scenes.files.scene_loading.load_scene`.
+    files are opened with `scenes.files.scene_files.load_scene`.
 
     Raises
     ------
@@ -185,21 +172,19 @@ def _read(path: Path) -> PlyMesh:
 
 
 def _element_dtype(element: _Element) -> np.dtype[Any]:
-    fields: list[Any] = [(name, _TYPE_OF_NAME[kind]) for name, kind in element.properties]
+    fields: list[Any] = [(name, "<" + TYPES[kind]) for name, kind in element.properties]
     if element.list_types is not None:
         count, index = element.list_types
-        fields += [("n", _TYPE_OF_NAME[count]), ("corners", _TYPE_OF_NAME[index], (3,))]
+        fields += [("n", "<" + TYPES[count]), ("corners", "<" + TYPES[index], (3,))]
     return np.dtype(fields)
 
 
 def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
     """Elements, comments and where the data begin."""
-    end = data.find(b"end_header", 0, _MAX_HEADER)
-    if not data.startswith(b"ply") or end < 0:
-        raise InputError("not a PLY file: no header from 'ply' to 'end_header'")
+    lines, start = header_lines(data)
     elements: list[_Element] = []
     comments: list[str] = []
-    for line in data[:end].decode("utf-8", errors="replace").splitlines()[1:]:
+    for line in lines:
         words = line.split()
         if line.startswith(("comment ", "obj_info ")):
             comments.append(line.split(" ", 1)[1])
@@ -213,4 +198,4 @@ def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
             if elements[-1].list_types is not None:
                 raise InputError(f"element {elements[-1].name} has properties after its list")
             elements[-1].properties.append((words[2], words[1]))
-    return elements, tuple(comments), data.find(b"\n", end) + 1
+    return elements, tuple(comments), start

@@ -10,13 +10,14 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.run.file_limits import check_limit
 
-_TYPES = {
+TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _MAX_HEADER = 1 << 22  # bytes
+_NO_HEADER = "not a PLY file: no header from 'ply' to 'end_header'"
 
 
 @dataclass(slots=True)
@@ -60,13 +61,26 @@ def check_ply(data: bytes) -> int:
     return _check_text(data[start:], elements) if order == "" else _check_binary(data, start, elements, order)
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+def header_lines(data: bytes) -> tuple[list[str], int]:
+    """Return the lines of a PLY's header behind the first, and where rows begin: 0 where no line end follows.
+
+    Raises
+    ------
+    InputError
+        There is no header.
+    """
     end = data.find(b"end_header", 0, _MAX_HEADER)
-    stop = data.find(b"\n", end) + 1
-    if not data.startswith(b"ply") or end < 0 or stop == 0:
-        raise InputError("not a PLY file: no header from 'ply' to 'end_header'")
+    if not data.startswith(b"ply") or end < 0:
+        raise InputError(_NO_HEADER)
+    return data[:end].decode("utf-8", errors="replace").splitlines()[1:], data.find(b"\n", end) + 1
+
+
+def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+    lines, stop = header_lines(data)
+    if stop == 0:
+        raise InputError(_NO_HEADER)
     encoding, elements = "", []
-    for line in data[:end].decode("utf-8", errors="replace").splitlines()[1:]:
+    for line in lines:
         words = line.split()
         if words[:1] == ["format"] and len(words) > 1:
             encoding = words[1]
@@ -84,10 +98,10 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _property(words: list[str], line: str) -> tuple[str, str, str]:
-    if len(words) == 5 and words[1] == "list" and {words[2], words[3]} <= _TYPES.keys():
-        return words[4], _TYPES[words[2]], _TYPES[words[3]]
-    if len(words) == 3 and words[1] in _TYPES:
-        return words[2], "", _TYPES[words[1]]
+    if len(words) == 5 and words[1] == "list" and {words[2], words[3]} <= TYPES.keys():
+        return words[4], TYPES[words[2]], TYPES[words[3]]
+    if len(words) == 3 and words[1] in TYPES:
+        return words[2], "", TYPES[words[1]]
     raise InputError(f"its header has the line {line.strip()[:60]!r}, which is no property")
 
 

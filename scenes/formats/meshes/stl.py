@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.local_frame import local_origin
+from scenes.mesh.mesh_parts import local_origin
 from scenes.run.atomic import write_bytes
 from scenes.run.file_limits import check_limit
 

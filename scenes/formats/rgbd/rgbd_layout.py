@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.colmap import natural_key
 from scenes.formats.documents import parse_json, read_json, read_text
 from scenes.formats.guard import reading
-from scenes.formats.rgbd.depth_encoding import DepthEncoding, check_encoding
-from scenes.formats.rgbd.rgbd import Intrinsics, RgbdFolder, RgbdFrame
-from scenes.formats.trajectory import TIME_GAP_S, read_poses, read_timed_poses, rounded_pose
+from scenes.formats.rgbd.rgbd import DepthEncoding, Intrinsics, RgbdFolder, RgbdFrame, check_encoding
+from scenes.formats.trajectory import TIME_GAP_S, natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.pose import Pose
 from scenes.run.file_limits import check_limit
 
@@ -36,7 +34,7 @@ def open_rgbd(folder: Path) -> RgbdFolder:
     * TUM: `rgb.txt` and `depth.txt` (or `associations.txt`) with `groundtruth.txt`; 5000 values a metre.
     * Redwood: `color/`, `depth/` and `trajectory.log`, camera to world; 1000 values a metre.
     * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`, which may also name the
-      `depth_encoding` (see `scenes.formats.rgbd.depth_encoding`).
+      `depth_encoding` (see `scenes.formats.rgbd.rgbd`).
 
     Raises
     ------

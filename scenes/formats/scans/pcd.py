@@ -22,7 +22,7 @@ from scenes.formats.header import (
     scan_header,
     to_comments,
 )
-from scenes.formats.raw_points import RawPoints
+from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import GridFit, fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, rotation_of

@@ -15,7 +15,7 @@ import numpy as np
 from scenes.checks import FloatArray, InputError
 from scenes.formats.guard import check_size
 from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes
-from scenes.formats.raw_points import RawPoints
+from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.trajectory import rounded_pose
 from scenes.pose import Pose

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Organised PLY scans: world points row by row, with the grid, pose and projection in comment lines."""
+"""PLY: organised scans with grid, pose and projection in comment lines, and the vertices of any file."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from scenes.checks import InputError
+from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.header import (
     colour_bytes,
     colour_from_bytes,
@@ -19,6 +20,8 @@ from scenes.formats.header import (
     to_comments,
 )
 from scenes.formats.meshes.ply import read_mesh_ply, write_mesh_ply
+from scenes.formats.meshes.ply_structure import TYPES, header_lines
+from scenes.formats.scans.cloud import RawPoints
 from scenes.scan.range_image import RangeImage
 
 _SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
@@ -81,3 +84,102 @@ def read_scan_ply(path: Path) -> RangeImage:
     ranges = values["range"].reshape(rows, columns)
     light = values["intensity"].reshape(rows, columns) if "intensity" in values else None
     return scan_from_header(header, ranges, colour=colour, sensor_points=sensor_points, intensity=light)
+
+
+@dataclass(slots=True)
+class _Vertices:
+    """Where the vertices stand, from the header."""
+
+    encoding: str = ""
+    n: int = -1
+    names: list[str] = field(default_factory=list)
+    types: list[str] = field(default_factory=list)
+    lines_before: int = 0
+    rows: int = 0  # of all elements
+
+
+def read_ply_points(path: Path) -> RawPoints:
+    """Return points, and normals and colours where the file has some.
+
+    Raises
+    ------
+    InputError
+        No PLY, truncated, vertices without x, y, z, or behind another element in a binary file.
+    """
+    data = path.read_bytes()
+    lines, start = header_lines(data)
+    vertices = _parse_header(lines)
+    missing = {"x", "y", "z"} - set(vertices.names)
+    if vertices.n < 0 or missing:
+        raise InputError(f"its vertices have the properties {vertices.names}; x, y, z are needed")
+    if vertices.encoding == "ascii":
+        column = _read_ascii(data[start:], vertices)
+    else:
+        column = _read_binary(data, start, vertices)
+    points = np.stack([column[axis] for axis in "xyz"], axis=-1)
+    normals, colour = (
+        np.stack([column[name] for name in names], axis=-1) if set(names) <= set(vertices.names) else None
+        for names in (("nx", "ny", "nz"), ("red", "green", "blue"))
+    )
+    return RawPoints(points, normals, colour=None if colour is None else _bytes(colour, vertices))
+
+
+def _bytes(colour: FloatArray, vertices: _Vertices) -> ColourArray:
+    """Colours as 0..255; those of real type are 0..1."""
+    is_real = vertices.types[vertices.names.index("red")].startswith("f")
+    return np.asarray(np.rint(np.clip(colour * 255 if is_real else colour, 0, 255)), dtype=np.uint8)
+
+
+def _parse_header(lines: list[str]) -> _Vertices:
+    """Return the vertex element; what stands before it is only counted."""
+    vertices, element, skipped = _Vertices(), "", 0
+    for line in lines:
+        words = line.split()
+        if words[:1] == ["format"]:
+            vertices.encoding = words[1]
+        elif words[:1] == ["element"]:
+            element = words[1]
+            if element == "vertex":
+                vertices.n, vertices.lines_before = int(words[2]), skipped
+            skipped += int(words[2])
+            vertices.rows = skipped
+        elif words[:1] == ["property"] and element == "vertex":
+            if words[1] == "list":
+                raise InputError("its vertices have a list property, which cannot be read")
+            vertices.types.append(TYPES[words[1]])
+            vertices.names.append(words[2])
+    if vertices.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise InputError(f"has the unknown format {vertices.encoding!r}")
+    return vertices
+
+
+def _read_ascii(data: bytes, vertices: _Vertices) -> dict[str, FloatArray]:
+    present = data.decode("ascii", errors="replace").rstrip().splitlines()
+    if len(present) != vertices.rows:
+        raise InputError(
+            f"truncated or edited: {vertices.rows} rows announced ({vertices.n} of vertices), "
+            f"{len(present)} present"
+        )
+    lines = present[vertices.lines_before :][: vertices.n]
+    if not lines:
+        return {name: np.zeros(0) for name in vertices.names}
+    table = np.loadtxt(lines, ndmin=2, usecols=range(len(vertices.names)))
+    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(vertices.names)}
+
+
+def _read_binary(data: bytes, start: int, vertices: _Vertices) -> dict[str, FloatArray]:
+    if vertices.lines_before:
+        raise InputError("its vertices are not its first element; save it with vertices first")
+    order = "<" if vertices.encoding == "binary_little_endian" else ">"
+    dtype = np.dtype(
+        [(name, order + kind) for name, kind in zip(vertices.names, vertices.types, strict=True)]
+    )
+    if start + vertices.n * dtype.itemsize > len(data):
+        raise InputError(
+            f"truncated: {vertices.n} vertices take {vertices.n * dtype.itemsize} bytes, "
+            f"{len(data) - start} left"
+        )
+    if vertices.rows == vertices.n and start + vertices.n * dtype.itemsize < len(data):
+        raise InputError(f"has {len(data) - start} bytes for {vertices.n} vertices of {dtype.itemsize} bytes")
+    table = np.frombuffer(data, dtype, vertices.n, start)
+    return {name: table[name].astype(np.float64) for name in vertices.names}

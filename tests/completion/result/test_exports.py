@@ -19,7 +19,7 @@ from completion.result.straightening import Guide, straightened
 from scenes.checks import InputError
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scans
-from scenes.files.scene_loading import load_scene
+from scenes.files.scene_files import load_scene
 from scenes.formats.e57.e57_inferred import INFERRED
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

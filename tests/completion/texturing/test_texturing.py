@@ -17,11 +17,11 @@ from completion.texturing.measured import MeasuredColour
 from completion.texturing.problem import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
-from scenes.files.scene_loading import load_scene
+from scenes.files.scene_files import load_scene
 from scenes.formats.meshes.glb import glb_of
 from scenes.pose import Pose
 from scenes.world.building import Finish, SceneBuilder
-from scenes.world.finishes import brick
+from scenes.world.builtin import brick
 from texture.analysis.quality import PATCH, list_patches
 
 GLASS, SHADE, BOARD = (0.35, 0.50, 0.62), 0.45, (0.85, 0.80, 0.62)

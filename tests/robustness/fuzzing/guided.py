@@ -17,7 +17,7 @@ from typing import Any
 
 INSTRUMENTED = (
     "scenes.formats",
-    "scenes.files.scene_loading",
+    "scenes.files.scene_files",
     "scenes.files.scan_files",
     "scenes.files.point_files",
     "scenes.files.describe",

@@ -11,7 +11,7 @@ from PIL import Image
 
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from scenes.formats.meshes.glb import glb_of
-from scenes.formats.meshes.obj_writer import write_obj
+from scenes.formats.meshes.obj import write_obj
 from scenes.formats.meshes.off import write_off
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.formats.meshes.stl import write_stl

@@ -18,11 +18,10 @@ from nbv.plan.plan import read_plan
 from nbv.scanning.sensors.sensor_profile import load_profile
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
-from scenes.files.describe import describe
-from scenes.files.describe_image import describe_image
+from scenes.files.describe import describe, describe_image
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scans
-from scenes.files.scene_loading import load_scene
+from scenes.files.scene_files import load_scene
 from scenes.formats.rgbd.rgbd import read_depth_image
 from scenes.formats.trajectory import read_poses, read_timed_poses
 from tests.robustness.fuzzing import invariants, seeds_of_scans, seeds_of_scenes

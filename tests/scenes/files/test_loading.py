@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.files.scene_loading import load_scene, open_scene
+from scenes.files.scene_files import load_scene, open_scene
 from scenes.mesh.appearance import srgb_from_linear
 from scenes.mesh.orientation import decide_mode, suggest_up, world_from_file_up
 from tests.helpers.data_paths import data_path, requires_data

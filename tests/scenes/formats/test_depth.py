@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from scenes.checks import InputError
 from scenes.files.scan_files import read_scan, read_scans
-from scenes.formats.rgbd.depth_encoding import depth_in_metres, suspected_encoding
+from scenes.formats.rgbd.rgbd import depth_in_metres, suspected_encoding
 from scenes.formats.trajectory import read_poses
 from tests.helpers.scan_examples import POSE
 

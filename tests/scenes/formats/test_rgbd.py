@@ -11,7 +11,7 @@ from PIL import Image
 
 from scenes.checks import InputError
 from scenes.files.scan_files import read_scan, read_scans
-from scenes.formats.colmap import natural_key
+from scenes.formats.trajectory import natural_key
 from scenes.scan.projection import PinholeProjection
 
 CAMERA = (6.0, 5.0, 3.5, 2.5)

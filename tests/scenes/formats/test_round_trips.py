@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.files.scan_files import read_scan, read_scans, write_scan, write_scans
-from scenes.files.scene_loading import load_scene
-from scenes.files.scene_saving import save_scene
+from scenes.files.scene_files import load_scene, save_scene
 from scenes.formats.meshes.glb import empty_glb, glb_of
 from scenes.formats.meshes.stl import stl_origin
 from scenes.formats.trajectory import read_poses, read_timed_poses, write_poses
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
-from scenes.mesh.local_frame import local_origin
-from scenes.mesh.mesh_parts import parts_of
+from scenes.mesh.mesh_parts import local_origin, parts_of
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.files.scene_loading import load_scene
+from scenes.files.scene_files import load_scene
 from scenes.formats.references import check_references, within_folder
 from scenes.run.file_limits import limits
 

@@ -17,8 +17,7 @@ from hypothesis import given, settings
 
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.rays import embree_packets, embree_single, ray_kernels, raycast
-from scenes.rays.embree_library import EmbreeError, check_device, load_library
-from scenes.rays.embree_packets import PacketScene
+from scenes.rays.embree_packets import EmbreeError, PacketScene, check_device, load_library
 from scenes.rays.local_mesh import LocalMesh
 from scenes.rays.raycast import Backend, Hits, RayCaster
 from tests.helpers import ray_oracle

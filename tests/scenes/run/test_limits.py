@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from nbv.cli import app
 from nbv.run.workers import _on_worker
 from scenes.checks import InputError
-from scenes.files.scene_loading import load_scene
+from scenes.files.scene_files import load_scene
 from scenes.formats.arrays import open_arrays
 from scenes.formats.documents import parse_json, parse_toml, read_json, read_text
 from scenes.formats.guard import check_file

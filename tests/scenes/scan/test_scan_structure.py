@@ -15,7 +15,7 @@ from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scan, read_scans
 from scenes.formats.e57.e57_structure import check_e57
 from scenes.formats.header import range_warnings
-from scenes.formats.rgbd.depth_encoding import depth_warnings
+from scenes.formats.rgbd.rgbd import depth_warnings
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.scan.convention import convention_doubt

@@ -9,7 +9,7 @@ from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane, surfaces_close
-from scenes.surfaces.opening import Opening
+from scenes.surfaces.surface import Opening
 from scenes.world.scene import Scene
 from tests.helpers.strategies import ROUNDING_M, law, poses
 

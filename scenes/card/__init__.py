@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Cards: values as notebooks show them."""
