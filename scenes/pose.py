@@ -15,19 +15,9 @@ _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; ha
 
 
 def rotation_of(quaternion: object, what: str) -> FloatArray:
-    """Return the rotation (3, 3) of a quaternion x, y, z, w, whose length may be rounded.
+    """Return the rotation (3, 3) of a quaternion (4,) x, y, z, w, whose length is 1 to a tenth.
 
-    Parameters
-    ----------
-    quaternion : (4,) float
-        Of length 1 to a tenth.
-    what : str
-        Whose it is, for errors.
-
-    Raises
-    ------
-    InputError
-        Not four finite numbers, or of another length.
+    `what` says whose it is. Raises InputError: not four finite numbers, or of another length.
 
     Examples
     --------

@@ -121,20 +121,8 @@ def collect(
 ) -> Synthesis:
     """Copy each pixel of a finished canvas from its source, in the sample's own type.
 
-    Parameters
-    ----------
-    canvas : Canvas
-        Filled.
-    sample : Sample
-        What it was filled from.
-    pixels : array, shape (h, w) or (h, w, c)
-        The image that the canvas's sources index.
-    background : array, in the canvas's shape and the pixels' dtype
-        Shows where a pixel has no source.
-    tally : Tally
-        What the passes counted.
-    check : WindowCheck
-        How the window was chosen.
+    Pixels (h, w) or (h, w, c) are the image that the canvas's sources index; the background, in the canvas's
+    shape and the pixels' dtype, shows where a pixel has no source.
     """
     height, width = canvas.unfilled.shape
     sources = canvas.sources[:height, :width]

@@ -171,10 +171,7 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
 def describe_image(path: Path) -> dict[str, Any]:
     """Return size, channels and values of an image; for depth images which unit is plausible.
 
-    Raises
-    ------
-    InputError
-        No image, or too large.
+    Raises InputError: no image, or too large.
     """
     with open_image(path) as image:
         mode, size, values = image.mode, image.size, np.asarray(image)

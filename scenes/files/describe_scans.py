@@ -178,10 +178,7 @@ def _angle(focal: float, low: float, high: float) -> float:
 def describe_points(path: str, units: Units) -> dict[str, Any]:
     """Return what a file of points holds; lengths in metres.
 
-    Raises
-    ------
-    InputError
-        Unusable file.
+    Raises InputError: unusable file.
     """
     cloud = read_points(path, units)
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)

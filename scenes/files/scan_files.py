@@ -71,10 +71,7 @@ class ScanSource:
     ) -> list[RangeImage]:
         """Return all scans, or scan `number` from 1; poses and units as for `read_scans`.
 
-        Raises
-        ------
-        InputError
-            Damaged, no such scan, several frames without poses, or poses of another number.
+        Raises InputError: damaged, no such scan, several frames without poses, or poses of another number.
         """
         picked = _pick(self, number)
         given = _given_poses(poses, self, picked)
@@ -94,10 +91,7 @@ def open_scans(
 ) -> ScanSource:
     """Open a file or folder of scans; the pixels are read when a reader is called.
 
-    Raises
-    ------
-    InputError
-        Nothing there, empty, damaged, or of no known kind.
+    Raises InputError: nothing there, empty, damaged, or of no known kind.
     """
     source = Path(path)
     if not source.exists():
@@ -215,10 +209,7 @@ def read_scans(
 def check_units(units: Units) -> float:
     """Return the metres of a unit.
 
-    Raises
-    ------
-    InputError
-        An unknown one.
+    Raises InputError: an unknown one.
     """
     if units not in METRES_PER_UNIT:
         raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")

@@ -25,15 +25,8 @@ _SUFFIX = ".npy"
 class ArrayFile:
     """The arrays of an open `.npz` file, by name; none is read before it is asked for.
 
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-        Open.
-
-    Raises
-    ------
-    InputError
-        More entries or unpacked bytes than the limits allow, two arrays of one name, or an unknown packing.
+    Raises InputError: more entries or unpacked bytes than the limits allow, two arrays of one name, or an
+    unknown packing.
     """
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
@@ -59,11 +52,8 @@ class ArrayFile:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return an array.
 
-        Raises
-        ------
-        InputError
-            There is none of that name, it holds Python objects, or its header announces another size than
-            the archive holds.
+        Raises InputError: there is none of that name, it holds Python objects, or its header announces
+        another size than the archive holds.
         """
         if name not in self._entries:
             raise InputError(f"has no {name!r}; it holds {', '.join(self._entries) or 'nothing'}")
@@ -96,15 +86,7 @@ def _header(stream: Any, name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
     """Open an `.npz` file; whatever goes wrong while it is open is an InputError that names it.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Raises
-    ------
-    InputError
-        As `check_file` and `ArrayFile`; no archive, damaged.
+    Raises InputError: as `check_file` and `ArrayFile`; no archive, damaged.
 
     Examples
     --------

@@ -24,17 +24,8 @@ Kind = TypeVar("Kind", dict[str, Any], list[Any])
 def read_text(path: Path, limit: str = "json_bytes") -> str:
     """Return the text of a file, UTF-8 with or without a byte order mark.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    limit : str
-        The field of `scenes.run.file_limits.Limits` that its bytes are held against.
-
-    Raises
-    ------
-    InputError
-        As `check_file`, or bytes that are no UTF-8.
+    `limit` is the field of `scenes.run.file_limits.Limits` that its bytes are held against. Raises
+    InputError: as `check_file`, or bytes that are no UTF-8.
     """
     file = check_file(path, limit)
     try:
@@ -48,10 +39,7 @@ def read_text(path: Path, limit: str = "json_bytes") -> str:
 def read_json(path: Path, kind: type[Kind]) -> Kind:
     """Return the object (`dict`) or list (`list`) of a JSON file.
 
-    Raises
-    ------
-    InputError
-        As `read_text` and `parse_json`; the message names the file.
+    Raises InputError: as `read_text` and `parse_json`; the message names the file.
     """
     with reading(path, "JSON"):
         return parse_json(read_text(path), kind)
@@ -60,11 +48,8 @@ def read_json(path: Path, kind: type[Kind]) -> Kind:
 def parse_json(text: str | bytes, kind: type[Kind]) -> Kind:
     """Return the object or list that a JSON text holds.
 
-    Raises
-    ------
-    InputError
-        Too large, no JSON, of another kind, nested too deeply, or with a number that is not finite, that has
-        more than 18 digits, or with half a letter in a text.
+    Raises InputError: too large, no JSON, of another kind, nested too deeply, or with a number that is not
+    finite, that has more than 18 digits, or with half a letter in a text.
     """
     check_limit("json_bytes", len(text), "bytes of JSON")
     try:
@@ -121,10 +106,7 @@ _SLOW: dict[str, Any] = {"parse_float": _finite, "parse_int": _within_63_bits}
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the table of a TOML file.
 
-    Raises
-    ------
-    InputError
-        As `read_text`, no TOML, or nested too deeply; the message names the file.
+    Raises InputError: as `read_text`, no TOML, or nested too deeply; the message names the file.
     """
     text = read_text(path, "toml_bytes")
     with reading(path, "TOML"):

@@ -20,17 +20,10 @@ _LONGEST = 1200  # characters of a message: a path may have hundreds
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Turn every exception inside into an InputError that names `path`.
+    """Turn every exception inside into an InputError that names `path`, which should be `what`: "a PLY".
 
     Third-party parsers raise anything from IndexError to RuntimeError on a broken file, so this is the one
     place that catches `Exception`; the original stays attached as the cause.
-
-    Parameters
-    ----------
-    path : Path
-        The file that is being read.
-    what : str
-        What it should be, for the message: "an E57 file".
     """
     try:
         with np.errstate(all="ignore"):  # what overflows is no finite number and found by its check
@@ -55,19 +48,10 @@ def one_line(text: str) -> str:
 
 
 def check_file(path: Path, limit: str = "file_bytes") -> Path:
-    """Return `path` when it is a file with something in it, no larger than a limit.
+    """Return `path`, its links followed, when it is a file with something in it, no larger than a limit.
 
-    Parameters
-    ----------
-    path : Path
-        Links are followed.
-    limit : str
-        The field of `scenes.run.file_limits.Limits` that its bytes are held against.
-
-    Raises
-    ------
-    InputError
-        Nothing there, a folder, a pipe or device, 0 bytes, or too large.
+    `limit` is the field of `scenes.run.file_limits.Limits` that its bytes are held against. Raises
+    InputError: nothing there, a folder, a pipe or device, 0 bytes, or too large.
     """
     try:
         state = path.stat()

@@ -40,10 +40,7 @@ def scan_header(scan: RangeImage) -> dict[str, Any]:
 def projection_to_dict(projection: Projection) -> dict[str, Any]:
     """Return `projection` ready for JSON; angles in radians.
 
-    Raises
-    ------
-    InputError
-        A projection that is neither pinhole nor spherical.
+    Raises InputError: a projection that is neither pinhole nor spherical.
     """
     if isinstance(projection, PinholeProjection):
         names = ("width", "height", "fx", "fy", "cx", "cy")
@@ -113,10 +110,7 @@ def scan_from_header(
 def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
     """Return a warning of how many ranges or depths, of any shape, are negative; they count as no return.
 
-    Raises
-    ------
-    InputError
-        Most of those that are known are.
+    Raises InputError: most of those that are known are.
     """
     n_negative, n_known = int((ranges < 0).sum()), int(np.isfinite(ranges[ranges != 0]).sum())
     if 2 * n_negative > n_known:

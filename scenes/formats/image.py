@@ -29,17 +29,8 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())  # what is wrong is t
 def open_image(path: Path, what: str = "an image") -> Iterator[ImageFile.ImageFile]:
     """Open an image file; whatever goes wrong while it is open is an InputError that names it.
 
-    Parameters
-    ----------
-    path : Path
-        The file; its first bytes say which of `FORMATS` it is.
-    what : str
-        What it should be, for the message.
-
-    Raises
-    ------
-    InputError
-        As `check_file`; no image of a known format, or more pixels or bytes than the limits allow.
+    Its first bytes say which of `FORMATS` it is; `what` it should be stands in the message. Raises
+    InputError: as `check_file`; no image of a known format, or more pixels or bytes than the limits allow.
     """
     with reading(path, what), check_file(path).open("rb") as stream, _header(stream) as image:
         _check(image, path.stat().st_size)
@@ -49,17 +40,9 @@ def open_image(path: Path, what: str = "an image") -> Iterator[ImageFile.ImageFi
 
 
 def check_image(data: Path | bytes) -> int:
-    """Return the pixels of an image, of which only the header is looked at.
+    """Return the pixels of an image, a file or what one holds, of which only the header is looked at.
 
-    Parameters
-    ----------
-    data : path or bytes
-        A file, or what one holds.
-
-    Raises
-    ------
-    InputError
-        As `open_image`; of bytes without a name.
+    Raises InputError: as `open_image`; of bytes without a name.
     """
     if isinstance(data, Path):
         with open_image(data) as image:

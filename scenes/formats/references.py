@@ -37,15 +37,7 @@ class NamedFiles:
 
 @dataclass(frozen=True, slots=True)
 class _Named:
-    """A file that another one names.
-
-    Attributes
-    ----------
-    text : str
-        As it stands there.
-    path : Path
-        Where it would lie; it need not exist.
-    """
+    """A file that another one names: the text that stands there, and where it would lie, there or not."""
 
     text: str
     path: Path
@@ -54,26 +46,9 @@ class _Named:
 def check_references(file: Path, content: Mapping[str, Any] = EMPTY) -> NamedFiles:
     """Check that every file which a mesh names lies within the mesh's folder, and say which are missing.
 
-    Material libraries and maps of OBJ, buffers and images of glTF, the texture of PLY.
-
-    Parameters
-    ----------
-    file : Path
-        The mesh file.
-    content : mapping
-        The JSON of a glTF; empty for others.
-
-    Returns
-    -------
-    NamedFiles
-    ----------
-        What is missing, and how large what is there is.
-
-    Raises
-    ------
-    InputError
-        A name that leads out of the folder: nothing there is opened. A texture that is no image, or larger
-        than the limits allow.
+    Material libraries and maps of OBJ, buffers and images of glTF, whose JSON is `content`, the texture of
+    PLY. Raises InputError: a name that leads out of the folder: nothing there is opened; a texture that is no
+    image, or larger than the limits allow.
     """
     suffix = file.suffix.lower()
     images: list[_Named] = []
@@ -94,10 +69,7 @@ def check_references(file: Path, content: Mapping[str, Any] = EMPTY) -> NamedFil
 def within_folder(folder: Path, text: str) -> Path:
     """Return the path of a file that another one in `folder` names.
 
-    Raises
-    ------
-    InputError
-        The name is absolute, has a scheme, or leads out of the folder.
+    Raises InputError: the name is absolute, has a scheme, or leads out of the folder.
     """
     name = unquote(text).replace("\\", "/")
     windows = PureWindowsPath(name)
@@ -111,13 +83,7 @@ def within_folder(folder: Path, text: str) -> Path:
 
 
 class Beside:
-    """What a decoder may open beside a mesh: files within its folder, by the names that it gives them.
-
-    Parameters
-    ----------
-    file : Path
-        The mesh.
-    """
+    """What a decoder may open beside a mesh: files within its folder, by the names that it gives them."""
 
     def __init__(self, file: Path) -> None:
         self.file_name = file.name
@@ -126,10 +92,7 @@ class Beside:
     def get(self, name: str) -> bytes:
         """Return the bytes of a file.
 
-        Raises
-        ------
-        InputError
-            As `within_folder` and `check_file`.
+        Raises InputError: as `within_folder` and `check_file`.
         """
         return check_file(within_folder(self._folder, name.strip())).read_bytes()
 

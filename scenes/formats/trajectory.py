@@ -33,10 +33,7 @@ def read_poses(path: Path) -> list[Pose]:
     `images.txt` of COLMAP is turned from sensor-from-world to world-from-sensor, its images in the natural
     order of their names.
 
-    Raises
-    ------
-    InputError
-        None of these, or a pose that is not rigid; named with its number.
+    Raises InputError: none of these, or a pose that is not rigid; named with its number.
     """
     with reading(path, "a file of poses"):
         text = read_text(path)
@@ -66,10 +63,7 @@ def rounded_pose(matrix: FloatArray) -> Pose:
 def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
     """Return the timestamps (n,) in seconds and the poses of a TUM trajectory.
 
-    Raises
-    ------
-    InputError
-        No TUM trajectory, a time that is not finite, or a pose that is not rigid.
+    Raises InputError: no TUM trajectory, a time that is not finite, or a pose that is not rigid.
     """
     with reading(path, "a TUM trajectory"):
         rows = _equal_rows(_number_rows(read_text(path)))
@@ -82,10 +76,7 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
 def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
     """Return the poses of a TUM trajectory nearest to `times` in seconds, at most 20 ms away.
 
-    Raises
-    ------
-    InputError
-        No TUM trajectory, or a time without a pose.
+    Raises InputError: no TUM trajectory, or a time without a pose.
     """
     stamps, poses = read_timed_poses(path)
     near = [int(np.argmin(np.abs(stamps - time))) for time in times]
@@ -188,10 +179,7 @@ def colmap_matrices(text: str) -> list[FloatArray]:
     COLMAP's own poses go from the world to the camera, and its unit is that of the model, which is arbitrary
     unless it was scaled; its camera frame is ours.
 
-    Raises
-    ------
-    InputError
-        A line that is no image, or a quaternion that is no rotation.
+    Raises InputError: a line that is no image, or a quaternion that is no rotation.
     """
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     while lines and not lines[0].strip():

@@ -18,10 +18,7 @@ _MOST_SHARED = 2  # faces at an edge of a surface
 def mesh_doubts(mesh: LabelledMesh) -> tuple[str, ...]:
     """Return warnings: faces without area, twice there, the other way round; coordinates that are rounded.
 
-    Raises
-    ------
-    InputError
-        No face has an area, so that no ray can hit any.
+    Raises InputError: no face has an area, so that no ray can hit any.
     """
     has_area = mesh.face_areas() > 0
     if not has_area.any():

@@ -47,19 +47,9 @@ class MeshPart:
 
 
 def parts_of(mesh: LabelledMesh, names: Sequence[str]) -> list[MeshPart]:
-    """Return the parts of a mesh, in the order of its surfaces and images.
+    """Return the parts of a mesh, in the order of its surfaces and images; each surface id has a name.
 
-    Parameters
-    ----------
-    mesh : LabelledMesh
-        What is to be written.
-    names : sequence of str
-        A name for each surface id.
-
-    Raises
-    ------
-    InputError
-        A face names a surface without name.
+    Raises InputError: a face names a surface without name.
     """
     if len(mesh.faces) and not 0 <= int(mesh.face_surface.min()) <= int(mesh.face_surface.max()) < len(names):
         raise InputError(f"faces name surface {int(mesh.face_surface.max())}, there are {len(names)} names")

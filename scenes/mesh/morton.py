@@ -22,10 +22,7 @@ def morton_order(points: object) -> NDArray[np.int64]:
     G. M. Morton, "A computer oriented geodetic data base", 1966: the bits of the three coordinates take
     turns in the key that is sorted by.
 
-    Raises
-    ------
-    InputError
-        Wrong shape, or points that are not finite.
+    Raises InputError: wrong shape, or points that are not finite.
 
     Examples
     --------

@@ -76,19 +76,8 @@ class _Arguments(ctypes.Structure):
 class PacketScene:
     """A mesh in Embree, for packets of rays; any thread may cast.
 
-    Parameters
-    ----------
-    mesh : LocalMesh
-        Its faces are shared with Embree and must not change.
-    configuration : str
-        For the Embree device, as in its manual; "max_isa=avx2" plays a narrower processor.
-
-    Raises
-    ------
-    OSError
-        The library does not load, or is not Embree 4.
-    EmbreeError
-        Embree cannot build the scene.
+    The configuration is for the Embree device, as in its manual; "max_isa=avx2" plays a narrower processor.
+    Raises OSError: the library does not load, or is not Embree 4; EmbreeError: it cannot build the scene.
     """
 
     name = "packets"
@@ -187,10 +176,7 @@ class EmbreeError(RuntimeError):
 def load_library() -> ctypes.CDLL:
     """Return the shared library that embreex ships, its functions declared.
 
-    Raises
-    ------
-    OSError
-        It is not where embreex's wheels have it, does not load, or lacks a function.
+    Raises OSError: it is not where embreex's wheels have it, does not load, or lacks a function.
     """
     package = Path(embreex.__file__).parent
     found = [

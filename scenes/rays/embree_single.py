@@ -22,13 +22,7 @@ _LARGEST = float(np.finfo(np.float32).max)  # what exceeds it is not finite in E
 
 
 class SingleScene:
-    """A mesh in Embree, for single rays; any thread may cast.
-
-    Parameters
-    ----------
-    mesh : LocalMesh
-        The triangles.
-    """
+    """A mesh in Embree, for single rays; any thread may cast."""
 
     name = "embreex"
 

@@ -36,10 +36,7 @@ def local_mesh(points: FloatArray, faces: NDArray[np.int32]) -> LocalMesh:
 
     Points that no face uses do not count: a stray one must not move the centre.
 
-    Raises
-    ------
-    InputError
-        A mesh too wide for float32.
+    Raises InputError: a mesh too wide for float32.
     """
     used = np.zeros(len(points), np.bool_)
     used[faces.reshape(-1)] = True

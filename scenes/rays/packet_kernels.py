@@ -161,20 +161,11 @@ def _first_faces(
     columns: int,
     face: NDArray[np.int32],
 ) -> int:
-    """Write the first face that each ray hits, -1 for none; return how many rays were usable.
+    """Write the first face (n,) that each ray hits, -1 for none; return how many rays were usable.
 
-    Parameters
-    ----------
-    intersect, width, scene, arguments : int
-        Address of rtcIntersect4, 8 or 16, rays a packet, and the addresses of its scene and arguments.
-    centre : (3,) float
-        World coordinates of the scene's origin.
-    origins, directions : (n, 3) or (1, 3), (n, 3) float
-        World coordinates, metres.
-    columns : int
-        Of the image whose pixels the rays are, row by row; 0 when they are a list.
-    face : (n,) int32
-        Written.
+    `intersect` is the address of rtcIntersect4, 8 or 16, `width` the rays a packet; scene and arguments are
+    addresses too. Centre (3,), origins (n, 3) or (1, 3) and directions (n, 3) are in world coordinates,
+    metres. `columns` are of the image whose pixels the rays are, row by row; 0 when they are a list.
     """
     packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
     starts, ways = np.empty(3 * width), np.empty(3 * width)

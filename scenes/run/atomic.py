@@ -21,17 +21,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path in the same folder, with the same suffix, that replaces `path` on success.
 
     The temporary file is flushed to disk (fsync) before `os.replace`. When the block raises, or writes
-    nothing, the temporary file is removed and `path` stays as it was.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to write; its folder must exist.
-
-    Raises
-    ------
-    InputError
-        The folder does not exist or cannot be written, `path` is a folder, or the block wrote no file.
+    nothing, the temporary file is removed and `path` stays as it was. Raises InputError: the folder does not
+    exist or cannot be written, `path` is a folder, or the block wrote no file.
 
     Examples
     --------
@@ -73,10 +64,7 @@ def writing(path: Path) -> Iterator[None]:
 def make_folder(path: str | os.PathLike[str]) -> Path:
     """Return `path` as a folder, made with those it lies in where they are not there.
 
-    Raises
-    ------
-    InputError
-        It cannot be made.
+    Raises InputError: it cannot be made.
     """
     folder = Path(path)
     try:

@@ -90,19 +90,10 @@ def current_limits() -> Limits:
 
 @contextmanager
 def limits(**changes: int) -> Iterator[Limits]:
-    """Put other limits in force for a block; those that are not named stay as they are.
+    """Put other limits, by the names of the fields of `Limits`, in force for a block; the rest stay.
 
     Limits belong to the context that sets them: a thread that is started inside the block has the defaults.
-
-    Parameters
-    ----------
-    **changes : int
-        By the names of the fields of `Limits`.
-
-    Raises
-    ------
-    InputError
-        An unknown name, or a value that is no integer of one or more.
+    Raises InputError: an unknown name, or a value that is no integer of one or more.
 
     Examples
     --------
@@ -123,16 +114,9 @@ def limits(**changes: int) -> Iterator[Limits]:
 
 
 def check_limit(name: str, value: int, what: str) -> None:
-    """Raise InputError when `value` exceeds the limit called `name`.
+    """Raise InputError when `value`, which a file holds or says that it holds, exceeds the limit `name`.
 
-    Parameters
-    ----------
-    name : str
-        A field of `Limits`.
-    value : int
-        What a file holds, or says that it holds.
-    what : str
-        Said before the number: "its faces".
+    `what` is said before the number: "its faces".
     """
     most = current_limits().given()[name]
     if value > most:
@@ -145,12 +129,7 @@ def check_limit(name: str, value: int, what: str) -> None:
 def check_unpacked(unpacked: int, packed: int, what: str) -> None:
     """Raise InputError when `packed` bytes would become more than the limits allow: too many, or too dense.
 
-    Parameters
-    ----------
-    unpacked, packed : int
-        Bytes.
-    what : str
-        Said before the numbers: "the image".
+    `what` is said before the numbers: "the image".
     """
     check_limit("unpacked_bytes", unpacked, f"bytes that {what} unpacks to")
     if unpacked > _FREE_BYTES:

@@ -123,10 +123,7 @@ class PackingError(ValueError):
 def pack(value: object) -> bytes:
     """Return `value` as bytes: dataclasses, enumerations, containers, arrays, sparse matrices and numbers.
 
-    Raises
-    ------
-    PackingError
-        It holds something else.
+    Raises PackingError: it holds something else.
 
     Examples
     --------
@@ -148,10 +145,7 @@ def pack(value: object) -> bytes:
 def unpack(data: bytes) -> Any:
     """Return the value that `pack` made `data` of, arrays as writeable as they were.
 
-    Raises
-    ------
-    PackingError
-        Damaged, or of classes that are not there.
+    Raises PackingError: damaged, or of classes that are not there.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

@@ -33,18 +33,9 @@ _BLOCK = 1 << 16  # rows: enough that a thread is worth waking
 def memory_limit(max_bytes: int | None, *, enforced: bool = False) -> Iterator[None]:
     """Let what runs inside, in this thread, plan for so much memory of the whole process.
 
-    Parameters
-    ----------
-    max_bytes : int, optional
-        None for what the machine, or its container, has.
-    enforced : bool
-        Also let the system refuse, by a MemoryError, what would take the process beyond (RLIMIT_DATA, with
-        which Linux alone counts what numpy allocates).
-
-    Raises
-    ------
-    InputError
-        The process uses more already.
+    None for what the machine, or its container, has. Where it is `enforced` the system also refuses, by a
+    MemoryError, what would take the process beyond (RLIMIT_DATA, with which Linux alone counts what numpy
+    allocates). Raises InputError: the process uses more already.
 
     Examples
     --------
@@ -97,53 +88,32 @@ def room() -> int:
 def rows_within(bytes_a_row: float, most: int | None = None) -> int:
     """Return how many rows of so many bytes a block may have: a quarter of what is left, at least one row.
 
-    Parameters
-    ----------
-    bytes_a_row : float
-        All that is allocated for a row meanwhile.
-    most : int, optional
-        More are of no use.
+    The bytes are all that is allocated for a row meanwhile; more than `most` rows are of no use.
     """
     rows = max(int(max(_SHARE * room(), _LEAST) / max(bytes_a_row, 1.0)), 1)
     return rows if most is None else max(min(rows, most), 1)
 
 
 def threads_within(bytes_each: float, n_threads: int | None = None) -> int:
-    """Return how many threads may work at once when each uses so many bytes; at least one.
+    """Return how many threads may work at once when each uses so many bytes at its peak; at least one.
 
-    Parameters
-    ----------
-    bytes_each : float
-        What a thread allocates for itself, at its peak.
-    n_threads : int, optional
-        Most of them; one a core when not given.
+    At most `n_threads`; one a core when not given.
     """
     return max(min(n_threads or os.cpu_count() or 1, int(room() / max(bytes_each, 1.0))), 1)
 
 
 @contextmanager
 def threads(bytes_each: float, n_threads: int | None = None) -> Iterator[ThreadPoolExecutor]:
-    """Give a pool of as many threads as memory allows; they know the limit that is in force here.
-
-    Parameters
-    ----------
-    bytes_each, n_threads
-        As for `threads_within`.
-    """
+    """Give a pool of `threads_within` threads; they know the limit that is in force here."""
     count = threads_within(bytes_each, n_threads)
     with ThreadPoolExecutor(count, initializer=_limit.set, initargs=(_limit.get(),)) as pool:
         yield pool
 
 
 def require(n_bytes: float, what: str, cure: str) -> None:
-    """Raise InputError when so many bytes are more than what is left.
+    """Raise InputError when `n_bytes`, about to be allocated at the peak, are more than what is left.
 
-    Parameters
-    ----------
-    n_bytes : float
-        What is about to be allocated, at its peak.
-    what, cure : str
-        For the message: what needs it, and what would need less.
+    For the message: `what` needs it, and the `cure`, which would need less.
     """
     left = room()
     if n_bytes > left:
@@ -205,18 +175,8 @@ def in_blocks(
 ) -> None:
     """Call `work` with slices that cover `n_rows`; it writes its own rows and holds no interpreter lock.
 
-    Parameters
-    ----------
-    n_rows : int
-        How many rows there are.
-    work : callable
-        Called with one slice at a time, from several threads.
-    n_threads : int, optional
-        All cores when not given.
-    block : int
-        Rows in a slice.
-    bytes_a_block : float
-        What `work` allocates for one: there are no more threads than fit into memory.
+    It is called with one slice of `block` rows at a time, from `n_threads` threads, all cores when not given;
+    but no more threads than fit into memory, each allocating `bytes_a_block`.
     """
     slices = [slice(start, min(start + block, n_rows)) for start in range(0, n_rows, block)]
     most = min(n_threads or os.cpu_count() or 1, len(slices))

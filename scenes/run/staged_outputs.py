@@ -23,17 +23,11 @@ _LEFTOVER = re.compile(r"\..+\.\d+\.tmp(\.[^.]+)?")  # of `scenes.run.atomic.ato
 
 
 class Stage:
-    """A folder inside another one, whose files `commit` puts into it in one go.
+    """A folder inside another one, which must exist; `commit` puts its files into that in one go.
 
     The staged folder is renamed first, which is what decides: before that a run that ends, however it ends,
-    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the files are to be; it must exist.
-    name : str
-        Tells stages in one folder apart: that of an output file, "" for a whole folder.
+    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could. The
+    name tells stages in one folder apart: that of an output file, "" for a whole folder.
 
     Examples
     --------
@@ -53,10 +47,7 @@ class Stage:
     def __enter__(self) -> Self:
         """Settle what an earlier run left, and make the stage.
 
-        Raises
-        ------
-        InputError
-            The folder cannot be written.
+        Raises InputError: the folder cannot be written.
         """
         settle(self.target, self._name)
         with writing(self.target):
@@ -83,11 +74,8 @@ class Stage:
     def commit(self, last: str = "") -> None:
         """Put all files into the folder, over what was there; `last` is the one that seals them.
 
-        Raises
-        ------
-        InputError
-            A folder stands where a file is to be, or the other way round; nothing has changed then. Or a file
-            there cannot be replaced: the next run will.
+        Raises InputError: a folder stands where a file is to be, or the other way round; nothing has changed
+        then. Or a file there cannot be replaced: the next run will.
         """
         for file in self.files():
             _check_free(self.target, file)
@@ -102,10 +90,7 @@ def settle(folder: Path, name: str = "") -> None:
 
     Only who holds the folder's lock may.
 
-    Raises
-    ------
-    InputError
-        A file cannot be replaced.
+    Raises InputError: a file cannot be replaced.
     """
     staged, decided = _places(folder, name)
     if decided.is_dir() and not decided.is_symlink():
@@ -148,24 +133,11 @@ def _put(decided: Path, folder: Path, last: str) -> None:
 
 @contextmanager
 def locked(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[None]:
-    """Hold the lock of a folder, or of one file in it, and clear it of what a killed run left half-written.
+    """Hold the lock of a folder, or of the output file `name` in it, and clear it of what a killed run left.
 
     The lock is an empty file, removed at the end; one that a killed run left behind locks nothing. Where the
-    file system knows no locks, or the folder cannot be written, nothing is held.
-
-    Parameters
-    ----------
-    folder : Path
-        Where outputs go.
-    name : str
-        Of the output file; "" for the whole folder.
-    wait_s : float
-        How long to wait for a run that holds it, seconds.
-
-    Raises
-    ------
-    InputError
-        Another run holds it.
+    file system knows no locks, or the folder cannot be written, nothing is held. Raises InputError: another
+    run still holds it after `wait_s` seconds.
     """
     file = lock_file(folder, name)
     try:

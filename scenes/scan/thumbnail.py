@@ -19,16 +19,10 @@ _MOST = 220  # pixels, the longer side
 def thumbnails(
     ranges: FloatArray, colour: NDArray[np.float32] | None, projection: Projection
 ) -> tuple[CardPicture, ...]:
-    """Return pictures of ranges (rows, columns), near yellow and far violet, and of colours where given.
+    """Return pictures of ranges (rows, columns), metres, and of colours (rows, columns, 3), 0..1, if given.
 
-    Parameters
-    ----------
-    ranges : (rows, columns) float
-        Metres, inf where nothing came back.
-    colour : (rows, columns, 3) float or None
-        sRGB in 0..1.
-    projection : Projection
-        Says which way up the scan stands.
+    Near is yellow and far violet; nothing is shown where nothing came back. The projection says which way up
+    the scan stands.
     """
     ranges = upright(ranges, projection, _MOST)
     known = np.isfinite(ranges)

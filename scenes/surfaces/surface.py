@@ -60,10 +60,7 @@ def perpendicular(direction: FloatArray) -> FloatArray:
 def reference_direction(axis: FloatArray, wished: object | None) -> FloatArray:
     """Return the unit vector (3,) at right angles to a unit `axis` (3,) that is nearest to `wished`.
 
-    Raises
-    ------
-    InputError
-        A wish along the axis, or none that has a direction.
+    Raises InputError: a wish along the axis, or none that has a direction.
     """
     if wished is None:
         return perpendicular(axis)

@@ -16,14 +16,9 @@ N_REPETITIONS = 8
 
 
 class Correlator:
-    """An image, transformed once, that others of its shape can be correlated with.
+    """An image (h, w, c) of 8-bit levels, transformed once, that others of its shape can be correlated with.
 
-    Parameters
-    ----------
-    values : array, shape (h, w, c), float64
-        8-bit levels.
-    within : array, shape (h, w), bool
-        Pixels that count.
+    Pixels within the mask (h, w) count.
     """
 
     def __init__(self, values: FloatArray, within: BoolArray) -> None:
@@ -89,14 +84,9 @@ class Correlator:
 
 
 def cut_tiles(within: BoolArray, periods: FloatArray) -> list[BoolArray]:
-    """Return the tiles of a hole, masks (h, w); those of which less than half lies within it are left out.
+    """Return the tiles, masks (h, w), of a hole (h, w) for a lattice's periods (2, 2) in pixels.
 
-    Parameters
-    ----------
-    within : array, shape (h, w), bool
-        The hole.
-    periods : array, shape (2, 2)
-        The lattice's, pixels.
+    Those of which less than half lies within it are left out.
     """
     rows, columns = np.nonzero(within)
     spans = [np.linspace(0, 0, 1)] * 2
@@ -118,16 +108,8 @@ def measure_tiles(
 ) -> float:
     """Return how far tiles are out of step, in periods, on average; NaN where none meets anything known.
 
-    Parameters
-    ----------
-    correlator : Correlator
-        Of what is known.
-    values : array, shape (h, w, c)
-        8-bit levels.
-    tiles : list of arrays, shape (h, w), bool
-        As `cut_tiles` gives them.
-    periods : array, shape (2, 2)
-        The lattice's, pixels.
+    The correlator is of what is known; values (h, w, c) are 8-bit levels, tiles (h, w) as `cut_tiles` gives
+    them for the lattice's periods (2, 2) in pixels.
     """
     errors = np.array([_measure_tile(correlator, values, tile, periods) for tile in tiles])
     errors = errors[~np.isnan(errors)]

@@ -134,16 +134,9 @@ def measure_verbatim_share(source_rows: ArrayLike, source_cols: ArrayLike, hole:
 
 
 def list_patches(pixels: FloatArray, mask: BoolArray, at: BoolArray | None = None) -> FloatArray:
-    """Return the patches that lie wholly within a mask, shape (n, 49 * c), in raster order.
+    """Return the patches that lie wholly within a mask (h, w), shape (n, 49 * c), in raster order.
 
-    Parameters
-    ----------
-    pixels : array, shape (h, w, c)
-        Any values.
-    mask : array, shape (h, w), bool
-        Pixels that may be part of a patch.
-    at : array, shape (h, w), bool, optional
-        Centres; default: all.
+    Of pixels (h, w, c) of any values; with their centres `at` some (h, w), or anywhere.
     """
     if min(mask.shape) < PATCH:
         return np.empty((0, PATCH**2 * pixels.shape[2]))

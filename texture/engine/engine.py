@@ -38,16 +38,8 @@ def can_compile() -> bool:
 def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_threads: int) -> FillPixels:
     """Return what fills the visited pixels of a canvas below a threshold: the compiled `fill_pixels`.
 
-    Parameters
-    ----------
-    canvas : Canvas
-        Written.
-    sample : Sample
-        Not empty.
-    pool : ThreadPoolExecutor
-        Of at least n_threads - 1 threads; the calling one works too.
-    n_threads : int
-        The result is the same for any.
+    The sample is not empty. The pool has at least n_threads - 1 threads, since the calling one works too; the
+    result is the same for any number.
     """
     from texture.engine.kernels import fill_visits
 

@@ -19,15 +19,9 @@ IRRELEVANT = 0.05  # a correlation that explains 0.3 % of the variance
 def is_plain(levels: IntArray, usable: BoolArray) -> bool:
     """Say whether a sample's pixels differ by noise alone: no correlation between close ones.
 
-    Pixels further than 3 robust standard deviations from the median count as that far, so that a few specks
-    hide nothing. Correlated means by more than 4 standard errors, 4 / sqrt(pairs), and by more than 0.05.
-
-    Parameters
-    ----------
-    levels : array, shape (h, w, c), int64
-        8-bit levels.
-    usable : array, shape (h, w), bool
-        Which pixels belong to the sample.
+    Levels (h, w, c) are of 8 bits; usable (h, w) are the sample's pixels. Those further than 3 robust
+    standard deviations from the median count as that far, so that a few specks hide nothing. Correlated means
+    by more than 4 standard errors, 4 / sqrt(pairs), and by more than 0.05.
 
     Examples
     --------

@@ -45,10 +45,8 @@ def check_sample_mask(
 ) -> BoolArray:
     """Return which pixels (h, w) may be copied: all known ones, or the selected ones, which must be known.
 
-    Raises
-    ------
-    ValueError
-        Nothing is known or selected though something is needed, or the selection holds unknown pixels.
+    Raises ValueError: nothing is known or selected though something is needed, or the selection holds unknown
+    pixels.
     """
     if is_needed and not known.any():
         raise ValueError(

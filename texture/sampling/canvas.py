@@ -70,16 +70,8 @@ class Canvas:
     ) -> "Canvas":
         """Return a canvas that holds the known pixels, each its own source, and a hole to be filled.
 
-        Parameters
-        ----------
-        levels : array, shape (h, w, c), int64
-            8-bit levels.
-        known, hole : arrays, shape (h, w), bool
-            Which pixels hold a value, and which are to be filled.
-        wrap : (bool, bool)
-            Whether rows and columns close on themselves.
-        window : int
-            Side of the comparison window, pixels.
+        Levels (h, w, c) are of 8 bits; known and hole are masks (h, w). `wrap` says whether rows and columns
+        close on themselves, `window` is the side of the comparison window in pixels.
         """
         height, width, n_channels = levels.shape
         canvas = cls.empty((height, width), n_channels, wrap, window)
@@ -145,25 +137,12 @@ def _list_reach(size: int, window: int, wraps: bool) -> IntArray:
 
 
 def list_visits(canvas: Canvas, order: OrderName, key: int, pass_number: int) -> IntArray:
-    """List the pixels that a pass visits: the front, those with most filled neighbours first, ties at random.
+    """List the pixels (n,) that a pass visits: the front, most filled neighbours first, ties at random.
 
-    The paper (Efros & Leung 1999, section 2.2 and the pseudocode) leaves open which neighbours count.
-    "paper" counts the eight around the pixel and visits the whole front; "window" counts the whole window and
-    visits the best eighth of the front.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        As it is when the pass begins.
-    order : {"paper", "window"}
-        See above.
-    key, pass_number : int
-        Random ties are a pure function of them and the pixel.
-
-    Returns
-    -------
-    array, shape (n,), int64
-        row * width + column; empty when no unfilled pixel has a filled neighbour.
+    The paper (Efros & Leung 1999, section 2.2 and the pseudocode) leaves open which neighbours count. "paper"
+    counts the eight around the pixel and visits the whole front; "window" counts the whole window and visits
+    the best eighth of the front. Pixels are row * width + column, none when no unfilled pixel has a filled
+    neighbour; random ties are a pure function of key, pass number and pixel.
     """
     box = canvas.find_unfilled_box()
     n_neighbours = canvas.count_known(box, radius=1)

@@ -62,17 +62,9 @@ class Candidates(NamedTuple):
 
 
 def gaussian_weights(window: int) -> IntArray:
-    """Return the weights of a window's pixels.
+    """Return the weights (window, window) of a window's pixels, its side odd and at most 99.
 
-    Parameters
-    ----------
-    window : int
-        Odd side of the window, at most 99 pixels.
-
-    Returns
-    -------
-    array, shape (window, window), int64
-        1..16383, largest in the centre; no pixel of the window counts nothing.
+    1..16383, largest in the centre; no pixel of the window counts nothing.
 
     Examples
     --------
@@ -89,7 +81,7 @@ def gaussian_weights(window: int) -> IntArray:
 
 
 def find_candidates(template: Template, sample: Sample) -> Candidates:
-    """Find the candidates for a template (Efros & Leung 1999, section 2.1).
+    """Find the candidates, at least one, for a template (Efros & Leung 1999, section 2.1).
 
     A position competes when every known pixel of the template has a counterpart among the sample's pixels
     ("template-adaptive": nothing is asked of the unknown ones). If none competes - the sample is smaller than
@@ -97,17 +89,8 @@ def find_candidates(template: Template, sample: Sample) -> Candidates:
     none does, all sample pixels compete on the 3 x 3 template, and a missing counterpart counts as a
     difference of 255 in each channel.
 
-    Parameters
-    ----------
-    template : Template
-        With at least one known pixel among the eight around its centre.
-    sample : Sample
-        Of the same radius, not empty.
-
-    Returns
-    -------
-    Candidates
-        At least one.
+    Of the template at least one pixel among the eight around its centre is known; the sample has the same
+    radius and is not empty.
     """
     for window in range(template.known.shape[0], 1, -2):
         narrowed = template.narrow(window)

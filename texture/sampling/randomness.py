@@ -28,22 +28,10 @@ def draw_key(rng: np.random.Generator) -> int:
 
 
 def random_words(key: int, purpose: Purpose, round_number: int, pixels: ArrayLike) -> NDArray[np.uint64]:
-    """Return one random 64-bit word a pixel (splitmix64, Steele et al. 2014).
+    """Return one random 64-bit word a pixel, in the shape of `pixels` (splitmix64, Steele et al. 2014).
 
-    Parameters
-    ----------
-    key : int
-        64 bits, one a synthesis.
-    purpose : Purpose
-        What the word is for.
-    round_number : int
-        Which pass, 0, 1, ...: a pixel that is tried again draws anew.
-    pixels : array of int
-        Index of each pixel, row * width + column.
-
-    Returns
-    -------
-    array of uint64, in the shape of `pixels`, at least 1-D
+    The key has 64 bits, one a synthesis; the round is the pass, 0, 1, ...: a pixel that is tried again draws
+    anew. Pixels are row * width + column.
 
     Examples
     --------

@@ -17,24 +17,10 @@ ROUNDING = 1e-5  # how far single-precision arithmetic may carry a colour out of
 
 
 def quantise(pixels: Pixels, needed: BoolArray) -> IntArray:
-    """Round an image to 8-bit levels.
+    """Round an image (h, w) or (h, w, c), uint8 or float in 0..1, to 8-bit levels (h, w, c), 0..255.
 
-    Parameters
-    ----------
-    pixels : array, shape (h, w) or (h, w, c)
-        uint8, or float in 0..1 where needed.
-    needed : array, shape (h, w), bool
-        Pixels whose value will be read; the others become level 0, whatever they hold.
-
-    Returns
-    -------
-    array, shape (h, w, c), int64
-        0..255.
-
-    Raises
-    ------
-    ValueError
-        When a needed pixel is not finite or lies outside 0..1.
+    Only pixels that are needed (h, w) are read; the others become level 0, whatever they hold. Raises
+    ValueError: a needed pixel is not finite or lies outside 0..1.
 
     Examples
     --------

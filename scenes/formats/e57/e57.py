@@ -31,17 +31,9 @@ _CURE = (
 
 
 class E57File:
-    """The scans of an E57 file, opened once; clouds of inferred points are none.
+    """The scans of an E57 file, which stays open as long as this; clouds of inferred points are none.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it stays open as long as this.
-
-    Raises
-    ------
-    InputError
-        No E57, damaged, or the extra is missing.
+    Raises InputError: no E57, damaged, or the extra is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,10 +55,8 @@ class E57File:
         upright. An unstructured scan with a pose becomes the spherical image that `scan_from_station` makes
         of its points.
 
-        Raises
-        ------
-        InputError
-            Unstructured and without a pose, damaged (checksum), or a grid that no projection explains.
+        Raises InputError: unstructured and without a pose, damaged (checksum), or a grid that no projection
+        explains.
         """
         header = self._file.get_header(self._own[index])
         name = _text(header, "name")
@@ -90,10 +80,7 @@ class E57File:
         Structured or not; a scan without pose and grid may have been merged from several, so that its place
         is None.
 
-        Raises
-        ------
-        InputError
-            Damaged, or without coordinates.
+        Raises InputError: damaged, or without coordinates.
         """
         header, data = self._file.get_header(self._own[index]), self._read(index)
         pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in data

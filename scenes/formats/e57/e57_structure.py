@@ -24,11 +24,8 @@ _FIELD_BYTES = 8  # that each field of a point takes once it is read
 def check_e57(path: Path) -> None:
     """Raise InputError where an E57 file announces more than it can hold, or its XML defines entities.
 
-    Raises
-    ------
-    InputError
-        No E57, cut short, XML that is damaged, too large, too deep or with definitions of its own, more
-        points or unpacked bytes than the limits allow.
+    Raises InputError: no E57, cut short, XML that is damaged, too large, too deep or with definitions of its
+    own, more points or unpacked bytes than the limits allow.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

@@ -33,10 +33,7 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
     identifiers, so the nodes are built here. Inferred points follow as clouds of their own, without grid and
     pose, marked in name and description; their fields that E57 does not know belong to an extension.
 
-    Raises
-    ------
-    InputError
-        Nothing to write, or a scan without any return, which E57 cannot hold as a grid.
+    Raises InputError: nothing to write, or a scan without any return, which E57 cannot hold as a grid.
     """
     if not scans and not inferred:
         raise InputError("there is no scan to write")

@@ -29,10 +29,7 @@ _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is
 def read_las_points(path: Path) -> RawPoints:
     """Return the points of a LAS or LAZ file, without those marked as withheld.
 
-    Raises
-    ------
-    InputError
-        More points announced than can be held; laspy is not installed.
+    Raises InputError: more points announced than can be held; laspy is not installed.
     """
     cloud = _open(path)
     kept = ~np.asarray(cloud.withheld, dtype=np.bool_)
@@ -69,10 +66,7 @@ def _colour(cloud: Any) -> ColourArray | None:
 def read_las_scan(path: Path) -> RangeImage:
     """Return the scan of a file that `write_las` wrote.
 
-    Raises
-    ------
-    InputError
-        Any other file: it does not say where the scanner stood, nor which ray saw which point.
+    Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
     cloud = _open(path)
     header = _read_header(cloud)
@@ -111,10 +105,7 @@ def write_las(scan: RangeImage, path: Path) -> None:
     their middle; colours are exact; intensities are scaled to 16 bits. Each point has its `row` and `column`,
     and records of the user "unseen" hold pose and projection, so that the scan can be read back.
 
-    Raises
-    ------
-    InputError
-        A scan without returns, or of more than 20,000 km.
+    Raises InputError: a scan without returns, or of more than 20,000 km.
     """
     laspy = import_extra("laspy", "las")
     cloud = cloud_of(scan)

@@ -110,16 +110,8 @@ class _Packing:
 def check_chunks(lazrs: Any, file: BinaryIO, size: int, length: int, count: int) -> None:
     """Raise InputError where packed points announce more than the file can hold.
 
-    Parameters
-    ----------
-    lazrs : module
-        Knows the packed table of chunks.
-    file : binary file
-        A LAZ file whose header has been checked.
-    size : int
-        Its bytes.
-    length, count : int
-        Bytes of a point, and how many there are, by the header.
+    The header of the file of `size` bytes has been checked, and says that there are `count` points of
+    `length` bytes; the module `lazrs` knows the packed table of chunks.
     """
     file.seek(94)
     header_size, offset, n_records = struct.unpack("<HII", file.read(10))

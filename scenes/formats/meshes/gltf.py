@@ -34,10 +34,8 @@ class Gltf:
 def read_gltf(file: Path) -> Gltf:
     """Return what a glTF file holds, not yet checked beyond its lengths.
 
-    Raises
-    ------
-    InputError
-        Truncated, not JSON, or a buffer that is missing, shorter than announced or outside the folder.
+    Raises InputError: truncated, not JSON, or a buffer that is missing, shorter than announced or outside the
+    folder.
     """
     data = memoryview(file.read_bytes())
     binary: memoryview | None = None
@@ -100,10 +98,7 @@ def _buffer(entry: Any, number: int, file: Path, binary: memoryview | None) -> m
 def data_bytes(text: str) -> bytes:
     """Return the bytes of a `data:` address.
 
-    Raises
-    ------
-    InputError
-        Not in base 64.
+    Raises InputError: not in base 64.
     """
     head, _, body = text.partition(",")
     if not head.endswith(";base64"):
@@ -117,11 +112,8 @@ def data_bytes(text: str) -> bytes:
 def placed_meshes(content: Content, n_meshes: int) -> dict[int, int]:
     """Return how often each of `n_meshes` meshes is placed in the scene that is shown.
 
-    Raises
-    ------
-    InputError
-        A node that hangs on two others or in a circle, too deep, moved by what are no numbers, or with a
-        mesh that is not there.
+    Raises InputError: a node that hangs on two others or in a circle, too deep, moved by what are no numbers,
+    or with a mesh that is not there.
     """
     nodes, scenes = entry_list(content, "nodes"), entry_list(content, "scenes")
     if not scenes:

@@ -33,20 +33,10 @@ class Contents:
 
 
 def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
-    """Check a glTF's JSON against its buffers.
+    """Check a glTF's JSON against the bytes of its buffers.
 
-    Parameters
-    ----------
-    content : mapping
-        The JSON.
-    buffers : sequence of memoryview
-        Its buffers' bytes.
-
-    Raises
-    ------
-    InputError
-        Another version, a required extension that is not known, a number that lies, a face with a corner
-        that is not there, nodes in a circle or in two places, or more than the limits allow.
+    Raises InputError: another version, a required extension that is not known, a number that lies, a face
+    with a corner that is not there, nodes in a circle or in two places, or more than the limits allow.
     """
     _check_version(content)
     views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]

@@ -48,10 +48,7 @@ class MeshFile:
 def check_mesh_suffix(path: Path) -> Path:
     """Return `path` when it is a file that ends like a mesh.
 
-    Raises
-    ------
-    InputError
-        Otherwise; for files of scans with the cure.
+    Raises InputError otherwise; for files of scans with the cure.
     """
     file = check_file(path)
     suffix = file.suffix.lower()
@@ -67,18 +64,10 @@ def check_mesh_suffix(path: Path) -> Path:
 
 
 def read_mesh_file(file: Path) -> MeshFile:
-    """Check and read a mesh file.
+    """Check and read a mesh file of one of `MESH_SUFFIXES`.
 
-    Parameters
-    ----------
-    file : Path
-        Of one of `MESH_SUFFIXES`.
-
-    Raises
-    ------
-    InputError
-        Whatever its structure gets wrong, a file that it names outside its folder, or more than the limits
-        allow.
+    Raises InputError: whatever its structure gets wrong, a file that it names outside its folder, or more
+    than the limits allow.
     """
     suffix = file.suffix.lower()
     data, held = b"", Contents(0)

@@ -40,11 +40,8 @@ def plain_obj(data: bytes) -> bytes:
 def check_obj(text: bytes) -> int:
     """Return how many triangles a plain OBJ text holds, its polygons cut into fans.
 
-    Raises
-    ------
-    InputError
-        A vertex that is not numbers, a face of fewer than three corners or with a corner that is not there,
-        or faces written in ways that are easily taken for each other; lines are numbered.
+    Raises InputError: a vertex that is not numbers, a face of fewer than three corners or with a corner that
+    is not there, or faces written in ways that are easily taken for each other; lines are numbered.
     """
     counts = dict.fromkeys(_KEYS, 0)
     kept: dict[bytes, list[bytes]] = {key: [] for key in _KEYS}
@@ -128,20 +125,12 @@ def _check_range(table: NDArray[np.int64], count: int, name: str, lines: list[in
 
 
 def write_obj(parts: Sequence[MeshPart], path: Path, comments: Sequence[str] = ()) -> list[Path]:
-    """Write parts as OBJ in double precision; return all files that were written.
+    """Write parts in world coordinates as OBJ in double precision; return all files that were written.
 
-    A part with a texture has a material that names `STEM_1.png` and so on; one of a single colour has a
-    material of that colour. Where a part has several, all vertices have theirs after the coordinates, since
-    readers know no mixture. The tint of a texture is left out.
-
-    Parameters
-    ----------
-    parts : sequence of MeshPart
-        What to write, world coordinates.
-    path : Path
-        The .obj file; the others get its stem.
-    comments : sequence of str
-        Lines at its head.
+    A part with a texture has a material that names `STEM_1.png` and so on, STEM that of the .obj file; one of
+    a single colour has a material of that colour. Where a part has several, all vertices have theirs after
+    the coordinates, since readers know no mixture. The tint of a texture is left out. Comments are lines at
+    the head.
     """
     images, number_of = _numbered_images(parts)
     files = [path.with_name(f"{path.stem}_{number}.png") for number in range(1, len(images) + 1)]

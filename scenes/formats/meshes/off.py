@@ -45,10 +45,8 @@ def read_off(path: Path) -> OffMesh:
 
     Colours are integers 0..255 or numbers 0..1; normals and texture coordinates are left out.
 
-    Raises
-    ------
-    InputError
-        Binary or four-dimensional, truncated, or a line that is no vertex or face: it is numbered.
+    Raises InputError: binary or four-dimensional, truncated, or a line that is no vertex or face: it is
+    numbered.
     """
     lines = _lines(path)
     kind = _HEADER.match(lines[0][1]) if lines else None

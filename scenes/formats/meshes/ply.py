@@ -129,10 +129,7 @@ def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
     This reads what `write_mesh_ply` writes, all properties included; foreign meshes, ASCII and big-endian
     files are opened with `scenes.files.scene_files.load_scene`.
 
-    Raises
-    ------
-    InputError
-        Not such a file, truncated, or faces that are no triangles.
+    Raises InputError: not such a file, truncated, or faces that are no triangles.
     """
     file = check_file(Path(path))
     with reading(file, "a binary PLY file"):

@@ -34,18 +34,10 @@ class _Element:
 
 
 def check_ply(data: bytes) -> int:
-    """Return how many triangles a PLY mesh holds, its polygons cut into fans.
+    """Return how many triangles the bytes of a PLY mesh hold, its polygons cut into fans.
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-
-    Raises
-    ------
-    InputError
-        No PLY; another number of rows, bytes or numbers than announced; polygons with different numbers of
-        corners in a binary file.
+    Raises InputError: no PLY; another number of rows, bytes or numbers than announced; polygons with
+    different numbers of corners in a binary file.
     """
     order, elements, start = _parse_header(data)
     for element in elements:
@@ -62,12 +54,9 @@ def check_ply(data: bytes) -> int:
 
 
 def header_lines(data: bytes) -> tuple[list[str], int]:
-    """Return the lines of a PLY's header behind the first, and where rows begin: 0 where no line end follows.
+    """Return a PLY's header lines but the first, and where rows begin: 0 where no line end follows.
 
-    Raises
-    ------
-    InputError
-        There is no header.
+    Raises InputError: there is no header.
     """
     end = data.find(b"end_header", 0, _MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:

@@ -36,11 +36,8 @@ def write_stl(mesh: LabelledMesh, path: Path) -> None:
 def check_stl(file: Path) -> int:
     """Return how many triangles an STL file holds, text or binary.
 
-    Raises
-    ------
-    InputError
-        A binary file that is not as long as its count of triangles says, a text that is cut short or has
-        corners that are not three numbers.
+    Raises InputError: a binary file that is not as long as its count of triangles says, a text that is cut
+    short or has corners that are not three numbers.
     """
     data = file.read_bytes()
     start = data[:1024].lower()
@@ -71,10 +68,7 @@ def _check_text(text: bytes) -> int:
 def stl_origin(path: Path) -> FloatArray:
     """Return the origin (3,) that the header of a file of ours names, zero in others.
 
-    Raises
-    ------
-    InputError
-        A header of ours that is damaged.
+    Raises InputError: a header of ours that is damaged.
     """
     with path.open("rb") as file:
         header = file.read(_HEADER)

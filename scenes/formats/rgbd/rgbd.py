@@ -153,10 +153,8 @@ def read_frame(
 
     Depth images hold z-depth; it becomes range along each pixel's ray. A negative fy is used as given.
 
-    Raises
-    ------
-    InputError
-        Unknown intrinsics or depth scale, images that are missing, damaged, of 8 bits or of unequal size.
+    Raises InputError: unknown intrinsics or depth scale, images that are missing, damaged, of 8 bits or of
+    unequal size.
     """
     frame = folder.frames[index]
     camera = intrinsics or folder.intrinsics
@@ -201,10 +199,7 @@ def depth_scan(
 def read_depth_image(path: Path) -> FloatArray:
     """Return the counts (rows, columns) of an image of one channel, as float64 and unscaled.
 
-    Raises
-    ------
-    InputError
-        No image, too large, or of 8 bits a channel.
+    Raises InputError: no image, too large, or of 8 bits a channel.
     """
     with open_image(path, "a depth image") as image:
         if not image.mode.startswith(("I", "F")):

@@ -36,10 +36,7 @@ def open_rgbd(folder: Path) -> RgbdFolder:
     * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`, which may also name the
       `depth_encoding` (see `scenes.formats.rgbd.rgbd`).
 
-    Raises
-    ------
-    InputError
-        None of these, or frames, images and poses of unequal number.
+    Raises InputError: none of these, or frames, images and poses of unequal number.
     """
     with reading(folder, "an RGB-D folder"):
         if (folder / "frames.json").is_file():

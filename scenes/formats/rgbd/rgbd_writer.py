@@ -40,11 +40,8 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
 
     `camera.json` holds intrinsics and scale in all of them.
 
-    Raises
-    ------
-    InputError
-        No scan, spherical scans, different cameras, depths beyond 16 bits, or tum without colours; or the
-        folder holds other frames, which would then have no poses.
+    Raises InputError: no scan, spherical scans, different cameras, depths beyond 16 bits, or tum without
+    colours; or the folder holds other frames, which would then have no poses.
     """
     if layout not in _SCALES:
         raise InputError(f"{folder}: layout must be one of {', '.join(_SCALES)}, got {layout!r}")

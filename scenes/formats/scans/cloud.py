@@ -95,10 +95,7 @@ class Cloud:
 def cloud_of(scan: RangeImage) -> Cloud:
     """Return the returns of a scan.
 
-    Raises
-    ------
-    InputError
-        There is none: a file of points cannot hold an empty grid.
+    Raises InputError: there is none: a file of points cannot hold an empty grid.
     """
     if not scan.valid.any():
         raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
@@ -117,10 +114,7 @@ def cloud_of(scan: RangeImage) -> Cloud:
 def scan_of(cloud: Cloud) -> RangeImage:
     """Return the scan that a cloud was made of.
 
-    Raises
-    ------
-    InputError
-        Pixels outside the image that the header describes, or two points in one.
+    Raises InputError: pixels outside the image that the header describes, or two points in one.
     """
     header = dict(cloud.header)
     projection, pose = projection_from_dict(header["projection"]), pose_from_header(header)

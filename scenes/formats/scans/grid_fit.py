@@ -42,10 +42,7 @@ def fit_grid(points: FloatArray) -> GridFit:
 
     Both models are fitted; the one with the smaller residual wins, the pinhole on equal terms.
 
-    Raises
-    ------
-    InputError
-        Neither model explains the points, or there are too few of them.
+    Raises InputError: neither model explains the points, or there are too few of them.
     """
     fits = [fit for fit in (fit_pinhole(points), fit_spherical(points)) if fit is not None]
     if not fits:

@@ -59,10 +59,7 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     unorganised cloud with a VIEWPOINT becomes the spherical image that `scan_from_station` makes of it. The
     projection comes from `intrinsics`, a file of ours states it, else it is estimated from the points.
 
-    Raises
-    ------
-    InputError
-        Unorganised (HEIGHT 1) without a VIEWPOINT, truncated, or no known projection.
+    Raises InputError: unorganised (HEIGHT 1) without a VIEWPOINT, truncated, or no known projection.
     """
     header = _read_header(path)
     if header.height == 1:

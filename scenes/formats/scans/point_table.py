@@ -59,10 +59,8 @@ def read_point_table(path: Path) -> PointTable:
     columns are taken, and three more are normals where all have length one. A first line with one integer
     announces how many points follow (.pts, and the reference sets of NIST).
 
-    Raises
-    ------
-    InputError
-        No text, no points, a line that is no point (with its number), or another count than announced.
+    Raises InputError: no text, no points, a line that is no point (with its number), or another count than
+    announced.
     """
     lines = _clean(_decode(path)).split("\n")
     layout = _layout(lines)

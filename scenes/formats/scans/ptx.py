@@ -34,17 +34,10 @@ class _Header(NamedTuple):
 
 
 class PtxFile:
-    """The scans of a PTX file, opened once and walked through to count them; each is parsed when asked for.
+    """The scans of a PTX file, walked through once to count them; each is parsed when asked for.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it stays open as long as this.
-
-    Raises
-    ------
-    InputError
-        A header that is none, or a scan that is cut short.
+    The file stays open as long as this. Raises InputError: a header that is none, or a scan that is cut
+    short.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,10 +63,7 @@ class PtxFile:
         file's order, so rows usually run upwards. The translation of the transform is its last line. The
         projection is estimated from the points.
 
-        Raises
-        ------
-        InputError
-            Without points, not rigid, or no projection explains the grid.
+        Raises InputError: without points, not rigid, or no projection explains the grid.
         """
         pose, table = self._parse(index)
         points = table[..., :3].copy()
@@ -98,10 +88,7 @@ class PtxFile:
 
         No projection is needed.
 
-        Raises
-        ------
-        InputError
-            There is no such scan, or its pose is not rigid.
+        Raises InputError: there is no such scan, or its pose is not rigid.
         """
         pose, table = self._parse(index)
         table = table.reshape(-1, table.shape[2])

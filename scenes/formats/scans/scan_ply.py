@@ -56,10 +56,7 @@ def is_scan_ply(path: Path) -> bool:
 def read_scan_ply(path: Path) -> RangeImage:
     """Return the scan that `write_scan_ply` wrote.
 
-    Raises
-    ------
-    InputError
-        Any other PLY file: it does not say where the sensor stood.
+    Raises InputError: any other PLY file: it does not say where the sensor stood.
     """
     cure = (
         "; a scan needs its grid and sensor pose: use .e57, .pcd (organised), .npz or an RGB-D folder, or "
@@ -101,10 +98,8 @@ class _Vertices:
 def read_ply_points(path: Path) -> RawPoints:
     """Return points, and normals and colours where the file has some.
 
-    Raises
-    ------
-    InputError
-        No PLY, truncated, vertices without x, y, z, or behind another element in a binary file.
+    Raises InputError: no PLY, truncated, vertices without x, y, z, or behind another element in a binary
+    file.
     """
     data = path.read_bytes()
     lines, start = header_lines(data)

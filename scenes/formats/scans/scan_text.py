@@ -28,10 +28,7 @@ def write_scan_text(scan: RangeImage, path: Path) -> None:
     files, blanks in others. The first line is a comment with pose and projection, the second names the
     columns: as a comment, but in `.csv` files.
 
-    Raises
-    ------
-    InputError
-        A scan without returns.
+    Raises InputError: a scan without returns.
     """
     cloud = cloud_of(scan)
     names, forms = ["x", "y", "z"], ["%.9f"] * 3
@@ -54,10 +51,7 @@ def write_scan_text(scan: RangeImage, path: Path) -> None:
 def read_scan_text(path: Path) -> RangeImage:
     """Return the scan of a file that `write_scan_text` wrote.
 
-    Raises
-    ------
-    InputError
-        Any other file: it does not say where the scanner stood, nor which ray saw which point.
+    Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         first = file.readline()
