@@ -34,22 +34,11 @@ class BoundaryKind(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundaryPixels:
-    """Places half way between the last pixel of a region and the next.
+    """Places half way between the last pixel of a region and the next."""
 
-    Attributes
-    ----------
-    uv : (n, 2) float
-        Chart coordinates, metres.
-    step : (n, 2) float
-        Way along the chart from the last pixel to the next, metres: what `uv` may be off by, half to
-        either side.
-    kind : (n,) int8
-        A `BoundaryKind`.
-    """
-
-    uv: FloatArray
-    step: FloatArray
-    kind: NDArray[np.int8]
+    uv: FloatArray  # (n, 2) chart coordinates, metres
+    step: FloatArray  # (n, 2) way to the next pixel, metres: `uv` may be off by half to either side
+    kind: NDArray[np.int8]  # (n,) a `BoundaryKind`
 
     def only(self, keep: BoolArray) -> BoundaryPixels:
         """Return the points that `keep` (n,) marks."""

@@ -37,32 +37,15 @@ ALL_CUES = tuple(Cue)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContinuedEdge:
-    """The hidden part of an edge, as far as it was followed.
+    """The hidden part of an edge, as far as it was followed."""
 
-    Attributes
-    ----------
-    curve : Line or Circle
-        Which the edge follows.
-    start, end : float
-        Arc lengths on the curve, the seen end first, metres; `end` may be the smaller one.
-    two_sided : bool
-        Whether the edge was seen again at `end`.
-    deviation : float
-        Standard deviation across the curve where it was seen, metres.
-    side : float
-        Sign of the distance across the curve on whose side the surface lies.
-    provenance : Cue
-        "intersection" (where it meets another surface), "collinear" (seen on both sides), "convergent"
-        (followed from one end), "circular", or "closure" (at right angles from a corner that was seen).
-    """
-
-    curve: Line | Circle
-    start: float
-    end: float
-    two_sided: bool
-    deviation: float
-    side: float
-    provenance: Cue
+    curve: Line | Circle  # which the edge follows
+    start: float  # arc length of the seen end, metres
+    end: float  # that of the other end, metres; may be the smaller one
+    two_sided: bool  # whether the edge was seen again at `end`
+    deviation: float  # standard deviation across the curve where it was seen, metres
+    side: float  # sign of the distance across the curve on whose side the surface lies
+    provenance: Cue  # INTERSECTION, COLLINEAR, CONVERGENT, CIRCULAR or CLOSURE
 
     def progress(self, uv: FloatArray) -> FloatArray:
         """How far points (..., 2) lie along the hidden part, metres (...,); negative before it."""

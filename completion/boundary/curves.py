@@ -33,8 +33,7 @@ class Line:
 
     def across(self, uv: FloatArray) -> FloatArray:
         """Signed distance (...,)."""
-        distance: FloatArray = (uv - self.point) @ self.normal
-        return distance
+        return np.asarray((uv - self.point) @ self.normal)
 
     def towards(self, uv: FloatArray) -> FloatArray:
         """Unit vector (..., 2) in which `across` grows."""
@@ -42,13 +41,11 @@ class Line:
 
     def along(self, uv: FloatArray) -> FloatArray:
         """Length (...,) from `point`."""
-        length: FloatArray = (uv - self.point) @ self.direction
-        return length
+        return np.asarray((uv - self.point) @ self.direction)
 
     def at(self, along: FloatArray) -> FloatArray:
         """Chart coordinates (..., 2)."""
-        place: FloatArray = self.point + np.asarray(along)[..., None] * self.direction
-        return place
+        return np.asarray(self.point + np.asarray(along)[..., None] * self.direction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +78,7 @@ class Circle:
     def at(self, along: FloatArray) -> FloatArray:
         """Chart coordinates (..., 2)."""
         angle = np.asarray(along) / self.radius
-        place: FloatArray = self.centre + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return place
+        return np.asarray(self.centre + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def fit_circle(uv: FloatArray) -> Circle | None:

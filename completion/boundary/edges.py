@@ -24,27 +24,13 @@ _MIN_ARC = np.radians(30.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
-    """A curve with the runs of it that were seen.
+    """A curve with the runs of it that were seen."""
 
-    Attributes
-    ----------
-    curve : Line or Circle
-        Where it is.
-    runs : (k, 2) float
-        First and last arc length of each run, metres.
-    sides : (k,) float
-        Sign of the distance across the curve on whose side the surface lies, 1 or -1, for each run.
-    deviation : float
-        Standard deviation of a point of the curve across it where it was seen, metres.
-    is_crease : bool
-        Whether another surface meets it there.
-    """
-
-    curve: Line | Circle
-    runs: FloatArray
-    sides: FloatArray
-    deviation: float
-    is_crease: bool = False
+    curve: Line | Circle  # where it is
+    runs: FloatArray  # (k, 2) first and last arc length of each run, metres
+    sides: FloatArray  # (k,) sign of the distance across on whose side the surface lies, for each run
+    deviation: float  # standard deviation of a point of the curve across it where it was seen, metres
+    is_crease: bool = False  # whether another surface meets it there
 
 
 def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:

@@ -24,47 +24,25 @@ _UNITS = 10_000  # capacities are whole numbers
 class Borders:
     """Pairs of neighbouring hidden cells between which a continued edge passes.
 
-    Attributes
-    ----------
-    first, second : (n,) int64
-        Flat cells.
-    edge : (n,) int32
-        Which edge.
-    cost : (n, 2) float
-        Improbability of a boundary there with surface in the first cell, and with surface in the second: 1
-        minus `GOES_ON` on the side where the surface was seen along the edge, 1 on the other.
-    length : (n,) float
-        Length of the cells' common side, metres.
+    A boundary there costs 1 minus `GOES_ON` on the side where the surface was seen along the edge, else 1.
     """
 
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    edge: NDArray[np.int32]
-    cost: FloatArray
-    length: FloatArray
+    first: NDArray[np.int64]  # (n,) flat cell on one side
+    second: NDArray[np.int64]  # (n,) and on the other
+    edge: NDArray[np.int32]  # (n,) which edge
+    cost: FloatArray  # (n, 2) improbability with surface in the first cell, and in the second
+    length: FloatArray  # (n,) length of the cells' common side, metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenRegions:
-    """The hidden zone, divided.
+    """The hidden zone, divided."""
 
-    Attributes
-    ----------
-    region : (rows, columns) int32
-        Number of the region that each cell belongs to, from 0; -1 for cells that are not hidden.
-    n_regions : int
-        How many there are.
-    borders : Borders
-        Where continued edges part them.
-    beside_measured, beside_open : (n_regions,) float
-        Length of each region's outline on measured surface and on cells that beams passed, metres.
-    """
-
-    region: NDArray[np.int32]
-    n_regions: int
-    borders: Borders
-    beside_measured: FloatArray
-    beside_open: FloatArray
+    region: NDArray[np.int32]  # (rows, columns) number of each cell's region, from 0; -1 where not hidden
+    n_regions: int  # how many there are
+    borders: Borders  # where continued edges part them
+    beside_measured: FloatArray  # (n_regions,) length of the outline on measured surface, metres
+    beside_open: FloatArray  # (n_regions,) the same on cells that beams passed
 
 
 def divide_hidden(

@@ -17,43 +17,21 @@ from scenes.surfaces.catalogue import Cylinder, Surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trim:
-    """A curve of the chart that cells end at.
+    """A curve of the chart that cells end at."""
 
-    Attributes
-    ----------
-    curve : Line or Circle
-        In the chart.
-    sign : float
-        1 to keep the side where `curve.across` is positive, -1 for the other one.
-    cells : (rows, columns) bool
-        Cells that it cuts.
-    """
-
-    curve: Line | Circle
-    sign: float
-    cells: BoolArray
+    curve: Line | Circle  # in the chart
+    sign: float  # 1 to keep the side where `curve.across` is positive, -1 for the other one
+    cells: BoolArray  # (rows, columns) cells that it cuts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChartMesh:
-    """Triangles on a chart.
+    """Triangles on a chart."""
 
-    Attributes
-    ----------
-    vertices : (n, 3) float
-        Points on the surface, working frame.
-    faces : (m, 3) int32
-        Counter-clockwise seen from the normal's side.
-    cells : (n, 2) float
-        Fractional row and column of each vertex in the grid; integers are cell corners.
-    face_cell : (m,) int64
-        Flat cell that each face lies in, the first one where a face spans several.
-    """
-
-    vertices: FloatArray
-    faces: NDArray[np.int32]
-    cells: FloatArray
-    face_cell: NDArray[np.int64]
+    vertices: FloatArray  # (n, 3) points on the surface, working frame
+    faces: NDArray[np.int32]  # (m, 3) counter-clockwise seen from the normal's side
+    cells: FloatArray  # (n, 2) fractional row and column of each vertex; integers are cell corners
+    face_cell: NDArray[np.int64]  # (m,) flat cell of each face, the first where it spans several
 
 
 def mesh_cells(

@@ -123,24 +123,12 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEdits:
-    """What a person says of one surface; working frame, metres.
+    """What a person says of one surface; working frame, metres."""
 
-    Attributes
-    ----------
-    actions : tuple of str
-        What was done to it, in order.
-    ends : tuple of Plane
-        Where it ends; it lies on their normals' side.
-    wishes : tuple of Wish
-        What is accepted and rejected; later ones prevail.
-    openings : tuple of (n, 3) float
-        Outlines in which there is nothing.
-    """
-
-    actions: tuple[Action, ...] = ()
-    ends: tuple[Plane, ...] = ()
-    wishes: tuple[Wish, ...] = ()
-    openings: tuple[FloatArray, ...] = ()
+    actions: tuple[Action, ...] = ()  # what was done to it, in order
+    ends: tuple[Plane, ...] = ()  # where it ends; it lies on their normals' side
+    wishes: tuple[Wish, ...] = ()  # what is accepted and rejected; later ones prevail
+    openings: tuple[FloatArray, ...] = ()  # (n, 3) outlines in which there is nothing
 
     @property
     def is_joined(self) -> bool:

@@ -14,27 +14,13 @@ from scenes.surfaces.catalogue import Surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChartGrid:
-    """Cells on a chart: rows run along v, columns along u; on a full cylinder columns wrap around.
+    """Cells on a chart: rows run along v, columns along u; on a full cylinder columns wrap around."""
 
-    Attributes
-    ----------
-    surface : Surface
-        Whose chart it is.
-    corner : (2,) float
-        Chart coordinates of the corner of cell (0, 0), metres.
-    cell : (2,) float
-        Size of a cell along u and v, metres.
-    shape : tuple
-        Rows and columns.
-    wraps : bool
-        Whether the last column touches the first.
-    """
-
-    surface: Surface
-    corner: FloatArray
-    cell: FloatArray
-    shape: tuple[int, int]
-    wraps: bool
+    surface: Surface  # whose chart it is
+    corner: FloatArray  # (2,) chart coordinates of the corner of cell (0, 0), metres
+    cell: FloatArray  # (2,) size of a cell along u and v, metres
+    shape: tuple[int, int]  # rows and columns
+    wraps: bool  # whether the last column touches the first
 
     @classmethod
     def over(

@@ -89,46 +89,22 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scans:
-    """All scans, and what is needed to hold a surface against them.
+    """All scans, and what is needed to hold a surface against them."""
 
-    Attributes
-    ----------
-    observations : tuple of Observation
-        The scans, working frame.
-    owners : tuple of (rows, columns) int32
-        For each scan the number of the surface that each pixel belongs to, from 1; 0 for none.
-    tolerance : Tolerance
-        Along the ray.
-    """
-
-    observations: tuple[Observation, ...]
-    owners: tuple[NDArray[np.int32], ...]
-    tolerance: Tolerance
+    observations: tuple[Observation, ...]  # the scans, working frame
+    owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
+    tolerance: Tolerance  # along the ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointLabels:
-    """What one scan says of points of a surface.
+    """What one scan says of points of a surface."""
 
-    Attributes
-    ----------
-    label : (n,) int8
-        A `Label`; never FREE, which only beams can say.
-    pixel : (n,) int64
-        Flat pixel that sees each point, -1 outside the field of view.
-    cosine : (n,) float
-        Of the incidence angle, without sign; 1 outside the field of view.
-    sure : (n,) bool
-        Whether the tolerance was small enough to tell surfaces apart.
-    through : (n,) bool
-        Whether that pixel measured farther than the point by more than the tolerance.
-    """
-
-    label: NDArray[np.int8]
-    pixel: NDArray[np.int64]
-    cosine: FloatArray
-    sure: BoolArray
-    through: BoolArray
+    label: NDArray[np.int8]  # (n,) a `Label`; never FREE, which only beams can say
+    pixel: NDArray[np.int64]  # (n,) flat pixel that sees each point, -1 outside the field of view
+    cosine: FloatArray  # (n,) of the incidence angle, without sign; 1 outside the field of view
+    sure: BoolArray  # (n,) whether the tolerance was small enough to tell surfaces apart
+    through: BoolArray  # (n,) whether that pixel measured farther than the point by more than the tolerance
 
 
 def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:

@@ -28,21 +28,11 @@ _N_BEAMS = 40_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjacency:
-    """How n surfaces lie to one another.
+    """How n surfaces lie to one another."""
 
-    Attributes
-    ----------
-    encloses : (n,) bool
-        Surfaces with nearly all measured points on their inner side: walls, floor, ceiling, vault.
-    meets : (n, n) bool
-        Pairs that lie side by side in some scan, in a crease or across a jump.
-    standing : (n,) float
-        Probability that what stands at right angles to an enclosing plane goes on down to it, 0 for others.
-    """
-
-    encloses: BoolArray
-    meets: BoolArray
-    standing: FloatArray
+    encloses: BoolArray  # (n,) walls, floor, ceiling, vault: nearly all points on their inner side
+    meets: BoolArray  # (n, n) pairs that lie side by side in some scan, in a crease or across a jump
+    standing: FloatArray  # (n,) probability that what is upright on an enclosing plane goes on to it
 
 
 def find_adjacency(

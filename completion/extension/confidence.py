@@ -50,24 +50,12 @@ The most likely ones on the generated rooms with seeds 1000 to 1031, rounded
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prospects:
-    """What the probability at n hidden places depends on.
+    """What the probability at n hidden places depends on."""
 
-    Attributes
-    ----------
-    base : (n,) float
-        Probability that no opening or end of the surface lies before them.
-    onward : (n,) int8
-        An `Onward`.
-    distance : (n,) float
-        In its units.
-    end_probability : (n,) float
-        Probability that the surface goes on past them anyway, to what it stands on.
-    """
-
-    base: FloatArray
-    onward: NDArray[np.int8]
-    distance: FloatArray
-    end_probability: FloatArray
+    base: FloatArray  # (n,) probability that no opening or end of the surface lies before them
+    onward: NDArray[np.int8]  # (n,) an `Onward`
+    distance: FloatArray  # (n,) in its units
+    end_probability: FloatArray  # (n,) probability that it goes on past them, to what it stands on
 
     def probability(self, persistence: FloatArray = PERSISTENCE) -> FloatArray:
         """Probability (n,) that the surface is there."""

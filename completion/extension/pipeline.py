@@ -31,24 +31,12 @@ LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bo
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExtensionRules:
-    """What a continuation may use, and how sure it must be.
+    """What a continuation may use, and how sure it must be."""
 
-    Attributes
-    ----------
-    mode : "conservative", "standard" or "bold"
-        How probable inferred area must be.
-    max_sd_m : float
-        Predicted standard deviation up to which a surface is continued, metres.
-    max_cells : int
-        In how many cells at most its chart is weighed.
-    cues : collection of Cue
-        What is made use of.
-    """
-
-    mode: Mode
-    max_sd_m: float
-    max_cells: int
-    cues: Collection[Cue] = ALL_CUES
+    mode: Mode  # how probable inferred area must be
+    max_sd_m: float  # predicted standard deviation up to which a surface is continued, metres
+    max_cells: int  # in how many cells at most its chart is weighed
+    cues: Collection[Cue] = ALL_CUES  # what is made use of
 
 
 def extend(

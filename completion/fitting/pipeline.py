@@ -107,5 +107,4 @@ def _unit_rays(rays: object, n: int) -> FloatArray:
     length = np.linalg.norm(along, axis=1, keepdims=True)
     if not length.all():
         raise InputError(f"{int((length == 0).sum())} of {n} rays have no length; is a point at the scanner?")
-    unit: FloatArray = along / length
-    return unit
+    return np.asarray(along / length)

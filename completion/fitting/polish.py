@@ -33,8 +33,7 @@ class Cloud:
 
     def unit(self) -> FloatArray:
         """The points (n, 3) relative to the centre, in units of the scale."""
-        shrunk: FloatArray = (self.points - self.centre) / self.scale
-        return shrunk
+        return np.asarray((self.points - self.centre) / self.scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

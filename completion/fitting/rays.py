@@ -32,21 +32,11 @@ _STILL = 1e-10  # of the points' RMS radius
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Crossings:
-    """Where rays meet a surface.
+    """Where rays meet a surface."""
 
-    Attributes
-    ----------
-    reach : (n,) float
-        From each point along its ray to the surface, metres.
-    slope : (n,) float
-        Cosine between ray and normal there.
-    met : (n,) bool
-        Which rays meet the surface.
-    """
-
-    reach: FloatArray
-    slope: FloatArray
-    met: BoolArray
+    reach: FloatArray  # (n,) from each point along its ray to the surface, metres
+    slope: FloatArray  # (n,) cosine between ray and normal there
+    met: BoolArray  # (n,) which rays meet the surface
 
     def steeper(self, least: float) -> BoolArray:
         """Which rays meet the surface with a cosine of at least this."""
@@ -123,8 +113,7 @@ def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossing
     feet = cloud.points + crossings.reach[:, None] * rays
     local = chart.frame @ ((feet - cloud.centre) / cloud.scale - chart.origin).T
     slope = np.where(crossings.met, crossings.slope, 1.0)
-    rows: FloatArray = chart.basis().T @ chart.linearise(local)[1] / slope
-    return rows
+    return np.asarray(chart.basis().T @ chart.linearise(local)[1] / slope)
 
 
 def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) -> _Crossings:

@@ -28,24 +28,12 @@ _STRIP = 3  # neighbouring bridges that make a strip
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A fitted surface with what tests of sameness need.
+    """A fitted surface with what tests of sameness need."""
 
-    Attributes
-    ----------
-    fit : SurfaceFit
-        Covariance inflated for correlated residuals.
-    covariance : (k, k) float
-        That, and the systematic error of surface and sensor.
-    points : (m, 3) float
-        Some of its measured points, metres.
-    scale : float
-        Standard deviation of a single one of them about its surface, metres.
-    """
-
-    fit: SurfaceFit
-    covariance: FloatArray
-    points: FloatArray
-    scale: float
+    fit: SurfaceFit  # covariance inflated for correlated residuals
+    covariance: FloatArray  # (k, k) that, and the systematic error of surface and sensor
+    points: FloatArray  # (m, 3) some of its measured points, metres
+    scale: float  # standard deviation of a single one of them about its surface, metres
 
     @classmethod
     def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, systematic_m: float) -> Part:
@@ -75,18 +63,10 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """How two parts compare.
+    """How two parts compare."""
 
-    Attributes
-    ----------
-    chi2 : float
-        Of the difference of their parameters, in units of its 99.9 % quantile: they differ above 1.
-    log_evidence : float
-        Logarithm of how many times likelier the difference is if they are one surface than if they are not.
-    """
-
-    chi2: float
-    log_evidence: float
+    chi2: float  # of their parameters' difference, over its 99.9 % quantile: they differ above 1
+    log_evidence: float  # log of how many times likelier the difference is if they are one
 
 
 def find_candidates(parts: Sequence[Part]) -> BoolArray:
@@ -149,34 +129,15 @@ def _few(points: FloatArray) -> FloatArray:
     return points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
 
 
-def gap_is_hidden(
-    surface: Surface,
-    one: FloatArray,
-    other: FloatArray,
-    scale: float,
-    observations: Sequence[Observation],
-    tolerance: Tolerance,
-) -> bool:
+def gap_is_hidden(one: Part, other: Part, observations: Sequence[Observation], tolerance: Tolerance) -> bool:
     """Tell whether a strip between two parts is wholly hidden or measured on the surface.
 
-    Bridges run on the surface from points of one part to points of the other. They make a strip where
-    `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and most
-    are occluded or measured. What lies beside the strip may be open: a window between two parts of a wall.
-
-    Parameters
-    ----------
-    surface : Surface
-        Of one of the parts.
-    one, other : (n, 3), (m, 3) float
-        Points of the parts, metres.
-    scale : float
-        Standard deviation of ranges about the surface there, metres.
-    observations : sequence of Observation
-        All scans.
-    tolerance : Tolerance
-        Along the ray.
+    Bridges run on the other's surface from points of one part to points of the other. They make a strip
+    where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
+    most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
     """
-    first, second = _ends(surface, one, other)
+    surface, scale = other.fit.surface, max(one.scale, other.scale)
+    first, second = _ends(surface, one.points, other.points)
     points = _bridges(surface, first, second)
     crossed, seen = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
     predicted_sd = np.full(len(points), scale)
@@ -205,17 +166,15 @@ def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
     if len(order) <= _N_ENDS:
         return uv
     rest = order[half:]
-    chosen: FloatArray = uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])]
-    return chosen
+    return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
 
 
 def _bridges(surface: Surface, first: FloatArray, second: FloatArray) -> FloatArray:
     """Points on the bridges between all pairs of ends, bridge by bridge."""
     along = (np.arange(_N_STEPS) + 0.5) / _N_STEPS
     way = second[None, :] - first[:, None]
-    bridges: FloatArray = first[:, None, None, :] + along[None, None, :, None] * way[:, :, None, :]
-    points: FloatArray = surface.from_uv(bridges.reshape(-1, 2))
-    return points
+    bridges = first[:, None, None, :] + along[None, None, :, None] * way[:, :, None, :]
+    return np.asarray(surface.from_uv(bridges.reshape(-1, 2)))
 
 
 def _has_strip(closed: BoolArray, first: FloatArray, second: FloatArray) -> bool:

@@ -116,27 +116,15 @@ def merge(
 def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
     pixel = np.flatnonzero(region.mask)
     n_pixels = len(pixel)
-    pixel = pixel[np.linspace(0, len(pixel) - 1, min(_N_SAMPLE, len(pixel))).astype(np.int64)]
+    pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
     points = observation.points.reshape(-1, 3)[pixel]
     distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
     systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
     systematic = float(np.hypot(systematic, tolerance.registration_m))
     scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), tolerance.flatness_m))
-    beams = Beams(
-        observation.scan.origin,
-        np.ones(len(pixel), np.int32),
-        observation.scan.ranges.ravel()[pixel],
-        observation.sigma.ravel()[pixel],
-        observation.rays.reshape(-1, 3)[pixel],
-    )
-    return _ScanRegion(
-        scan=scan,
-        region=region,
-        part=Part.of(region.fit, points, scale, systematic),
-        n_pixels=n_pixels,
-        systematic_m=systematic,
-        beams=beams,
-    )
+    part = Part.of(region.fit, points, scale, systematic)
+    beams = Beams.at(observation, pixel)
+    return _ScanRegion(scan, region, part, n_pixels, systematic_m=systematic, beams=beams)
 
 
 def _agreements(parts: Sequence[_ScanRegion]) -> dict[tuple[int, int], Agreement]:
@@ -180,15 +168,7 @@ def _hidden_between(
     one: _ScanRegion, other: _ScanRegion, observations: Sequence[Observation], tolerance: Tolerance
 ) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
-    surface, scale = larger.region.fit.surface, max(one.part.scale, other.part.scale)
-    return gap_is_hidden(
-        surface,
-        smaller.part.points,
-        other=larger.part.points,
-        scale=scale,
-        observations=observations,
-        tolerance=tolerance,
-    )
+    return gap_is_hidden(smaller.part, larger.part, observations, tolerance)
 
 
 def _adopt_small(

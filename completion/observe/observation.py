@@ -35,8 +35,7 @@ class RangeNoise:
 
     def sigma(self, ranges: FloatArray) -> FloatArray:
         """Standard deviation (n,) of single ranges (n,), metres."""
-        noise: FloatArray = np.hypot(self.constant_m, self.quadratic_per_m * np.square(ranges))
-        return noise
+        return np.asarray(np.hypot(self.constant_m, self.quadratic_per_m * np.square(ranges)))
 
     def bias(self, ranges: FloatArray) -> FloatArray:
         """Common error (n,) of neighbouring ranges (n,) to a flat wall, metres.
@@ -170,37 +169,26 @@ def observe(scan: RangeImage, reference_from_world: Pose, sigma_m: float | None 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
-    """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none.
+    """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none."""
 
-    Attributes
-    ----------
-    origin : (3,) float
-        Where they start, metres.
-    label : (n,) int32
-        Surface of each.
-    ranges, sigma : (n,) float
-        Measured range and its standard deviation, metres.
-    rays : (n, 3) float
-        Unit directions.
-    """
-
-    origin: FloatArray
-    label: NDArray[np.int32]
-    ranges: FloatArray
-    sigma: FloatArray
-    rays: FloatArray
+    origin: FloatArray  # (3,) where they start, metres
+    label: NDArray[np.int32]  # (n,) surface of each
+    ranges: FloatArray  # (n,) metres
+    sigma: FloatArray  # (n,) their standard deviations, metres
+    rays: FloatArray  # (n, 3) unit directions
 
     @classmethod
     def of(cls, observation: Observation, label: NDArray[np.int32]) -> Beams:
         """All beams of a scan, from labels (rows, columns)."""
-        scan = observation.scan
-        return cls(
-            scan.origin,
-            label.ravel(),
-            scan.ranges.ravel(),
-            observation.sigma.ravel(),
-            observation.rays.reshape(-1, 3),
-        )
+        scan, rays = observation.scan, observation.rays.reshape(-1, 3)
+        return cls(scan.origin, label.ravel(), scan.ranges.ravel(), observation.sigma.ravel(), rays)
+
+    @classmethod
+    def at(cls, observation: Observation, pixel: NDArray[np.int64]) -> Beams:
+        """The beams of flat pixels (n,), all of one surface, the first."""
+        scan, rays = observation.scan, observation.rays.reshape(-1, 3)[pixel]
+        ones, ranges = np.ones(len(pixel), np.int32), scan.ranges.ravel()[pixel]
+        return cls(scan.origin, ones, ranges, observation.sigma.ravel()[pixel], rays)
 
     def thinned(self, step: int) -> Beams:
         """Every step-th beam."""

@@ -44,8 +44,7 @@ class _Sums:
         if not values[-1] < _MAX_CONDITION * values[0]:
             condition = values[-1] / max(values[0], 1e-300)
             raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
-        step: FloatArray = vectors @ ((self.vector / scale) @ vectors / values) / scale
-        return step
+        return np.asarray(vectors @ ((self.vector / scale) @ vectors / values) / scale)
 
     def is_determined(self) -> bool:
         """Whether the pixels determine the surface."""

@@ -23,42 +23,18 @@ _NORMAL_SD = np.radians(3.0)  # that tiles at the median range are large enough 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tiles:
-    """Squares of a range image, with planes in coordinates relative to the sensor.
+    """Squares of a range image, with planes in coordinates relative to the sensor."""
 
-    Attributes
-    ----------
-    side : int
-        Pixels along a tile's side.
-    count : (rows, columns) float
-        Measured pixels in each tile.
-    matrix : (rows, columns, 6) float
-        Weighted sums of d d', d the unit ray: xx, xy, xz, yy, yz, zz.
-    vector : (rows, columns, 3) float
-        Weighted sums of d / range.
-    plane : (rows, columns, 3) float
-        The w of each tile's own plane w . x = 1, x from the sensor; NaN where there is none.
-    misfit : (rows, columns) float
-        Weighted square residual over the degrees of freedom: 1 for noise alone; inf where there is no plane.
-    centre : (rows, columns, 3) float
-        Mean of the tile's points, from the sensor, metres.
-    normal_sd : (rows, columns) float
-        Expected error of the normal, radians.
-    flatness_m : float
-        How far a surface may stray from its ideal form, metres: part of the weights.
-    ranges : (rows, columns) float
-        Of the pixels that were cut into tiles; inf elsewhere.
-    """
-
-    side: int
-    count: FloatArray
-    matrix: FloatArray
-    vector: FloatArray
-    plane: FloatArray
-    misfit: FloatArray
-    centre: FloatArray
-    normal_sd: FloatArray
-    flatness_m: float
-    ranges: FloatArray
+    side: int  # pixels along a tile's side
+    count: FloatArray  # (rows, columns) measured pixels in each tile
+    matrix: FloatArray  # (rows, columns, 6) weighted sums of d d', d the unit ray: xx, xy, xz, yy, yz, zz
+    vector: FloatArray  # (rows, columns, 3) weighted sums of d / range
+    plane: FloatArray  # (rows, columns, 3) each tile's w, w . x = 1, x from the sensor; NaN for none
+    misfit: FloatArray  # (rows, columns) weighted square residual by freedom: 1 for noise, inf for none
+    centre: FloatArray  # (rows, columns, 3) mean of the tile's points, from the sensor, metres
+    normal_sd: FloatArray  # (rows, columns) expected error of the normal, radians
+    flatness_m: float  # how far a surface may stray from its ideal form, metres: part of the weights
+    ranges: FloatArray  # (rows, columns) of the pixels that were cut into tiles; inf elsewhere
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -56,24 +56,12 @@ class EvidenceOptions:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tolerance:
-    """How far a range may differ from a surface and agree with it.
+    """How far a range may differ from a surface and agree with it."""
 
-    Attributes
-    ----------
-    n_sigma : float
-        Standard deviations.
-    flatness_m : float
-        Difference of a real surface from its ideal form, metres.
-    registration_m : float
-        Error of the poses, metres.
-    max_m : float
-        Tolerance above which a range says nothing, metres.
-    """
-
-    n_sigma: float
-    flatness_m: float
-    registration_m: float
-    max_m: float
+    n_sigma: float  # standard deviations
+    flatness_m: float  # difference of a real surface from its ideal form, metres
+    registration_m: float  # error of the poses, metres
+    max_m: float  # tolerance above which a range says nothing, metres
 
     def along_ray(self, sigma: FloatArray, sd: FloatArray, cosine: FloatArray) -> FloatArray:
         """Return k sqrt(sigma^2 + (sd^2 + flatness^2) / cos^2) + registration / cos.

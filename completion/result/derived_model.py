@@ -24,21 +24,11 @@ from scenes.checks import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What came of a person's edits on a surface; square metres, cells counted whole.
+    """What came of a person's edits on a surface; square metres, cells counted whole."""
 
-    Attributes
-    ----------
-    filled_m2 : float
-        Inferred because a person says so.
-    vetoed_m2 : float
-        Accepted, but beams went through: it stays empty.
-    measured_m2 : float
-        Measured in a declared opening, or beyond an end that was set: it stays.
-    """
-
-    filled_m2: float
-    vetoed_m2: float
-    measured_m2: float
+    filled_m2: float  # inferred because a person says so
+    vetoed_m2: float  # accepted, but beams went through: it stays empty
+    measured_m2: float  # measured in a declared opening, or beyond an end that was set: it stays
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,33 +90,30 @@ class DerivedSurface:
 
     @cached_property
     def effect(self) -> Effect:
-        """What came of a person's edits."""
-        return _effect_of(self.patch)
+        """What came of a person's edits.
+
+        Where a surface is accepted as a whole, what beams went through counts in its measured rectangle and
+        on to its known ends.
+        """
+        patch, grid, verdict = self.patch, self.patch.grid, self.patch.verdict
+        accepted = verdict.accepted(grid, grid.within(*patch.limits.known_window()))
+        against = verdict.open_cells(grid)
+        for end in verdict.ends:
+            against |= (end.distance(grid.centres()) < -float(np.hypot(*grid.cell)) / 2).reshape(grid.shape)
+        filled = patch.hypothesised & (patch.provenance == Provenance.USER)
+        vetoed = accepted & patch.evidence.open & ~patch.observed
+        return Effect(*(float(c.sum()) * grid.cell_area for c in (filled, vetoed, against & patch.observed)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TexturedMesh:
-    """Cells of one surface that have one provenance, as few triangles with their places in the atlas.
+    """Cells of one surface that have one provenance, as few triangles with their places in the atlas."""
 
-    Attributes
-    ----------
-    number : int
-        Of the surface, from 1.
-    provenance : Provenance
-        Of all its cells.
-    mesh : ChartMesh
-        The triangles, working frame.
-    uv : (n, 2) float
-        Texture coordinates of its vertices, (0, 0) the page's lower left; zeros without texture.
-    page : int
-        Its page of the atlas, -1 without texture.
-    """
-
-    number: int
-    provenance: Provenance
-    mesh: ChartMesh
-    uv: FloatArray
-    page: int
+    number: int  # of the surface, from 1
+    provenance: Provenance  # of all its cells
+    mesh: ChartMesh  # the triangles, working frame
+    uv: FloatArray  # (n, 2) texture coordinates, (0, 0) the page's lower left; zeros for none
+    page: int  # its page of the atlas, -1 without texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,22 +168,3 @@ class DerivedModel:
         """Measured points that belong to no completed surface, with the triangles at them, working frame."""
         points = self.observed
         return points.part((points.surface == 0)[points.faces].any(axis=1))
-
-
-def _effect_of(patch: Patch) -> Effect:
-    """Measure what came of a person's edits on a completed surface.
-
-    Where a surface is accepted as a whole, what beams went through counts in its measured rectangle and on
-    to its known ends.
-    """
-    grid, verdict = patch.grid, patch.verdict
-    known = grid.within(*patch.limits.known_window())
-    accepted = verdict.accepted(grid, known)
-    against = verdict.open_cells(grid)
-    for end in verdict.ends:
-        against |= (end.distance(grid.centres()) < -float(np.hypot(*grid.cell)) / 2).reshape(grid.shape)
-    return Effect(
-        float((patch.hypothesised & (patch.provenance == Provenance.USER)).sum()) * grid.cell_area,
-        float((accepted & patch.evidence.open & ~patch.observed).sum()) * grid.cell_area,
-        float((against & patch.observed).sum()) * grid.cell_area,
-    )

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.boundary.meshing import ChartMesh, mesh_cells, mesh_range_image
-from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
@@ -21,6 +20,7 @@ from scenes.mesh.labelled_mesh import triangle_areas
 PROVENANCE_NAMES = {str(member.value): member.name.lower().replace("_", "-") for member in Provenance}
 """Names of the provenances in files, by their numbers as text."""
 _GREY = 160  # sRGB of what has no colour
+_OF_VERTICES = ("vertices", "surface", "provenance", "sd", "confidence", "colour")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,15 +64,8 @@ class LabelledPoints:
     def part(self, kept: NDArray[np.bool_]) -> LabelledPoints:
         """Return some of the faces (m,) with the vertices that they use, in their order."""
         used, index = np.unique(self.faces[kept], return_inverse=True)
-        return LabelledPoints(
-            vertices=self.vertices[used],
-            faces=index.reshape(-1, 3).astype(np.int32),
-            surface=self.surface[used],
-            provenance=self.provenance[used],
-            sd=self.sd[used],
-            confidence=self.confidence[used],
-            colour=self.colour[used],
-        )
+        columns = {name: getattr(self, name)[used] for name in _OF_VERTICES}
+        return LabelledPoints(faces=index.reshape(-1, 3).astype(np.int32), **columns)
 
 
 def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:
@@ -81,15 +74,7 @@ def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:
 
 
 def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture | None]) -> LabelledPoints:
-    """Return all inferred cells as one mesh, with provenance and predicted deviation at every vertex.
-
-    Parameters
-    ----------
-    patches : sequence of Patch
-        The completed surfaces, working frame.
-    textures : sequence of ChartTexture or None
-        Colour of each; empty when texture was not asked for.
-    """
+    """Return all inferred cells of surfaces as one mesh, working frame, in the colours of their textures."""
     charts = tuple(
         mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
         for patch in patches
@@ -109,6 +94,9 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
     of_face = patch.provenance.ravel()[mesh.face_cell].astype(np.int32)
     np.maximum.at(provenance, mesh.faces.ravel(), np.repeat(of_face, 3))
     np.maximum.at(confidence, mesh.faces.ravel(), np.repeat(patch.confidence.ravel()[mesh.face_cell], 3))
+    colour = np.full((n, 3), _GREY, np.uint8)
+    if texture is not None:
+        colour = texture.colour_at(patch.grid.uv_of(*mesh.cells.T))
     return LabelledPoints(
         vertices=mesh.vertices,
         faces=mesh.faces,
@@ -116,25 +104,14 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
         provenance=provenance,
         sd=patch.source.fit.standard_deviation(mesh.vertices),
         confidence=confidence,
-        colour=_vertex_colour(mesh, patch.grid, texture),
+        colour=colour,
     )
-
-
-def _vertex_colour(mesh: ChartMesh, grid: ChartGrid, texture: ChartTexture | None) -> ColourArray:
-    if texture is None:
-        return np.full((len(mesh.vertices), 3), _GREY, np.uint8)
-    return texture.colour_at(grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1]))
 
 
 def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
     """Return all measured points of all scans as one mesh, working frame.
 
-    Parameters
-    ----------
-    observations : sequence of Observation
-        The scans.
-    owners : sequence of (rows, columns) int32
-        For each, the number of the surface that each pixel belongs to; 0 for none.
+    `owners`, (rows, columns) for each, hold the number of the surface of each pixel; 0 for none.
     """
     return _joined([_scan_mesh(seen, owner) for seen, owner in zip(observations, owners, strict=True)])
 
@@ -148,7 +125,7 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     number[used] = np.arange(len(used), dtype=np.int32)
     colour = np.full((len(used), 3), _GREY, np.uint8)
     if seen.scan.colour is not None:
-        colour = _in_8_bits(seen.scan.colour.reshape(-1, 3)[used])
+        colour = np.rint(np.clip(seen.scan.colour.reshape(-1, 3)[used], 0, 1) * 255).astype(np.uint8)
     return LabelledPoints(
         vertices=seen.points.reshape(-1, 3)[used],
         faces=number[faces],
@@ -160,21 +137,12 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     )
 
 
-def _in_8_bits(colour: NDArray[np.floating[Any]]) -> ColourArray:
-    """Colours 0..1 as 0..255."""
-    return np.asarray(np.rint(np.clip(colour, 0, 1) * 255), dtype=np.uint8)
-
-
 def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
     """All parts as one mesh, in their order."""
-    start = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    faces = [part.faces + offset for part, offset in zip(parts, start, strict=False)]
-    return LabelledPoints(
-        vertices=np.concatenate([np.zeros((0, 3)), *(part.vertices for part in parts)]),
-        faces=np.concatenate([np.zeros((0, 3), np.int32), *faces]).astype(np.int32),
-        surface=np.concatenate([np.zeros(0, np.int32), *(part.surface for part in parts)]),
-        provenance=np.concatenate([np.zeros(0, np.int32), *(part.provenance for part in parts)]),
-        sd=np.concatenate([np.zeros(0), *(part.sd for part in parts)]),
-        confidence=np.concatenate([np.zeros(0), *(part.confidence for part in parts)]),
-        colour=np.concatenate([np.zeros((0, 3), np.uint8), *(part.colour for part in parts)]),
-    )
+    none, real, places = np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 3))
+    colour, faces = places.astype(np.uint8), places.astype(np.int32)
+    nothing = LabelledPoints(places, faces, none, none, real, confidence=real, colour=colour)
+    every, start = (nothing, *parts), np.cumsum([0, 0, *(len(part.vertices) for part in parts)])
+    shifted = [part.faces + offset for part, offset in zip(every, start, strict=False)]
+    columns: dict[str, Any] = {n: np.concatenate([getattr(one, n) for one in every]) for n in _OF_VERTICES}
+    return LabelledPoints(faces=np.concatenate(shifted).astype(np.int32), **columns)

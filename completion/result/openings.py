@@ -53,11 +53,6 @@ def find_openings(patch: Patch) -> list[Opening]:
     that leaves the field of view, or that borders on area of which nothing is known, is not closed and is no
     opening. Sides follow the surface's own edges where they lie near one. Declared openings come first, and
     holes that they reach into are none beside them.
-
-    Parameters
-    ----------
-    patch : Patch
-        A completed surface.
     """
     solid = patch.observed | patch.hypothesised
     through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
@@ -83,10 +78,8 @@ def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
     """An opening that a person drew."""
     corners = outline_uv(patch.grid.surface, outline)
     area = float(shapely.Polygon(corners).area)
-    seen = (
-        float((through & SurfaceEdits(openings=(outline,)).open_cells(patch.grid)).sum())
-        * patch.grid.cell_area
-    )
+    inside = SurfaceEdits(openings=(outline,)).open_cells(patch.grid)
+    seen = float((through & inside).sum()) * patch.grid.cell_area
     return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
 
 
@@ -113,10 +106,11 @@ def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatAr
     uv = grid.uv_of(cells[:, 0], cells[:, 1])
     start = [int(np.flatnonzero((chain == corner).all(axis=1))[0]) for corner in corners]
     sides = [_side(uv, start[k], start[(k + 1) % len(start)], grid, edges) for k in range(len(start))]
-    merged = _without_repeats(sides)
+    merged = [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
     if len(merged) < 3:
         return uv[start]
-    return np.array([_meet(merged[k - 1], merged[k]) for k in range(len(merged))])
+    corner = [crossing(merged[k - 1].line, side.line) for k, side in enumerate(merged)]
+    return np.array([side.start if at is None else at for side, at in zip(merged, corner, strict=True)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,14 +134,3 @@ def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequenc
         vectors = np.linalg.svd(stretch - middle)[2]
         line = Line(middle, vectors[0])
     return _Side(line, stretch[0])
-
-
-def _without_repeats(sides: Sequence[_Side]) -> list[_Side]:
-    """Sides in a row that lie on one line, as one."""
-    return [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
-
-
-def _meet(one: _Side, other: _Side) -> FloatArray:
-    """The corner between two sides: where their lines meet, or where the outline turns if they hardly do."""
-    corner = crossing(one.line, other.line)
-    return other.start if corner is None else corner

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from scenes.surfaces.catalogue import Surface
 
 _LEAST_CHAIN = 4  # cells of an outline
 _BESIDE = 1.5  # cells between an outline and what it follows
+_BESIDE_IT = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,51 +51,41 @@ class BoundarySegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutlineCells:
-    """What would be said of each cell if it lay on the outline.
+    """What would be said of each cell if it lay on the outline."""
 
-    Attributes
-    ----------
-    inside : (rows, columns) bool
-        Measured and inferred cells.
-    kinds, provenances : (rows, columns) str
-        As of `BoundarySegment`.
-    confidence : (rows, columns) float
-        Probability that the surface ends there.
-    """
-
-    inside: BoolArray
-    kinds: NDArray[np.str_]
-    provenances: NDArray[np.str_]
-    confidence: FloatArray
+    inside: BoolArray  # (rows, columns) measured and inferred cells
+    kinds: NDArray[np.str_]  # (rows, columns) as of `BoundarySegment`
+    provenances: NDArray[np.str_]  # (rows, columns) as of `BoundarySegment`
+    confidence: FloatArray  # (rows, columns) probability that the surface ends there
 
 
 def outline_cells(patch: Patch) -> OutlineCells:
     """Return what is said of the cells of a surface's outline."""
-    mask = patch.observed | patch.hypothesised
-    beyond = _Beyond.of(patch, mask)
+    mask, labels = patch.observed | patch.hypothesised, patch.evidence.labels
+    unknown = np.isin(labels, (Label.OUT, Label.NO_RETURN)) & patch.is_within
+    still = np.where(unknown, 1.0, patch.confidence)  # out of sight it may as well go on
+    label, still = _greatest_outside(labels, mask, Label.OUT), _greatest_outside(still, mask, 1.0)
     provenances = _provenances(patch)
-    ends = np.where(provenances == "user", 1.0, np.maximum(patch.confidence - beyond.confidence, 0.0))
-    return OutlineCells(mask, _kinds(patch, beyond), provenances, ends)
+    ends = np.where(provenances == "user", 1.0, np.maximum(patch.confidence - np.maximum(still, 0.0), 0.0))
+    return OutlineCells(mask, _kinds(patch, label), provenances, ends)
+
+
+def _greatest_outside(values: NDArray[Any], mask: BoolArray, beyond: float) -> NDArray[Any]:
+    """The greatest value in the four cells beside each that are not in the mask, -1 for none of them."""
+    outside = np.where(mask, -1, values)
+    return np.asarray(ndimage.maximum_filter(outside, footprint=_BESIDE_IT, mode="constant", cval=beyond))
 
 
 def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment]:
-    """Return the outline of the measured and inferred cells, cut where its kind or provenance changes.
-
-    Parameters
-    ----------
-    grid : ChartGrid
-        The chart's cells.
-    cells : OutlineCells
-        What is known of each.
-    """
+    """Return the outline of the measured and inferred cells, cut where its kind or provenance changes."""
     kinds, provenances, ends = cells.kinds, cells.provenances, cells.confidence
     segments = []
     for chain in trace_cells(cells.inside):
         if len(chain) < _LEAST_CHAIN:
             continue
         row, column = chain.T
-        code = [(str(kinds[r, c]), str(provenances[r, c])) for r, c in zip(row, column, strict=True)]
-        for start, end in _runs(code):
+        code = list(zip(kinds[row, column].tolist(), provenances[row, column].tolist(), strict=True))
+        for start, end in runs_of(code):
             kind, provenance = code[start]
             stretch = np.take(chain, range(start, end + 2), axis=0, mode="wrap")
             confidence = float(np.mean(ends[row[start : end + 1], column[start : end + 1]]))
@@ -102,19 +94,9 @@ def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment
 
 
 def trace_cells(mask: BoolArray, *, holes: bool = True) -> list[NDArray[np.int64]]:
-    """Return the outlines of a mask (rows, columns) as closed chains of its own cells.
+    """Return the outlines of a mask (rows, columns), those of its `holes` too, as closed chains of its cells.
 
-    Parameters
-    ----------
-    mask : (rows, columns) bool
-        Cells to go round.
-    holes : bool
-        Whether the outlines of holes are wanted, too.
-
-    Returns
-    -------
-    list of (n, 2) int64
-        Row and column of neighbouring cells; the first follows the last.
+    Each is (n, 2): row and column of neighbouring cells; the first follows the last.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
     found, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
@@ -128,36 +110,8 @@ def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) ->
     return np.asarray(corners[:, ::-1], dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Beyond:
-    """What is just outside each cell: the strongest label, and how surely the surface is still there."""
-
-    label: NDArray[np.int8]
-    confidence: FloatArray
-
-    @classmethod
-    def of(cls, patch: Patch, mask: BoolArray) -> _Beyond:
-        unknown = np.isin(patch.evidence.labels, (Label.OUT, Label.NO_RETURN))
-        still = np.where(
-            unknown & patch.is_within, 1.0, patch.confidence
-        )  # out of sight it may as well go on
-        label, confidence = np.full(mask.shape, -1, np.int8), np.zeros(mask.shape)
-        outside = np.pad(~mask, 1, constant_values=True)
-        labels = np.pad(patch.evidence.labels, 1, constant_values=Label.OUT)
-        still = np.pad(still, 1, constant_values=1.0)
-        for row, column in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            window = (
-                slice(1 + row, 1 + row + mask.shape[0]),
-                slice(1 + column, 1 + column + mask.shape[1]),
-            )
-            label = np.where(outside[window], np.maximum(label, labels[window]), label)
-            confidence = np.where(outside[window], np.maximum(confidence, still[window]), confidence)
-        return cls(label, confidence)
-
-
-def _kinds(patch: Patch, beyond: _Beyond) -> NDArray[np.str_]:
-    """Kind that each cell would have on the outline."""
-    label = beyond.label
+def _kinds(patch: Patch, label: NDArray[np.int8]) -> NDArray[np.str_]:
+    """Kind that each cell would have on the outline, by the strongest label just outside."""
     kind = np.select(
         [label == Label.FREE, label == Label.VISIBLE, label == Label.OCCLUDED, label == Label.NO_RETURN],
         ["edge", "crease", "occluded", "no-return"],
@@ -202,10 +156,15 @@ def _near(patch: Patch, others: Sequence[Surface]) -> BoolArray:
     return near.reshape(patch.grid.shape)
 
 
-def _runs(code: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
-    """First and last index of each stretch of equal entries."""
-    change = [i for i in range(1, len(code)) if code[i] != code[i - 1]]
-    return list(zip([0, *change], [c - 1 for c in [*change, len(code)]], strict=True))
+def runs_of(code: Sequence[tuple[str, str]], least: int = 1) -> list[tuple[int, int]]:
+    """First and last index of each stretch of equal entries; short ones join what comes before, or after."""
+    starts = [0, *(k for k in range(1, len(code)) if code[k] != code[k - 1])]
+    kept: list[int] = []
+    for start, end in zip(starts, [*starts[1:], len(code)], strict=True):
+        if end - start >= least and (not kept or code[start] != code[kept[-1]]):
+            kept.append(start)
+    begins = [0, *kept[1:]]
+    return list(zip(begins, [b - 1 for b in [*begins[1:], len(code)]], strict=True))
 
 
 def _polyline(grid: ChartGrid, chain: NDArray[np.int64]) -> FloatArray:

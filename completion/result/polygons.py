@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,7 @@ from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel
 from completion.result.derived_model import DerivedSurface
 from completion.result.openings import Opening
-from completion.result.outline import OutlineCells
+from completion.result.outline import OutlineCells, runs_of
 from completion.result.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -27,14 +26,6 @@ FORMAT = "unseen polygons 1"
 _LEVEL, _UPRIGHT = float(np.cos(np.radians(10.0))), float(np.sin(np.radians(10.0)))
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
-
-
-@dataclass(frozen=True, slots=True)
-class _Label:
-    """What is known of a place on an outline."""
-
-    kind: str
-    provenance: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,42 +126,27 @@ def _stretches(
     places = start + (np.arange(n) + 0.5)[:, None] / n * (end - start)
     _, index = boundary.tree.query(places)
     row, column = boundary.cells[index].T
-    labels = [
-        _Label(str(boundary.known.kinds[r, c]), str(boundary.known.provenances[r, c]))
-        for r, c in zip(row, column, strict=True)
-    ]
+    known = boundary.known
+    kinds, provenances = known.kinds[row, column].tolist(), known.provenances[row, column].tolist()
     found = []
-    for first, last in _runs(labels):
-        confidence = float(
-            np.mean(boundary.known.confidence[row[first : last + 1], column[first : last + 1]])
-        )
+    for first, last in runs_of(list(zip(kinds, provenances, strict=True)), _SHORT):
+        confidence = known.confidence[row[first : last + 1], column[first : last + 1]]
         edge = {
-            "state": "measured" if labels[first].provenance == "measured" else "inferred",
-            "kind": labels[first].kind,
-            "provenance": labels[first].provenance,
-            "confidence": confidence,
+            "state": "measured" if provenances[first] == "measured" else "inferred",
+            "kind": kinds[first],
+            "provenance": provenances[first],
+            "confidence": float(np.mean(confidence)),
         }
         found.append((start + first / n * (end - start), edge))
     return found
-
-
-def _runs(labels: Sequence[_Label]) -> list[tuple[int, int]]:
-    """First and last index of each stretch of equal labels; short ones join what comes before, or after."""
-    starts = [0, *(k for k in range(1, len(labels)) if labels[k] != labels[k - 1])]
-    long = [a for a, b in zip(starts, [*starts[1:], len(labels)], strict=True) if b - a >= _SHORT]
-    kept: list[int] = []
-    for start in long:
-        if not kept or labels[start] != labels[kept[-1]]:
-            kept.append(start)
-    begins = [0, *kept[1:]] if kept else [0]
-    return list(zip(begins, [b - 1 for b in [*begins[1:], len(labels)]], strict=True))
 
 
 def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
     points = completion.world_from_reference.apply(found.points)
     is_wall = patch.limits.encloses and abs(normal[2]) <= _UPRIGHT
-    across = np.cross([0.0, 0, 1], normal) if is_wall else _along(points)
+    farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
+    across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
     across /= np.linalg.norm(across)
     other = np.cross(normal, across)
     extent = [float(np.ptp(points @ direction)) for direction in (across, other)]
@@ -187,8 +163,3 @@ def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found
         "provenance": "user" if found.declared else "inferred",
         "points": points.tolist(),
     }
-
-
-def _along(points: FloatArray) -> FloatArray:
-    """The direction in which the points reach farthest."""
-    return np.asarray(np.linalg.svd(points - points.mean(axis=0))[2][0], dtype=np.float64)

@@ -56,15 +56,7 @@ def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name:
         return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
     uv = completion.derived.texture_coordinates(index, mesh).astype(np.float32)
     white = _plain((1.0, 1.0, 1.0), len(vertices))
-    return MeshPart(
-        name=name,
-        vertices=vertices,
-        faces=faces,
-        surface=index + 1,
-        colour=white,
-        image=atlas.pages[page],
-        uv=uv,
-    )
+    return MeshPart(name, vertices, faces, index + 1, white, image=atlas.pages[page], uv=uv)
 
 
 def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
@@ -76,14 +68,7 @@ def display_mesh(
 ) -> LabelledMesh:
     """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
-    Parameters
-    ----------
-    completion : CompletedModel
-        What to show.
-    hypothesised : bool
-        Whether inferred area is shown.
-    mark : bool
-        Paint inferred area in one colour instead of its texture.
+    Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
     corners, colours, labels, face_image, corner_uv = [], [], [], [], []
     atlas = completion.derived.atlas
@@ -92,10 +77,8 @@ def display_mesh(
         for state, mesh in enumerate(states):
             page = -1 if mark and state == 1 else int(atlas.page[index])
             corners.append(mesh.vertices[mesh.faces])
-            tint = np.array(
-                (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0), np.float32
-            )
-            colours.append(np.broadcast_to(tint, (len(mesh.faces), 3, 3)))
+            tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
+            colours.append(np.broadcast_to(np.array(tint, np.float32), (len(mesh.faces), 3, 3)))
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
@@ -191,7 +174,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
         "hypothesised_m2": patch.hypothesised_m2,
         "encloses": patch.limits.encloses,
         "texture": _texture_record(completion, number),
-        "user": _user_record(surface),
+        "user": {"actions": list(patch.verdict.actions), **asdict(surface.effect)},
         "openings": [
             {
                 "area_m2": opening.area_m2,
@@ -230,8 +213,3 @@ def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] |
         "verbatim_share": texture.verbatim_share,
         "is_doubtful": texture.is_doubtful,
     }
-
-
-def _user_record(surface: DerivedSurface) -> dict[str, Any]:
-    """What a person had done to a surface, and what came of it."""
-    return {"actions": list(surface.patch.verdict.actions), **asdict(surface.effect)}

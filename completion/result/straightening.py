@@ -26,34 +26,17 @@ _PARALLEL = float(np.sin(np.radians(10.0)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guide:
-    """A line of the chart that an outline is laid on.
+    """A line of the chart that an outline is laid on."""
 
-    Attributes
-    ----------
-    line : Line
-        Where it is.
-    runs : (k, 2) float
-        First and last arc length of the stretches along which it counts, metres.
-    reach_m : float
-        How far off it an outline may be.
-    """
-
-    line: Line
-    runs: FloatArray
-    reach_m: float
+    line: Line  # where it is
+    runs: FloatArray  # (k, 2) first and last arc length of the stretches along which it counts, metres
+    reach_m: float  # how far off it an outline may be
 
 
 def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
-    """Measured and inferred area as a polygon of the chart, or several (shapely geometry), `straightened`.
+    """Measured and inferred area of a plane as polygons of its chart (shapely geometry), `straightened`.
 
-    Parts and holes of fewer than nine cells are left out.
-
-    Parameters
-    ----------
-    patch : Patch
-        A completed plane.
-    mesh : ChartMesh
-        Its inferred cells, every cell by itself.
+    `mesh` has its inferred cells, each by itself. Parts and holes of fewer than nine cells are left out.
     """
     grid = patch.grid
     corners = grid.uv_of(mesh.cells[:, 0], mesh.cells[:, 1])[mesh.faces]
@@ -72,22 +55,15 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
 
 def _without_small(area: Any, least_m2: float) -> list[Any]:
     """The polygons of a geometry without parts and holes of less than an area."""
-    return [
-        shapely.Polygon(
-            part.exterior, [hole for hole in part.interiors if shapely.Polygon(hole).area >= least_m2]
-        )
-        for part in polygon_parts(area)
-        if part.area >= least_m2
-    ]
+    kept = [part for part in polygon_parts(area) if part.area >= least_m2]
+    holes = [[hole for hole in part.interiors if shapely.Polygon(hole).area >= least_m2] for part in kept]
+    return [shapely.Polygon(part.exterior, large) for part, large in zip(kept, holes, strict=True)]
 
 
 def _of_cells(grid: ChartGrid, cells: BoolArray) -> list[Any]:
     """The cells as polygons of the chart, their sides those of the cells; none without cells."""
     step = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (row, low), (_, high) = (
-        np.argwhere(step > 0).T.astype(np.float64),
-        np.argwhere(step < 0).T.astype(np.float64),
-    )
+    (row, low), (_, high) = (np.argwhere(sign * step > 0).T.astype(np.float64) for sign in (1, -1))
     if not len(row):
         return []
     return [shapely.coverage_union_all(shapely.box(*grid.uv_of(row, low).T, *grid.uv_of(row + 1, high).T))]
@@ -95,12 +71,9 @@ def _of_cells(grid: ChartGrid, cells: BoolArray) -> list[Any]:
 
 def polygon_parts(area: Any) -> list[Any]:
     """The polygons of a geometry, largest first."""
-    parts = [
-        part
-        for part in shapely.get_parts(shapely.get_parts(area))
-        if part.geom_type == "Polygon" and part.area > 0
-    ]
-    return sorted(parts, key=lambda part: -part.area)
+    parts = shapely.get_parts(shapely.get_parts(area))
+    proper = [part for part in parts if part.geom_type == "Polygon" and part.area > 0]
+    return sorted(proper, key=lambda part: -part.area)
 
 
 def guides_of(patch: Patch) -> list[Guide]:
@@ -122,18 +95,9 @@ def guides_of(patch: Patch) -> list[Guide]:
 
 
 def straightened(polygon: Any, guides: Sequence[Guide], cell_m: float) -> Any:
-    """Return a polygon of the chart whose sides lie on the guides where these run beside it.
+    """Return a shapely polygon of the chart, its sides laid on the guides where these run beside it.
 
-    What follows none is straightened to within a cell.
-
-    Parameters
-    ----------
-    polygon : shapely Polygon
-        In the chart.
-    guides : sequence of Guide
-        Lines to follow.
-    cell_m : float
-        Size of a cell, metres.
+    What follows none is straightened to within a cell of `cell_m` metres.
     """
     dense = shapely.segmentize(polygon, cell_m)
     laid = shapely.transform(dense, lambda uv: _on_guides(uv, guides)) if guides else dense
@@ -152,9 +116,8 @@ def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
         for place in np.flatnonzero(np.isfinite(np.take_along_axis(across, order[1:2], axis=0)[0])):
             one, other = (guides[k] for k in order[:, place])
             corner = crossing(one.line, other.line)
-            if corner is not None and np.linalg.norm(corner - uv[place]) <= 1.5 * max(
-                one.reach_m, other.reach_m
-            ):
+            reach = 1.5 * max(one.reach_m, other.reach_m)
+            if corner is not None and np.linalg.norm(corner - uv[place]) <= reach:
                 moved[place] = corner
     return moved
 

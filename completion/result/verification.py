@@ -114,15 +114,7 @@ def verify(
 
 
 def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int:
-    """Number, from 1, of the surface of a completion of all scans that has most of its pixels; 0 for none.
-
-    Parameters
-    ----------
-    surface : SurfaceVerification
-        Of a completion of the first scan alone.
-    completion : CompletedModel
-        Of that scan and more.
-    """
+    """Number, from 1, of the surface in `completion`, of more scans, with most of its pixels; 0 for none."""
     own = completion.owners[0][surface.patch.source.masks[0]]
     return int(np.argmax(np.bincount(own))) if len(own) else 0
 

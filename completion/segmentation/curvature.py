@@ -33,18 +33,8 @@ def bending_cylinder(
 
     Narrow patches take the tiles around along that go on smoothly. Heights above the plane are fitted by a
     quadratic form; the standard deviation of its greatest curvature comes from the residuals, inflated where
-    the tiles' means exceed independent ones.
-
-    Parameters
-    ----------
-    cluster : Cluster
-        The patch, grown as a plane.
-    free : (rows, columns) bool
-        Tiles that may be added.
-    tiles, observation : Tiles, Observation
-        The scan.
-    max_angle : float
-        Largest angle between neighbouring tiles' normals, radians, beside their error.
+    the tiles' means exceed independent ones. `cluster` is the patch, grown as a plane; `free`, shape
+    (rows, columns), tells which tiles may be added (`with_smooth_ring`).
     """
     members = with_smooth_ring(cluster.tiles, free, tiles, max_angle)
     if np.count_nonzero(members) < _RING * np.count_nonzero(cluster.tiles):
@@ -90,34 +80,20 @@ def grow_cylinder(
 ) -> Cluster | None:
     """Grow a cylinder from a patch and refit it in turn; None where it fits no better than the plane.
 
-    Parameters
-    ----------
-    start : Cylinder
-        Where to begin (`bending_cylinder`).
-    cluster : Cluster
-        The patch, grown as a plane.
-    free : (rows, columns) bool
-        Tiles that may be taken.
-    tiles, observation : Tiles, Observation
-        The scan.
-    options : SegmentationOptions
-        Tolerances.
+    It begins with `start` (`bending_cylinder`) and may take the `free` tiles (rows, columns).
     """
     cut, max_angle = tile_cut(options), np.radians(options.max_angle_deg)
     where = np.argwhere(cluster.tiles)
     seed = where[np.argmin(np.square(where - where.mean(axis=0)).sum(axis=1))]
     middle = (int(seed[0]), int(seed[1]))
     origin, cylinder, size = observation.scan.origin, start, 0
-    members = cluster.tiles | flood(
-        pack(start, origin), middle, free=free, tiles=tiles, cut=cut, max_angle=max_angle
-    )
+    members = cluster.tiles | flood(pack(start, origin), middle, free, tiles, cut, max_angle=max_angle)[0]
     for _ in range(_N_ROUNDS):
         (better,) = improve([cylinder], [_sample(members, tiles, observation)], tiles.flatness_m, n_rounds=2)
         if not isinstance(better, Cylinder):
             return None
         cylinder = better
-        members = flood(pack(cylinder, origin), middle, free=free, tiles=tiles, cut=cut, max_angle=max_angle)
-        now = int(np.count_nonzero(members))
+        members, *_, now = flood(pack(cylinder, origin), middle, free, tiles, cut, max_angle=max_angle)
         if now == 0:
             return None
         if abs(now - size) <= 0.01 * now:
@@ -154,7 +130,10 @@ def _explains_better(found: Cluster, plane: Cluster, tiles: Tiles) -> bool:
         return False
     if found.n_pixels >= 2 * plane.n_pixels:
         both = found.tiles
-    flat, round_ = deviations(plane.model, both, tiles), deviations(found.model, both, tiles)
+    where = np.argwhere(both)
+    flat, round_ = (
+        deviations(one.model, where, tiles.matrix, tiles.plane, tiles.centre) for one in (plane, found)
+    )
     noise = max(float(np.mean(round_)) / 3.0, 1.0)
     return float(flat.sum() - round_.sum()) > _CHI2_2 * noise
 
@@ -164,9 +143,7 @@ def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams
     where = np.argwhere(members)
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_FIT)))
     pixel = _pixels(where, tiles.side, step, tiles.ranges)
-    rays, sigma = observation.rays.reshape(-1, 3)[pixel], observation.sigma.ravel()[pixel]
-    ranges = tiles.ranges.ravel()[pixel]
-    return Beams(observation.scan.origin, np.ones(len(pixel), np.int32), ranges, sigma, rays)
+    return Beams.at(observation, pixel)
 
 
 @compiled

@@ -20,21 +20,11 @@ CHI2_3 = 16.27  # 99.9 % quantile for three parameters
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cluster:
-    """Connected tiles on one surface.
+    """Connected tiles on one surface."""
 
-    Attributes
-    ----------
-    tiles : (rows, columns) bool
-        Which.
-    model : (9,) float
-        The surface as `pack` writes it, relative to the sensor.
-    n_pixels : int
-        Measured pixels in them.
-    """
-
-    tiles: BoolArray
-    model: FloatArray
-    n_pixels: int
+    tiles: BoolArray  # (rows, columns) which
+    model: FloatArray  # (9,) the surface as `pack` writes it, relative to the sensor
+    n_pixels: int  # measured pixels in them
 
 
 def tile_cut(options: SegmentationOptions) -> float:
@@ -65,16 +55,11 @@ def grow_plane(
     around[window] = near
     w = np.zeros(3)
     pooled = solve_plane(tiles.matrix[window][near].sum(axis=0), tiles.vector[window][near].sum(axis=0), w)
-    if (
-        not pooled
-        or not flood(pack_plane(w), seed, free=around, tiles=tiles, cut=cut, max_angle=max_angle)[seed]
-    ):
+    if not pooled or not flood(pack_plane(w), seed, around, tiles, cut, max_angle=max_angle)[0][seed]:
         w = tiles.plane[seed].copy()  # the neighbours lie on other planes, or on a curved surface
     size = 0
     for _ in range(_N_ROUNDS):
-        members, matrix, vector, now = _grown(
-            pack_plane(w), seed, free=free, tiles=tiles, cut=cut, max_angle=max_angle
-        )
+        members, matrix, vector, now = flood(pack_plane(w), seed, free, tiles, cut, max_angle=max_angle)
         if now == 0 or not solve_plane(matrix, vector, w):
             return None
         if abs(now - size) <= 0.002 * now:
@@ -84,16 +69,12 @@ def grow_plane(
 
 
 def flood(
-    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
-) -> BoolArray:
-    """Return the free tiles (rows, columns) connected with `seed` that lie on the model; see `grow_plane`."""
-    return _grown(model, seed, free=free, tiles=tiles, cut=cut, max_angle=max_angle)[0]
-
-
-def _grown(
-    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
+    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, *, max_angle: float
 ) -> tuple[BoolArray, FloatArray, FloatArray, int]:
-    """The tiles of `flood`, the sums of their moments, and how many there are."""
+    """Return the free tiles (rows, columns) connected with `seed` that lie on the model; see `grow_plane`.
+
+    With the sums of their moments, (6,) and (3,), and how many they are.
+    """
     members = np.zeros(free.shape, np.bool_)
     matrix, vector = np.zeros(6), np.zeros(3)
     count = _flood(
@@ -104,26 +85,11 @@ def _grown(
 
 
 def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: Tiles, max_angle: float) -> BoolArray:
-    """The members and the free tiles next to them that go on from them without a crease or jump.
+    """The members, and those of the free tiles (rows, columns) that go on from them with no crease or jump.
 
-    Parameters
-    ----------
-    members, free : (rows, columns) bool
-        Tiles of a patch, and tiles that may be added.
-    tiles : Tiles
-        The image.
-    max_angle : float
-        Largest angle between neighbouring tiles' normals, radians, beside their error.
+    The normals of neighbouring tiles differ by at most `max_angle`, radians, beside their error.
     """
-    grown: BoolArray = _with_smooth_ring(members, free, tiles.plane, tiles.centre, tiles.normal_sd, max_angle)
-    return grown
-
-
-def deviations(model: FloatArray, members: BoolArray, tiles: Tiles) -> FloatArray:
-    """Weighted square deviation (n,) of each member's own plane from the model, summed over its pixels."""
-    where = np.argwhere(members)
-    found: FloatArray = _deviations(model, where, tiles.matrix, tiles.plane, tiles.centre)
-    return found
+    return np.asarray(_with_smooth_ring(members, free, tiles.plane, tiles.centre, tiles.normal_sd, max_angle))
 
 
 @compiled
@@ -198,10 +164,10 @@ def _flood(
 
 
 @compiled
-def _deviations(
+def deviations(
     model: FloatArray, where: NDArray[np.int64], matrix: FloatArray, plane: FloatArray, centre: FloatArray
 ) -> FloatArray:
-    """Weighted square deviation of each tile's own plane from the model, inf where that faces away."""
+    """Weighted square deviation (n,) of the planes of tiles (n, 2) from the model; inf if it faces away."""
     result = np.full(len(where), np.inf)
     w = np.zeros(3)
     for index in range(len(where)):

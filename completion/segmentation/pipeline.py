@@ -124,18 +124,10 @@ def find_clusters(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seeds:
-    """Where growing may begin and go.
+    """Where growing may begin and go."""
 
-    Attributes
-    ----------
-    flat : (rows, columns) bool
-        Tiles that no edge crosses.
-    coherent : (rows, columns) bool
-        Those that lie on one plane with the tiles around.
-    """
-
-    flat: BoolArray
-    coherent: BoolArray
+    flat: BoolArray  # (rows, columns) tiles that no edge crosses
+    coherent: BoolArray  # (rows, columns) those that lie on one plane with the tiles around
 
 
 def find_seeds(tiles: Tiles) -> Seeds:

@@ -59,18 +59,10 @@ class SegmentationOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A connected part of a scan that lies on one surface.
+    """A connected part of a scan that lies on one surface."""
 
-    Attributes
-    ----------
-    fit : SurfaceFit
-        Its surface, in the working frame.
-    mask : (rows, columns) bool
-        Its pixels.
-    """
-
-    fit: SurfaceFit
-    mask: BoolArray
+    fit: SurfaceFit  # its surface, in the working frame
+    mask: BoolArray  # (rows, columns) its pixels
 
     @property
     def n_pixels(self) -> int:

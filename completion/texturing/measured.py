@@ -24,24 +24,11 @@ _Any = TypeVar("_Any", bound=np.generic)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TexelRaster:
-    """Texels over that part of a patch's chart which is measured or inferred.
+    """Texels over that part of a patch's chart which is measured or inferred."""
 
-    Attributes
-    ----------
-    grid : ChartGrid
-        The texels; row 0 is the lowest v.
-    cell_rows, cell_columns : (rows,), (columns,) int64
-        The patch's cell that each texel's centre lies in.
-    """
-
-    grid: ChartGrid
-    cell_rows: NDArray[np.int64]
-    cell_columns: NDArray[np.int64]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.grid.shape
+    grid: ChartGrid  # the texels; row 0 is the lowest v
+    cell_rows: NDArray[np.int64]  # (rows,) the patch's row of cells that each texel's centre lies in
+    cell_columns: NDArray[np.int64]  # (columns,) and the column
 
     @property
     def texel_m(self) -> float:
@@ -122,24 +109,12 @@ _CHUNK = 30_000  # places that cv2.remap takes in one row
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredColour:
-    """What the scans say of a raster's colour.
+    """What the scans say of a raster's colour."""
 
-    Attributes
-    ----------
-    image : (rows, columns, 3) uint8
-        sRGB, 0 where nothing is known.
-    known : (rows, columns) bool
-        Where a scan with colour measured the surface.
-    pure : (rows, columns) bool
-        Known texels whose colour is this surface's alone: pixels around theirs are its own, too.
-    fine : (rows, columns) bool
-        Those of the pure ones that were seen finely enough to be samples.
-    """
-
-    image: NDArray[np.uint8]
-    known: BoolArray
-    pure: BoolArray
-    fine: BoolArray
+    image: NDArray[np.uint8]  # (rows, columns, 3) sRGB, 0 where nothing is known
+    known: BoolArray  # (rows, columns) where a scan with colour measured the surface
+    pure: BoolArray  # (rows, columns) known, and pixels around theirs are this surface's too
+    fine: BoolArray  # (rows, columns) those of the pure ones that were seen finely enough to be samples
 
 
 def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Observation]) -> MeasuredColour:
@@ -148,9 +123,9 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
     Texels seen more obliquely or from farther than the raster is fine (pixels longer than two texels) are no
     samples, except the finest quarter where hardly any others are there.
     """
-    image = np.zeros((*raster.shape, 3), np.uint8)
-    known, pure = (np.zeros(raster.shape, dtype=np.bool_) for _ in range(2))
-    length = np.full(raster.shape, np.inf)
+    shape = raster.grid.shape
+    image, length = np.zeros((*shape, 3), np.uint8), np.full(shape, np.inf)
+    known, pure = np.zeros((2, *shape), dtype=np.bool_)
     observed, scan_of = raster.of_cells(patch.observed), raster.of_cells(patch.evidence.scan)
     for index, (observation, mask) in enumerate(zip(observations, patch.source.masks, strict=True)):
         here = observed & (scan_of == index)
@@ -172,13 +147,10 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
         pure[here] = within[nearest[:, 0], nearest[:, 1]]
         length[here] = footprint(observation, points, patch.grid.surface.normal(points))[1]
     pure = pure if pure.any() else known & raster.of_cells(patch.evidence.own)
-    return MeasuredColour(image, known, pure, pure & (length <= _longest(length[pure], raster)))
-
-
-def _longest(length: FloatArray, raster: TexelRaster) -> float:
-    """The longest side of a pixel, metres, that makes a sample."""
-    limit = _COARSEST * raster.texel_m
-    return max(limit, float(np.quantile(length, _FEWEST))) if length.size else limit
+    longest = _COARSEST * raster.texel_m
+    if pure.any():
+        longest = max(longest, float(np.quantile(length[pure], _FEWEST)))
+    return MeasuredColour(image, known, pure, pure & (length <= longest))
 
 
 def _interpolate(
@@ -199,10 +171,6 @@ def _interpolate(
 def _remap(image: NDArray[np.float32], position: FloatArray) -> NDArray[np.float32]:
     """Bilinear values (n,) or (n, channels) at fractional rows and columns (n, 2) inside the image."""
     parts = np.array_split(position.astype(np.float32), max(1, -(-len(position) // _CHUNK)))
-    found = [
-        cv2.remap(
-            image, part[None, :, 1], part[None, :, 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )[0]
-        for part in parts
-    ]
+    places = [(part[None, :, 1], part[None, :, 0]) for part in parts]
+    found = [cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for at in places]
     return np.asarray(np.concatenate(found), dtype=np.float32)

@@ -102,8 +102,8 @@ def test_a_surface_within_the_noise_is_the_same_one():
 def test_a_flood_takes_what_lies_on_the_given_plane(plane, taken):
     tiles, *_ = tiles_of(["wwwwssss"] * 3)
     free = np.ones((3, 8), dtype=bool)
-    found = flood(pack_plane(PLANES[plane]), (1, 1), free=free, tiles=tiles, cut=CUT, max_angle=ANGLE)
-    assert found.sum() == taken
+    found, *_, n = flood(pack_plane(PLANES[plane]), (1, 1), free, tiles, CUT, max_angle=ANGLE)
+    assert found.sum() == n == taken
 
 
 @pytest.mark.parametrize(("beyond", "ring"), [("b", "-xxxx---"), ("c", "-xxx----"), ("s", "-xxx----")])
@@ -117,7 +117,8 @@ def test_a_ring_goes_on_over_bends_but_not_over_creases_or_steps(beyond, ring):
 
 def test_deviations_are_squared_inverse_ranges_over_their_errors():
     tiles, ranges, rays = tiles_of(["wwwwwwww"] * 3)
-    found = deviations(pack_plane(PLANES["s"]), np.ones((3, 8), dtype=bool), tiles)
+    every = np.argwhere(np.ones((3, 8)))
+    found = deviations(pack_plane(PLANES["s"]), every, tiles.matrix, tiles.plane, tiles.centre)
     off = ranges**2 / SIGMA * (rays @ (PLANES["s"] - PLANES["w"]))
     each = np.square(off).reshape(3, SIDE, 8, SIDE).sum(axis=(1, 3)).ravel()
     np.testing.assert_allclose(found, each, rtol=1e-6)
