@@ -14,7 +14,8 @@ from scipy.linalg import eigh
 from completion.fitting.degeneracy import centroid, check_spread, principal
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray, check_point, check_points, check_vectors
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere, Surface, perpendicular
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere, Surface
+from scenes.surfaces.surface import perpendicular
 
 _SQUARES = ((2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1))
 MONOMIALS = (*_SQUARES, (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))

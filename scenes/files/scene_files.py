@@ -7,12 +7,12 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.files.scan_files import METRES_PER_UNIT, Units
+from scenes.files.scan_files import Units, check_units
 from scenes.formats.guard import reading
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.mesh_file import check_mesh_suffix, read_mesh_file
@@ -87,8 +87,7 @@ def load_scene(
     """
     if up not in get_args(Axis):
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
-    if units not in METRES_PER_UNIT:
-        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    metres = check_units(units)
     file = check_mesh_suffix(Path(path))
     with reading(file, "a mesh"):
         held = read_mesh_file(file)
@@ -99,7 +98,7 @@ def load_scene(
             raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
         doubts = mesh_doubts(mesh)
         mesh = LabelledMesh(
-            world_from_file_up(up).apply(mesh.vertices * METRES_PER_UNIT[units]),
+            world_from_file_up(up).apply(mesh.vertices * metres),
             mesh.faces,
             mesh.face_surface,
             mesh.appearance,
@@ -116,13 +115,13 @@ def load_scene(
         )
 
 
-class _Part:
+class _Part(NamedTuple):
     """One placed geometry: name, world vertices, faces and what it looks like."""
 
-    __slots__ = ("faces", "look", "name", "vertices")
-
-    def __init__(self, name: str, vertices: FloatArray, faces: Any, look: GeometryLook) -> None:
-        self.name, self.vertices, self.faces, self.look = name, vertices, faces, look
+    name: str
+    vertices: FloatArray
+    faces: Any
+    look: GeometryLook
 
 
 def _part(placed: Any, node: str) -> _Part | None:

@@ -119,7 +119,5 @@ def parse_toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError as error:
         raise InputError("is no usable TOML: it is nested too deeply") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"is not TOML: {error}") from error
-    except ValueError as error:  # integers of thousands of digits, dates that are none
+    except ValueError as error:  # no TOML, integers of thousands of digits, dates that are none
         raise InputError(f"is not TOML: {error}") from error

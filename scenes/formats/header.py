@@ -121,6 +121,12 @@ def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
     return (f"{n_negative} negative ranges were left out",) if n_negative else ()
 
 
+def point_warnings(points: FloatArray) -> tuple[str, ...]:
+    """Return a warning of how many points (..., 3) are not finite, nothing where all are."""
+    bad = ~np.isfinite(points).all(axis=-1)
+    return (f"{int(bad.sum())} of {bad.size} points are not finite and were left out",) if bad.any() else ()
+
+
 def pose_from_header(header: dict[str, Any]) -> Pose:
     """Return where a header of ours says that the sensor stood."""
     return Pose(np.array(header["world_from_sensor"], dtype=np.float64))

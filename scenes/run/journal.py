@@ -149,7 +149,11 @@ def unpack(data: bytes) -> Any:
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            arrays = {name: _array(archive.read(name)) for name in archive.namelist() if name != _STRUCTURE}
+            arrays: dict[str, NDArray[Any]] = {
+                name: np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False)
+                for name in archive.namelist()
+                if name != _STRUCTURE
+            }
             return _unpacked(json.loads(archive.read(_STRUCTURE)), arrays)
     except PackingError:
         raise
@@ -160,11 +164,6 @@ def unpack(data: bytes) -> Any:
 def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
     """Add a member without the time of day, so that the same value gives the same bytes."""
     archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED, compresslevel=1)
-
-
-def _array(data: bytes) -> NDArray[Any]:
-    array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    return array
 
 
 def _packed(value: Any, arrays: list[NDArray[Any]]) -> Any:

@@ -25,24 +25,19 @@ class Projection(Protocol):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
-        ...
 
     @property
     def pixel_angle(self) -> float:
         """Typical angle between neighbouring pixels, radians."""
-        ...
 
     def ray_grid(self) -> RayGrid:
         """The pixels' rays in the sensor frame, ready to be turned."""
-        ...
 
     def directions(self) -> FloatArray:
         """Unit rays (rows, columns, 3) in the sensor frame."""
-        ...
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Row and column (n, 2) that see sensor-frame `points` (n, 3); NaN outside the field of view."""
-        ...
 
 
 def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:

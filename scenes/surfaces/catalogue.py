@@ -11,18 +11,9 @@ from scenes.surfaces.cylinder import Cylinder
 from scenes.surfaces.elliptic_cylinder import EllipticCylinder
 from scenes.surfaces.plane import Plane
 from scenes.surfaces.sphere import Sphere
-from scenes.surfaces.surface import Surface, perpendicular
+from scenes.surfaces.surface import Surface
 
-__all__ = [
-    "Cone",
-    "Cylinder",
-    "EllipticCylinder",
-    "Plane",
-    "Sphere",
-    "Surface",
-    "perpendicular",
-    "surfaces_close",
-]
+__all__ = ["Cone", "Cylinder", "EllipticCylinder", "Plane", "Sphere", "Surface", "surfaces_close"]
 
 
 def surfaces_close(first: Surface, second: Surface, *, angle: float, length: float) -> bool:

@@ -21,32 +21,25 @@ class Surface(Protocol):
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed orthogonal distance (n,), positive on the side the normal points to."""
-        ...
 
     def normal(self, points: FloatArray) -> FloatArray:
         """Unit normals (n, 3) at the surface points nearest to `points`."""
-        ...
 
     def to_uv(self, points: FloatArray) -> FloatArray:
         """Chart coordinates (n, 2) of the surface points nearest to `points`."""
-        ...
 
     def from_uv(self, uv: FloatArray) -> FloatArray:
         """World points (n, 3) of chart coordinates."""
-        ...
 
     def ray_ranges(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
         """Range (n,) to the first hit from the side the normal points to, inf where there is none."""
-        ...
 
     def transformed(self, pose: Pose) -> Surface:
         """Return the surface moved by `pose`; its chart moves along."""
-        ...
 
     @property
     def period(self) -> float:
         """Length after which the first chart coordinate is back at the same point; else inf."""
-        ...
 
 
 def perpendicular(direction: FloatArray) -> FloatArray:

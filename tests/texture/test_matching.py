@@ -23,7 +23,7 @@ from texture.sampling.matching import (
     scan_exhaustively,
 )
 from texture.sampling.randomness import Purpose, pick, random_words
-from texture.sampling.sample import Sample
+from texture.sampling.sample import IntArray, Sample
 
 NO_SOURCES = np.full((3, 3), -1)
 
@@ -42,25 +42,24 @@ def draw_case(
     known = rng.random((window, window)) < rng.uniform(0.1, 0.9)
     known[window // 2, window // 2] = False
     known[window // 2, window // 2 - 1] = True
-    sources = rng.integers(-1, shape[0] * shape[1], (3, 3))
-    template = Template(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known, sources)
+    template = Template(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known)
     return template, Sample(levels, usable, wrap, window // 2)
 
 
-def find_compiled(template: Template, sample: Sample) -> Candidates:
-    """The compiled engine's candidates, with the continuations of the neighbours' sources as guesses."""
+def find_compiled(template: Template, sample: Sample, sources: IntArray | None = None) -> Candidates:
+    """The compiled engine's candidates, with the continuations of the neighbours' `sources` as guesses."""
+    if sources is None:
+        sources = np.random.default_rng(0).integers(-1, sample.usable.size, (3, 3))
     arrays = lay_out(sample)
     known = np.flatnonzero(template.known)
     canvas = Canvas.empty(sample.usable.shape, sample.levels.shape[2], sample.wrap, len(template.known))
     terms, found = kernels.make_terms(view(canvas)), kernels.make_findings(arrays)
     terms.pixels[: known.size] = known
     terms.colours[: known.size] = template.levels.reshape(template.known.size, -1)[known]
-    rows, columns = np.divmod(template.neighbour_sources, arrays.width)
+    rows, columns = np.divmod(sources, arrays.width)
     shifts = np.indices((3, 3)) - 1
     guesses = (rows - shifts[0] + arrays.margin) * arrays.row + columns - shifts[1] + arrays.margin
-    n_found, largest = scan_kernels.find_candidates(
-        arrays, terms, known.size, guesses[template.neighbour_sources >= 0], found
-    )
+    n_found, largest = scan_kernels.find_candidates(arrays, terms, known.size, guesses[sources >= 0], found)
     rows, columns = np.divmod(found.centres[:n_found], arrays.row)
     positions = (rows - arrays.margin) * arrays.width + columns - arrays.margin
     return Candidates(positions, found.distances[:n_found], largest)
@@ -135,7 +134,7 @@ def test_the_template_narrows_until_a_place_offers_all_of_it() -> None:
     sample = Sample(levels, np.ones((3, 3), dtype=np.bool_), (False, False), 2)
     known = np.ones((5, 5), dtype=np.bool_)
     known[2, 2] = False
-    template = Template(np.zeros((5, 5, 1), dtype=np.int64), known, NO_SOURCES)
+    template = Template(np.zeros((5, 5, 1), dtype=np.int64), known)
     assert not scan_exhaustively(template, sample).positions.size
     for find in FINDERS:
         candidates = find(template, sample)
@@ -150,7 +149,7 @@ def test_a_missing_counterpart_finally_counts_as_the_largest_difference() -> Non
     sample = Sample(np.full((3, 5, 1), 100), usable, (False, False), 1)
     known = np.zeros((3, 3), dtype=np.bool_)
     known[0, 1] = known[1, 0] = True
-    template = Template(np.full((3, 3, 1), 100), known, NO_SOURCES)
+    template = Template(np.full((3, 3, 1), 100), known)
     for find in FINDERS:
         candidates = find(template, sample)
         assert candidates.positions.tolist() == [6, 8]
@@ -161,7 +160,7 @@ def test_missing_weights_are_those_outside() -> None:
     sample = Sample(np.zeros((2, 2, 1), dtype=np.int64), np.ones((2, 2), dtype=np.bool_), (False, True), 1)
     known = np.zeros((3, 3), dtype=np.bool_)
     known[0, 1] = known[1, 2] = True
-    distances, missing = measure_distances(Template(np.full((3, 3, 1), 2), known, NO_SOURCES), sample)
+    distances, missing = measure_distances(Template(np.full((3, 3, 1), 2), known), sample)
     assert missing.tolist() == [1683, 1683, 0, 0]
     assert distances.tolist() == [1683 * 4, 1683 * 4, 1683 * 8, 1683 * 8]
 
@@ -209,8 +208,8 @@ def test_single_precision_errs_less_than_the_scan_allows() -> None:
 
 def test_guesses_only_save_work() -> None:
     template, sample = draw_case(3, 5, 1, (False, True))
-    for sources in (NO_SOURCES, np.zeros((3, 3), dtype=np.int64), template.neighbour_sources):
-        candidates = find_compiled(template._replace(neighbour_sources=sources), sample)
+    for sources in (NO_SOURCES, np.zeros((3, 3), dtype=np.int64), None):
+        candidates = find_compiled(template, sample, sources)
         assert candidates.positions.tolist() == sorted(find_by_hand(template, sample))
 
 

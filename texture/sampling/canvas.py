@@ -90,9 +90,7 @@ class Canvas:
     def read_template(self, row: int, column: int) -> Template:
         """Return what is known around a pixel at this moment."""
         rows, columns = self.row_reach[row][:, None], self.column_reach[column]
-        near = slice(self.radius - 1, self.radius + 2)
-        sources = self.sources[rows[near], columns[near]]
-        return Template(self.levels[rows, columns], self.known[rows, columns], sources)
+        return Template(self.levels[rows, columns], self.known[rows, columns])
 
     def write(self, row: int, column: int, source: int, levels: IntArray, error: float) -> None:
         """Fill a pixel with levels (c,) from a source, and keep its error, 0..1."""

@@ -25,14 +25,10 @@ class Template(NamedTuple):
         8-bit levels; meaningless where unknown.
     known : array, shape (window, window), bool
         Which pixels of the window hold a value.
-    neighbour_sources : array, shape (3, 3), int64
-        Where in the sample the pixel's neighbours came from, row * width + column; -1 for nowhere. Their
-        continuations are good first guesses; the candidates do not depend on them.
     """
 
     levels: IntArray
     known: BoolArray
-    neighbour_sources: IntArray
 
     def narrow(self, window: int) -> "Template":
         """Return the template with nothing known outside its central `window` x `window` pixels."""

@@ -15,7 +15,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Plane, Sphere, Surface, perpendicular
+from scenes.surfaces.catalogue import Plane, Sphere, Surface
+from scenes.surfaces.surface import perpendicular
 
 
 class Chart(Protocol):

@@ -16,9 +16,16 @@ from scenes.formats.documents import parse_json
 from scenes.formats.e57.e57_inferred import INFERRED
 from scenes.formats.e57.e57_structure import check_e57
 from scenes.formats.guard import check_size, import_extra
-from scenes.formats.header import FORMAT, checked_bytes, colour_from_bytes, described, projection_from_dict
+from scenes.formats.header import (
+    FORMAT,
+    checked_bytes,
+    colour_from_bytes,
+    described,
+    point_warnings,
+    projection_from_dict,
+)
 from scenes.formats.scans.cloud import RawPoints
-from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, GridFit, fit_grid, organised_scan
+from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.scan.range_image import RangeImage
@@ -72,7 +79,7 @@ class E57File:
             raise InputError(f"scan {index + 1} has no valid point")
         name = name or (f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem)
         scan = _gridded(data, points, kept, pose, name=name, ours=_ours(_text(header, "description")))
-        return replace(scan, warnings=(*_left_out(points), *scan.warnings))
+        return replace(scan, warnings=(*point_warnings(points), *scan.warnings))
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -91,7 +98,7 @@ class E57File:
             world,
             origins=pose.translation if is_one_scan else None,
             colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
-            warnings=_left_out(points),
+            warnings=point_warnings(points),
         )
 
     def _read(self, index: int) -> dict[str, Any]:
@@ -103,12 +110,6 @@ def _projected(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
     return replace(scan_from_station(cloud.points, cloud.origins, name, colour), warnings=cloud.warnings)
-
-
-def _left_out(points: FloatArray) -> tuple[str, ...]:
-    """Say how many points are not finite."""
-    n_bad = int((~np.isfinite(points).all(axis=1)).sum())
-    return (f"{n_bad} of {len(points)} points are not finite and were left out",) if n_bad else ()
 
 
 def _gridded(
@@ -124,11 +125,11 @@ def _gridded(
     points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
     row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
     if ours is None:
-        fit, row, column = None, row - row.min(), column - column.min()
+        projection, row, column = None, row - row.min(), column - column.min()
         rows, columns = int(row.max()) + 1, int(column.max()) + 1
     else:
-        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
-        rows, columns = fit.projection.shape
+        projection = projection_from_dict(ours["projection"])
+        rows, columns = projection.shape
     check_size(rows, columns)
     if rows * columns > 1000 * len(points) + 1_000_000:
         raise InputError(f"{len(points)} points in a grid of {rows} x {columns}: are its indices damaged?")
@@ -145,7 +146,7 @@ def _gridded(
     organised = image(points, np.nan)
     scan = organised_scan(
         organised,
-        fit or fit_grid(organised),
+        projection or fit_grid(organised).projection,
         world_from_sensor=pose @ SCANNER_FROM_SENSOR,
         colour=image(_colours(data, kept), 0),
         name=name,

@@ -44,12 +44,11 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
             data3d = _begin(lib, image_file)
             if inferred:
                 image_file.extensionsAdd(*EXTENSION)
-            for scan in scans:
-                data3d.append(_scan_node(lib, image_file, scan))
-                _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], _columns(scan))
-            for cloud in inferred:
-                data3d.append(_inferred_node(lib, image_file, cloud))
-                _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], cloud.columns())
+            clouds: list[RangeImage | InferredPoints] = [*scans, *inferred]
+            for cloud in clouds:
+                columns = _columns(cloud) if isinstance(cloud, RangeImage) else cloud.columns()
+                data3d.append(_scan_node(lib, image_file, cloud, columns))
+                _write_columns(lib, image_file, data3d[len(data3d) - 1]["points"], columns)
         finally:
             image_file.close()
 
@@ -79,47 +78,32 @@ def _begin(lib: Any, image_file: Any) -> Any:
     return data3d
 
 
-def _scan_node(lib: Any, image_file: Any, scan: RangeImage) -> Any:
-    """Everything of one scan but its points."""
-    columns = _columns(scan)
-    if not len(columns["rowIndex"]):
+def _scan_node(lib: Any, image_file: Any, cloud: RangeImage | InferredPoints, columns: dict[str, Any]) -> Any:
+    """Everything of a scan, or of inferred points, but the points; its identifier is that of the content."""
+    scan, tops = (cloud if isinstance(cloud, RangeImage) else None), dict[str, int]()
+    if scan is not None and not len(columns["rowIndex"]):
         raise InputError(f"scan {scan.name!r} has no return; E57 cannot hold an empty grid, use .npz")
-    node = _named_node(lib, image_file, scan.name, scan_header(scan), columns)
-    rows, width = scan.shape
-    bounds = {"row": rows - 1, "column": width - 1, "return": 0}
-    limits = {f"{name}{end}": top * (end == "Maximum") for name, top in bounds.items() for end in _ENDS}
-    node.set("indexBounds", _structure(lib, image_file, limits))
+    header = cloud.description() if isinstance(cloud, InferredPoints) else scan_header(cloud)
+    description = json_text(header, indent=None)
+    node = lib.StructureNode(image_file)
+    guid = content_guid(description.encode(), *(column.tobytes() for column in columns.values()))
+    for key, text in (("guid", guid), ("name", cloud.name), ("description", description)):
+        node.set(key, lib.StringNode(image_file, text))
+    if scan is not None:
+        tops = {"rowIndex": scan.shape[0] - 1, "columnIndex": scan.shape[1] - 1}
+        bounds = {"row": tops["rowIndex"], "column": tops["columnIndex"], "return": 0}
+        limits = {f"{name}{end}": top * (end == "Maximum") for name, top in bounds.items() for end in _ENDS}
+        node.set("indexBounds", _structure(lib, image_file, limits))
     if "colorRed" in columns:
-        tops = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
-        node.set("colorLimits", _structure(lib, image_file, tops))
+        limits = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
+        node.set("colorLimits", _structure(lib, image_file, limits))
     if "intensity" in columns:
         ends = {f"intensity{end}": float(pick(columns["intensity"])) for end, pick in _PICKS.items()}
         node.set("intensityLimits", _structure(lib, image_file, ends))
     node.set("cartesianBounds", _structure(lib, image_file, _box(columns)))
-    node.set("pose", _pose(lib, image_file, scan))
-    tops = {"rowIndex": rows - 1, "columnIndex": width - 1}
+    if scan is not None:
+        node.set("pose", _pose(lib, image_file, scan))
     node.set("points", _points_node(lib, image_file, columns, tops))
-    return node
-
-
-def _inferred_node(lib: Any, image_file: Any, cloud: InferredPoints) -> Any:
-    """Everything of a cloud of inferred points but the points."""
-    columns = cloud.columns()
-    node = _named_node(lib, image_file, cloud.name, cloud.description(), columns)
-    tops = {f"color{name}{end}": 255 * (end == "Maximum") for name in _CHANNELS for end in _ENDS}
-    node.set("colorLimits", _structure(lib, image_file, tops))
-    node.set("cartesianBounds", _structure(lib, image_file, _box(columns)))
-    node.set("points", _points_node(lib, image_file, columns, {}))
-    return node
-
-
-def _named_node(lib: Any, image_file: Any, name: str, header: Any, columns: dict[str, Any]) -> Any:
-    """A node with name, description and an identifier that depends on the content alone."""
-    description = json_text(header, indent=None)
-    node = lib.StructureNode(image_file)
-    guid = content_guid(description.encode(), *(column.tobytes() for column in columns.values()))
-    for key, text in (("guid", guid), ("name", name), ("description", description)):
-        node.set(key, lib.StringNode(image_file, text))
     return node
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from scenes.checks import FloatArray, InputError
 from scenes.formats.documents import parse_json, read_json, read_text
 from scenes.formats.guard import reading
-from scenes.formats.rgbd.rgbd import DepthEncoding, Intrinsics, RgbdFolder, RgbdFrame, check_encoding
+from scenes.formats.rgbd.rgbd import Intrinsics, RgbdFolder, RgbdFrame, check_encoding
 from scenes.formats.trajectory import TIME_GAP_S, natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.pose import Pose
 from scenes.run.file_limits import check_limit
@@ -56,12 +56,10 @@ def _images(folder: Path, names: Sequence[str]) -> list[Path]:
         if (folder / name).is_dir():
             found = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
             check_limit("entries", len(found), f"images in {name}")
-            return sorted((_inside(folder, f"{name}/{p.name}") for p in found), key=_by_name)
+            return sorted(
+                (_inside(folder, f"{name}/{p.name}") for p in found), key=lambda path: natural_key(path.name)
+            )
     return []
-
-
-def _by_name(path: Path) -> Any:
-    return natural_key(path.name)
 
 
 def _open_plain(folder: Path) -> RgbdFolder:
@@ -90,47 +88,33 @@ def _with_camera(found: RgbdFolder, folder: Path) -> RgbdFolder:
     for name in _CAMERAS:
         if (folder / name).is_file():
             with reading(folder / name, "a camera file"):
-                camera = _read_camera(folder / name)
-            return replace(
-                found,
-                intrinsics=camera.intrinsics,
-                depth_scale=camera.depth_scale,
-                image_size=camera.image_size,
-                depth_encoding=camera.depth_encoding,
-            )
+                return _read_camera(folder / name, found)
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Camera:
-    """What a camera file tells."""
-
-    intrinsics: Intrinsics
-    depth_scale: float | None = None
-    image_size: tuple[int, int] | None = None
-    depth_encoding: DepthEncoding = "linear"
-
-
-def _read_camera(path: Path) -> _Camera:
-    """What a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
+def _read_camera(path: Path, found: RgbdFolder) -> RgbdFolder:
+    """Add what a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
     text = read_text(path)
     if path.suffix == ".txt":
         numbers = [float(word) for word in text.replace(",", " ").split()]
         if len(numbers) == 9:
-            return _Camera((numbers[0], numbers[4], numbers[2], numbers[5]))
+            return replace(found, intrinsics=(numbers[0], numbers[4], numbers[2], numbers[5]))
         if len(numbers) not in (4, 5):
             raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
         fx, fy, cx, cy = numbers[:4]
-        return _Camera((fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None)
+        scale = numbers[4] if len(numbers) == 5 else None
+        return replace(found, intrinsics=(fx, fy, cx, cy), depth_scale=scale)
     values = parse_json(text, dict)
     size = (int(values["width"]), int(values["height"])) if "width" in values else None
     scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
     encoding = check_encoding(values.get("depth_encoding", "linear"))
     if "intrinsic_matrix" in values:  # Open3D's, column by column
         matrix = np.array(values["intrinsic_matrix"], dtype=np.float64).reshape(3, 3).T
-        return _Camera(_from_matrix(matrix), scale, size, encoding)
-    fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
-    return _Camera((fx, fy, cx, cy), scale, size, encoding)
+        camera = _from_matrix(matrix)
+    else:
+        fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
+        camera = fx, fy, cx, cy
+    return replace(found, intrinsics=camera, depth_scale=scale, image_size=size, depth_encoding=encoding)
 
 
 def _from_matrix(matrix: FloatArray) -> Intrinsics:

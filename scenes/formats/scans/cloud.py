@@ -15,11 +15,12 @@ from scenes.formats.header import (
     colour_bytes,
     colour_from_bytes,
     described,
+    point_warnings,
     pose_from_header,
     projection_from_dict,
     scan_header,
 )
-from scenes.formats.scans.grid_fit import GridFit, organised_scan
+from scenes.formats.scans.grid_fit import organised_scan
 from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
@@ -130,8 +131,6 @@ def scan_of(cloud: Cloud) -> RangeImage:
             f"its points do not each have a pixel of their own in {rows} x {columns}: was the file edited? "
             "say where the scanner stood (--origin X,Y,Z)"
         )
-    n_bad = int((~np.isfinite(cloud.points).all(axis=1)).sum())
-    left_out = (f"{n_bad} of {len(cloud.points)} points are not finite and were left out",) if n_bad else ()
     points = np.full((rows, columns, 3), np.nan)
     points[cloud.row, cloud.column] = pose.inverse().apply(cloud.points)
     colour = light = None
@@ -142,6 +141,6 @@ def scan_of(cloud: Cloud) -> RangeImage:
         light = np.zeros((rows, columns), np.float32)
         light[cloud.row, cloud.column] = cloud.intensity
     scan = organised_scan(
-        points, GridFit(projection, 0.0), world_from_sensor=pose, colour=colour, name="scan", intensity=light
+        points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
     )
-    return replace(described(scan, header), warnings=left_out)
+    return replace(described(scan, header), warnings=point_warnings(cloud.points))

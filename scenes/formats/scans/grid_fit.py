@@ -179,17 +179,22 @@ def _monotonic(angles: FloatArray) -> FloatArray:
 
 
 def organised_scan(
-    points: FloatArray, fit: GridFit, world_from_sensor: Pose, colour: Any, name: str, intensity: Any = None
+    points: FloatArray,
+    projection: Projection,
+    world_from_sensor: Pose,
+    colour: Any,
+    name: str,
+    intensity: Any = None,
 ) -> RangeImage:
     """Return the scan of sensor-frame points (rows, columns, 3), metres, NaN where nothing came back.
 
     The measured points are kept (`sensor_points`) unless every one lies within 1e-6 m, at 1 m and in
     proportion beyond, of the projection's ray.
     """
-    scan = RangeImage.from_points(points, fit.projection, world_from_sensor, colour, name)
+    scan = RangeImage.from_points(points, projection, world_from_sensor, colour, name)
     if intensity is not None:
         scan = replace(scan, intensity=np.where(scan.valid, intensity, 0))
-    ideal = np.where(scan.valid, scan.ranges, np.nan)[..., None] * fit.projection.directions()
+    ideal = np.where(scan.valid, scan.ranges, np.nan)[..., None] * projection.directions()
     off = np.linalg.norm(ideal - points, axis=-1)[scan.valid]
     if (off <= _ON_RAY_M * np.maximum(1.0, scan.ranges[scan.valid])).all():
         return replace(scan, sensor_points=None)

@@ -18,17 +18,18 @@ from scenes.formats.header import (
     colour_from_bytes,
     described,
     from_comments,
+    point_warnings,
     projection_from_dict,
     scan_header,
     to_comments,
 )
 from scenes.formats.scans.cloud import RawPoints
-from scenes.formats.scans.grid_fit import GridFit, fit_grid, organised_scan
+from scenes.formats.scans.grid_fit import fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.file_limits import check_limit, check_unpacked
-from scenes.scan.projection import PinholeProjection
+from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
 _MAX_HEADER = 1 << 22  # bytes
@@ -80,22 +81,23 @@ def _organised(
     colour = _unpack_colour(values, shape)
     light = [values[field].reshape(shape) for field in _INTENSITIES if field in values.dtype.names]
     pose, ours = _viewpoint(cloud.metadata.viewpoint), from_comments(header.comments)
+    projection: Projection
     if intrinsics is not None:
-        fit = GridFit(PinholeProjection(header.width, header.height, *intrinsics), 0.0)
+        projection = PinholeProjection(header.width, header.height, *intrinsics)
     elif ours is not None:
-        fit = GridFit(projection_from_dict(ours["projection"]), 0.0)
+        projection = projection_from_dict(ours["projection"])
     elif not np.isfinite(points).any():
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
         try:
-            fit = fit_grid(points)
+            projection = fit_grid(points).projection
         except InputError:
             points = pose.inverse().apply(points)
-            fit = fit_grid(points)
-    if fit.projection.shape != shape:
-        raise InputError(f"its comments describe {fit.projection.shape}, WIDTH and HEIGHT say otherwise")
+            projection = fit_grid(points).projection
+    if projection.shape != shape:
+        raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     intensity = light[0] if light else None
-    scan = organised_scan(points, fit, world_from_sensor=pose, colour=colour, name=name, intensity=intensity)
+    scan = organised_scan(points, projection, pose, colour, name, intensity=intensity)
     return described(scan, ours)
 
 
@@ -127,8 +129,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         raise InputError(f"has the fields {', '.join(values.dtype.names)}; x, y, z are needed")
     points = _columns(values, "xyz").astype(np.float64)
     kept = np.isfinite(points).all(axis=1)
-    n_bad = 0 if header.height > 1 else int((~kept).sum())
-    left_out = (f"{n_bad} of {len(kept)} points are not finite and were left out",) if n_bad else ()
+    left_out = () if header.height > 1 else point_warnings(points)
     if header.height > 1:  # an organised cloud says "nothing came back" by NaN or by zeros
         kept &= (points != 0).any(axis=1)
     normals, colour = _columns(values, _NORMALS), _unpack_colour(values, (1, len(values)))
@@ -216,15 +217,11 @@ def _read_header(path: Path) -> _PcdHeader:
         point_bytes=point_bytes,
         point_values=sum(counts),
         encoding=encoding,
-        comments=_comments(lines),
+        comments=tuple(line[2:] for line in lines if line.startswith("# ")),
         data_offset=end + 1,
     )
     _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
     return header
-
-
-def _comments(lines: list[str]) -> tuple[str, ...]:
-    return tuple(line[2:] for line in lines if line.startswith("# "))
 
 
 def _check_length(header: _PcdHeader, file_bytes: int, start: bytes) -> None:

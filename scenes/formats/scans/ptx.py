@@ -14,7 +14,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.formats.guard import check_size
-from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes
+from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes, point_warnings
 from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.trajectory import rounded_pose
@@ -67,21 +67,20 @@ class PtxFile:
         """
         pose, table = self._parse(index)
         points = table[..., :3].copy()
-        n_bad = int((~np.isfinite(points).all(axis=-1)).sum())
-        left_out = f"{n_bad} of {points[..., 0].size} points are not finite and were left out"
+        warnings = point_warnings(points)
         points[(points == 0).all(axis=-1)] = np.nan
         if not np.isfinite(points).any():
             raise InputError(f"scan {index + 1} has no return")
         points, light = SCANNER_FROM_SENSOR.inverse().apply(points), table[..., 3]
         scan = organised_scan(
             points,
-            fit_grid(points),
+            fit_grid(points).projection,
             world_from_sensor=pose @ SCANNER_FROM_SENSOR,
             colour=colour_from_bytes(table[..., 4:7]) if table.shape[2] == 7 else None,
             name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
             intensity=None if (light == _NO_INTENSITY).all() else light,
         )
-        return replace(scan, warnings=(left_out,) if n_bad else ())
+        return replace(scan, warnings=warnings)
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.

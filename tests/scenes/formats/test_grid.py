@@ -82,10 +82,10 @@ def test_a_single_row_is_refused() -> None:
 
 def test_points_on_their_rays_become_ranges_alone() -> None:
     points = organised("pinhole")
-    on_rays = organised_scan(points, fit_grid(points), Pose.identity(), None, "on")
+    on_rays = organised_scan(points, fit_grid(points).projection, Pose.identity(), None, "on")
     assert on_rays.sensor_points is None
     points += np.random.default_rng(4).normal(0, 1e-4, points.shape)
-    off_rays = organised_scan(points, fit_grid(points), Pose.identity(), None, "off")
+    off_rays = organised_scan(points, fit_grid(points).projection, Pose.identity(), None, "off")
     assert off_rays.sensor_points is not None
     np.testing.assert_array_equal(off_rays.sensor_points, points)
 
