@@ -21,7 +21,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from completion.fitting import fit
+from completion.fitting.pipeline import fit
 from completion.fitting.quadrics import fit_quadric, moments, read_surface
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder
 

@@ -153,20 +153,7 @@ def verify_first(
 def number_pixels(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
 ) -> list[NDArray[np.int32]]:
-    """Number the pixels by the surface that they belong to.
-
-    Parameters
-    ----------
-    surfaces : sequence of MergedSurface
-        All surfaces.
-    observations : sequence of Observation
-        All scans.
-
-    Returns
-    -------
-    list of (rows, columns) int32
-        For each scan the number of each pixel's surface, from 1; 0 for none.
-    """
+    """Number each scan's pixels (rows, columns) by the surface that they belong to, from 1; 0 for none."""
     owners = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
     for number, surface in enumerate(surfaces, start=1):
         for owner, mask in zip(owners, surface.masks, strict=True):

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from completion.fitting import FitError, fit
+from completion.fitting.pipeline import fit
+from completion.fitting.result import FitError
 from scenes import Cylinder
 from scenes.surfaces.catalogue import EllipticCylinder
 

@@ -59,21 +59,11 @@ def find_boundary_pixels(
     observations: Sequence[Observation],
     tolerance: Tolerance,
 ) -> BoundaryPixels:
-    """Classify every boundary pixel of a surface, in all scans.
+    """Classify every boundary pixel of a surface, in all scans, whose pixels `masks` (rows, columns) tell.
 
     A range is compared with the surface's own along the neighbouring ray, never with the range of the last
-    pixel: a fixed step in range would fire at grazing incidence.
-
-    Parameters
-    ----------
-    fit : SurfaceFit
-        The surface, in whose chart coordinates are given, and its predicted deviation.
-    masks : sequence of (rows, columns) bool
-        Its pixels in each scan.
-    observations : sequence of Observation
-        The scans.
-    tolerance : Tolerance
-        Along the ray.
+    pixel: a fixed step in range would fire at grazing incidence. Places are in the chart of the fit's
+    surface.
     """
     none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
     parts = [none] + [
@@ -90,18 +80,11 @@ def find_boundary_pixels(
 
 
 def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Find the sides along most of which the surface was seen to end.
+    """Find the sides of the measured rectangle, `low` to `high` (2,), along most of which a surface ends.
 
     It ends where the neighbouring beam went past it, or brought nothing back: a wall before the open sky, or
     beyond the scanner's range. At a single pixel that says nothing, for something dark may stand there. Where
     most of a straight side is so, the hidden part of that side ends there too.
-
-    Parameters
-    ----------
-    boundary : BoundaryPixels
-        Of the surface, in its chart.
-    low, high : (2,) float
-        The rectangle of what was measured, chart coordinates in metres.
 
     Returns
     -------

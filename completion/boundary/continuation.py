@@ -59,18 +59,9 @@ class ContinuedEdge:
 def continue_edges(
     edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
 ) -> list[ContinuedEdge]:
-    """Follow every edge from the ends of its runs through the hidden cells, until it leaves them.
+    """Follow every edge from the ends of its runs through the hidden cells (rows, columns), till it leaves them.
 
-    Parameters
-    ----------
-    edges : sequence of Edge
-        In the grid's chart.
-    grid : ChartGrid
-        The cells.
-    hidden : (rows, columns) bool
-        Where the edges may go on.
-    cues : collection of Cue
-        Which ways of going on are followed.
+    Edges are in the grid's chart; `cues` are the ways of going on that are followed.
     """
     continued = []
     for edge in edges:

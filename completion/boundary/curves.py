@@ -106,16 +106,9 @@ def fit_circle(uv: FloatArray) -> Circle | None:
 
 
 def meeting_line(chart: Surface, other: Surface) -> Line | None:
-    """Return the line in `chart` along which the two surfaces meet, None where it is no line.
+    """Return the line in `chart` along which two surfaces of one frame meet, None where it is no line.
 
     Plane and plane meet in a line; so do a cylinder and a plane at right angles to its axis, or along it.
-
-    Parameters
-    ----------
-    chart : Surface
-        Whose chart the line is wanted in.
-    other : Surface
-        The other surface, same frame.
     """
     if isinstance(chart, Plane) and isinstance(other, Plane):
         return _of_planes(chart, other)

@@ -40,16 +40,11 @@ def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
 
 
 def find_edges(boundary: BoundaryPixels) -> list[Edge]:
-    """Fit lines and circles to points of one kind, the best supported first.
+    """Fit lines and circles to points of one kind, in the chart of the surface, the best supported first.
 
     A point is known to half a pixel's step to either side; its tolerance across a curve therefore depends on
     the curve's direction. A connected chain is a circle where one circle explains it and no line does. Lines
     are found by voting (Hough) and refined by weighted least squares.
-
-    Parameters
-    ----------
-    boundary : BoundaryPixels
-        In the chart of the surface.
     """
     size = np.linalg.norm(boundary.step, axis=1)
     boundary, size = boundary.only(size > 0), size[size > 0]

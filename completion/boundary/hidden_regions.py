@@ -54,14 +54,7 @@ def divide_hidden(
 ) -> HiddenRegions:
     """Divide the hidden cells along the continued edges.
 
-    Parameters
-    ----------
-    grid : ChartGrid
-        The cells.
-    hidden, measured, open_ : (rows, columns) bool
-        Where the surface may be, where it is, and where it is not.
-    continued : sequence of ContinuedEdge
-        Continued edges.
+    `hidden`, `measured`, `open_`, all (rows, columns), tell where the surface may be, is, and is not.
     """
     index = np.arange(hidden.size).reshape(grid.shape)
     sides = [(index[:, :-1], index[:, 1:], grid.cell[1]), (index[:-1], index[1:], grid.cell[0])]
@@ -138,11 +131,6 @@ def label_regions(regions: HiddenRegions) -> Labelling:
     hidden zone: surfaces seldom end just where an occluder's silhouette lies. It is less along a continued
     edge, where the surface is on that side of it on which it was seen. A region that touches neither measured
     nor open cells is no surface.
-
-    Parameters
-    ----------
-    regions : HiddenRegions
-        The hidden cells, divided.
     """
     n = regions.n_regions
     if not n:

@@ -173,18 +173,9 @@ def mesh_range_image(
 ) -> NDArray[np.int32]:
     """Triangles (m, 3) between neighbouring pixels of an organised scan, none across a jump.
 
-    They are counter-clockwise seen from the sensor, whichever way the grid's rows and columns run.
-
-    Parameters
-    ----------
-    points : (rows, columns, 3) float
-        Measured points.
-    members : (rows, columns) bool
-        Pixels that may be used.
-    max_step : (rows, columns) float
-        Longest edge allowed at each pixel, metres.
-    origin : (3,) float
-        Where the sensor stands.
+    They are counter-clockwise seen from the sensor at `origin` (3,), whichever way the grid's rows and
+    columns run. Of the points (rows, columns, 3) the `members` (rows, columns) are used; `max_step` (rows,
+    columns) is the longest edge allowed at each, metres.
     """
     rows, columns = members.shape
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)

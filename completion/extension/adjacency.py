@@ -40,14 +40,7 @@ def find_adjacency(
 ) -> Adjacency:
     """Find which surfaces enclose the room, which meet, and how surely things stand on each.
 
-    Parameters
-    ----------
-    surfaces : sequence of MergedSurface
-        All surfaces, working frame.
-    boundaries : sequence of BoundaryPixels
-        The boundary pixels of each, in its own chart.
-    scans : Scans
-        All scans, with the surface that each pixel belongs to.
+    Surfaces are in the working frame, the boundary pixels of each in its own chart.
     """
     observations, flatness_m = scans.observations, scans.tolerance.flatness_m
     scales = [np.hypot(seen.sigma, flatness_m) for seen in observations]  # of ranges about an ideal surface
@@ -135,15 +128,7 @@ def find_enclosing(
 
     A point that was seen through a plane, inside the outline of its measured part, lies behind a window, a
     door or a niche, and does not count. A point that was seen past the outline counts against the plane.
-
-    Parameters
-    ----------
-    surfaces : sequence of MergedSurface
-        All surfaces, working frame.
-    observations : sequence of Observation
-        All scans.
-    scale : float
-        Distance in metres below which a point counts as on the surface.
+    Within `scale` metres a point counts as on the surface.
     """
     least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
     found = [

@@ -23,18 +23,8 @@ _SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side 
 def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
     """Return the plane with u along the straight boundary that was seen most of, else along its longest side.
 
-    Boundaries are its meeting lines with the planes `cuts` and its own edges.
-
-    Parameters
-    ----------
-    plane : Plane
-        The surface, in whose chart `boundary` is given.
-    cuts : sequence of Plane
-        Planes that it may meet.
-    points : (n, 3) float
-        Its measured points, metres.
-    boundary : BoundaryPixels
-        Its boundary pixels.
+    Boundaries are its meeting lines with the planes `cuts` and its own edges, by its boundary pixels in the
+    given plane's chart; `points` (n, 3) are its measured ones, metres.
     """
     size = np.linalg.norm(boundary.step, axis=1)
     seen = boundary.only(
@@ -93,16 +83,7 @@ def enclosing_cuts(
 def closed_sides(
     chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Find where planes close the sides of a rectangle of the chart.
-
-    Parameters
-    ----------
-    chart : Surface
-        The surface.
-    cuts : sequence of Plane
-        The planes.
-    low, high : (2,) float
-        The rectangle, chart coordinates in metres.
+    """Find where planes close the sides of the rectangle from `low` to `high` (2,) of a chart, metres.
 
     Returns
     -------

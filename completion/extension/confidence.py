@@ -69,21 +69,7 @@ class Prospects:
 def estimate(
     grid: ChartGrid, regions: HiddenRegions, labelling: Labelling, extent: Extent, evidence: Evidence
 ) -> FloatArray:
-    """Probability (rows, columns) that the surface is at each cell; 1 where it was measured.
-
-    Parameters
-    ----------
-    grid : ChartGrid
-        The cells.
-    regions : HiddenRegions
-        Hidden cells.
-    labelling : Labelling
-        Which regions are surface.
-    extent : Extent
-        What bounds the surface.
-    evidence : Evidence
-        Where the surface was measured, and where beams passed.
-    """
+    """Probability (rows, columns) that the surface is at each cell; 1 where it was measured."""
     result = np.where(evidence.observed, 1.0, 0.0)
     if evidence.observed.any() and regions.n_regions:
         found = prospects(grid, regions, labelling, extent, evidence)

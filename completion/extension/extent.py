@@ -191,14 +191,7 @@ def _may_close(cylinder: Cylinder, fit: SurfaceFit, points: FloatArray) -> bool:
 def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
     """Return the extent of a surface that goes on to `planes` and ends there, because a person says so.
 
-    Where an enclosing plane is nearer, the surface ends at that.
-
-    Parameters
-    ----------
-    extent : Extent
-        As found.
-    planes : sequence of Plane
-        The surface lies on their normals' side.
+    It lies on their normals' side. Where an enclosing plane is nearer, it ends at that.
     """
     ends, _ = closed_sides(extent.chart, planes, extent.own_low, extent.own_high)
     by_edit = np.stack([ends[0] > extent.ends[0], ends[1] < extent.ends[1]])

@@ -32,16 +32,8 @@ def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, toler
 
     Minimal sets of oriented points: one for a plane, two for a sphere or cylinder, three for a cone (its apex
     is where three tangent planes meet); two for an elliptic cylinder's axis, and five points for its section.
-    Normals need no side: they count as lines. The sets are drawn with a fixed seed.
-
-    Parameters
-    ----------
-    points, normals : (n, 3) float
-        Metres and unit vectors; some hundreds to thousands are enough.
-    shape : {"plane", "sphere", "cylinder", "cone", "elliptic-cylinder"}
-        What to look for.
-    tolerance : float
-        Distance in metres beyond which a point counts as an outlier.
+    Points (n, 3) are in metres, some hundreds to thousands are enough; normals (n, 3) need no side: they
+    count as lines. Beyond `tolerance`, metres, a point is an outlier. The sets are drawn with a fixed seed.
 
     Raises
     ------

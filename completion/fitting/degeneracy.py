@@ -69,16 +69,8 @@ def principal(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, Float
 def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> None:
     """Refuse points in one spot, on one line (rank 1) or, for curved surfaces, in one plane (rank 2).
 
-    What is below the rounding of coordinates so far out counts as zero.
-
-    Parameters
-    ----------
-    n : int
-        Points.
-    spread, centre : (3,) float
-        Their singular values, metres, and their centroid.
-    rank : int
-        The most directions that are too few.
+    Of `n` points `spread` (3,) are the singular values, metres, about `centre` (3,), their centroid. What is
+    below the rounding of coordinates so far out counts as zero.
 
     Raises
     ------

@@ -46,18 +46,10 @@ class _Crossings:
 def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> SurfaceFit:
     """Refit by Gauss-Newton on the errors along the rays, from an orthogonal fit.
 
-    The residual of a point is its range beyond the place where its ray meets the surface; with J the chart's
-    gradient there and n the normal, it changes by J / (n . ray). Rays that miss, or graze by less than 6
-    degrees, are left out. From a robust fit the refit is robust, by Tukey's weights on the new residuals.
-
-    Parameters
-    ----------
-    found : SurfaceFit
-        The orthogonal fit to start from.
-    points : (n, 3) float
-        Metres.
-    rays : (n, 3) float
-        Unit directions along which the points' errors lie.
+    The residual of a point (n, 3), metres, is its range beyond the place where its unit ray (n, 3) meets the
+    surface; with J the chart's gradient there and n the normal, it changes by J / (n . ray). Rays that miss,
+    or graze by less than 6 degrees, are left out. From a robust fit the refit is robust, by Tukey's weights
+    on the new residuals.
 
     Raises
     ------

@@ -61,19 +61,12 @@ class RangeNoise:
 
 
 def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
-    """Estimate the range noise from the roughness of a scan's tiles along the rays, by range.
+    """Estimate the range noise from the roughness of a scan's tiles along its unit rays (rows, columns, 3).
 
-    Tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile, corrected
-    to the mean of flat tiles. Depths that come in steps add a twelfth of the step's square, which tiles
-    inside one step cannot show. The variances are fitted by a constant and a fourth-power term, both at
+    By range: tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile,
+    corrected to the mean of flat tiles. Depths that come in steps add a twelfth of the step's square, which
+    tiles inside one step cannot show. The variances are fitted by a constant and a fourth-power term, both at
     least zero.
-
-    Parameters
-    ----------
-    scan : RangeImage
-        The scan.
-    rays : (rows, columns, 3) float
-        Its unit viewing rays.
     """
     tiles = cut_tiles(scan.ranges, rays, np.ones(scan.shape), 0.0, _TILE)
     usable = np.isfinite(tiles.misfit)

@@ -43,20 +43,11 @@ class Tiles:
 
 
 def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_m: float, side: int) -> Tiles:
-    """Cut an image into tiles and fit a plane to each.
+    """Cut an image into tiles of `side` pixels and fit a plane to each.
 
-    Parameters
-    ----------
-    ranges : (rows, columns) float
-        Metres, inf where nothing came back.
-    rays : (rows, columns, 3) float
-        Unit rays.
-    sigma : (rows, columns) float
-        Standard deviation of each range, metres.
-    flatness_m : float
-        How far a surface may stray from its ideal form, along its normal, metres.
-    side : int
-        Pixels along a tile's side.
+    Ranges (rows, columns), metres, are inf where nothing came back; `rays` (rows, columns, 3) are unit rays
+    and `sigma` (rows, columns) the ranges' standard deviations; a surface may stray from its ideal form by
+    `flatness_m` along its normal.
     """
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
     normal_sd = scale / _narrowest(rays, side)  # as if the noise were one step across the tile
@@ -95,12 +86,8 @@ def _narrowest(rays: FloatArray, side: int) -> FloatArray:
 def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
     """Return the side in pixels of tiles whose normals are good to about 3 degrees at the median range.
 
-    Parameters
-    ----------
-    ranges, sigma : (rows, columns) float
-        Ranges and their standard deviations, metres; inf or NaN where nothing came back.
-    spacing : float
-        Angle between pixels, radians.
+    Ranges and their standard deviations `sigma` are (rows, columns), metres, inf or NaN where nothing came
+    back; `spacing` is the angle between pixels, radians.
     """
     some, spread = ranges[::_EVERY, ::_EVERY], sigma[::_EVERY, ::_EVERY]
     valid = np.isfinite(some) & np.isfinite(spread)

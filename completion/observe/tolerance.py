@@ -64,21 +64,10 @@ class Tolerance:
     max_m: float  # tolerance above which a range says nothing, metres
 
     def along_ray(self, sigma: FloatArray, sd: FloatArray, cosine: FloatArray) -> FloatArray:
-        """Return k sqrt(sigma^2 + (sd^2 + flatness^2) / cos^2) + registration / cos.
+        """Return k sqrt(sigma^2 + (sd^2 + flatness^2) / cos^2) + registration / cos, metres along the ray.
 
-        Parameters
-        ----------
-        sigma : (n,) float
-            Standard deviation of each range, metres.
-        sd : (n,) float
-            Predicted standard deviation of the surface along its normal, metres.
-        cosine : (n,) float
-            Of the incidence angle, without sign.
-
-        Returns
-        -------
-        (n,) float
-            The tolerance of each range, metres along the ray.
+        All (n,): `sigma`, the standard deviation of each range, `sd`, the predicted one of the surface along
+        its normal, both in metres, and the cosine of the incidence angle, without sign.
         """
         cosine = np.maximum(cosine, 1e-3)
         across = np.hypot(sd, self.flatness_m) / cosine

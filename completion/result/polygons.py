@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from completion.result.completed_model import CompletedModel
-from completion.result.derived_model import DerivedSurface
+from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.openings import Opening
 from completion.result.outline import OutlineCells, runs_of
 from completion.result.straightening import polygon_parts

@@ -11,8 +11,7 @@ import numpy as np
 from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
 from completion.fitting.result import surface_parameters
-from completion.result.completed_model import CompletedModel
-from completion.result.derived_model import DerivedSurface
+from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
 from scenes.checks import ColourArray

@@ -32,20 +32,10 @@ def absorb(
     """Relabel islands that their surroundings explain as well as the sensor's systematic error allows.
 
     An island goes to the larger region that most of its outline touches where nearly all its pixels are
-    within tolerance of that surface, where it does not tilt by more than a pixel's normal may, and where
-    its mean distance is within `n_sigma` of what neighbouring ranges may stray by together. Noise alone
-    would tell them apart; a sensor that bends walls does not let us.
-
-    Parameters
-    ----------
-    labels : (rows, columns) int32
-        Regions from 1, largest first.
-    models : (m, 9) float
-        Their surfaces as compiled loops read them.
-    surfaces : sequence of Surface
-        The same.
-    observation, options
-        The scan, and its tolerances.
+    within tolerance of that surface, where it does not tilt by more than a pixel's normal may, and where its
+    mean distance is within `n_sigma` of what neighbouring ranges may stray by together. Noise alone would
+    tell them apart; a sensor that bends walls does not let us. Labels (rows, columns) number regions from 1,
+    largest first; `models` (m, 9) are their surfaces as compiled loops read them.
     """
     n = len(surfaces)
     contact, outline = contacts(labels, n)
@@ -132,16 +122,8 @@ def sharpen_creases(
     Such a camera rounds every edge. The ranges to two planes next to a cylinder, the farther of them on a
     convex edge and the nearer in a corner, are averaged over its window; where they explain the cylinder's
     ranges as well as noise that is alike within a window allows, its pixels go to the nearer plane each.
-    Sensors that measure every ray by itself round nothing: their cylinders stay.
-
-    Parameters
-    ----------
-    labels : (rows, columns) int32
-        Regions from 1; 0 for none.
-    models : (m, 9) float
-        Their surfaces as compiled loops read them.
-    observation : Observation
-        The scan.
+    Sensors that measure every ray by itself round nothing: their cylinders stay. Labels and models as in
+    `absorb`: (rows, columns) and (m, 9).
     """
     if observation.scan.projection.kind != "pinhole" or observation.noise.quadratic_per_m == 0:
         return labels

@@ -84,21 +84,8 @@ def split_parts(
 ) -> tuple[NDArray[np.int32], list[Surface]]:
     """Number the connected parts that are large enough and nowhere only a seam, and find each one's surface.
 
-    Parameters
-    ----------
-    labels : (rows, columns) int32
-        Model of each pixel, from 1; 0 for none.
-    models : (m, 9) float
-        Packed surfaces.
-    observation : Observation
-        The scan.
-    options : SegmentationOptions
-        The least size of a part, and the most parts.
-
-    Returns
-    -------
-    (rows, columns) int32, list of Surface
-        The part of each pixel, from 1, largest first, and the surface of each part, working frame.
+    Labels (rows, columns) number the packed surfaces `models` (m, 9) from 1; 0 for none. Returned are the
+    part of each pixel (rows, columns), from 1, largest first, and the surface of each part, working frame.
     """
     parts, n_parts = number_parts(labels)
     count, core, model, centre = _part_sums(parts, labels, observation.points, n_parts + 1)

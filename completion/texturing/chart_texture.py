@@ -82,19 +82,8 @@ class ChartTexture:
 def spread_colour(image: NDArray[np.uint8], known: BoolArray, wraps: bool) -> NDArray[np.uint8]:
     """Repeat the colour of known texels in those beside them, so that interpolation at edges stays in it.
 
-    Parameters
-    ----------
-    image : (rows, columns, 3) uint8
-        sRGB.
-    known : (rows, columns) bool
-        Texels whose colour is known.
-    wraps : bool
-        Whether columns close.
-
-    Returns
-    -------
-    (rows, columns, 3) uint8
-        Grey where nothing is known within two texels.
+    The image (rows, columns, 3) is sRGB; it comes back grey where nothing is `known`, (rows, columns), within
+    two texels. `wraps`: columns close.
     """
     sides = ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN))
     done, result = np.pad(known, sides), np.pad(np.where(known[..., None], image, GREY), (*sides, (0, 0)))
@@ -150,13 +139,7 @@ class Atlas:
 
 
 def make_atlas(textures: Sequence[ChartTexture | None]) -> Atlas:
-    """Pack textures on as few pages as hold them.
-
-    Parameters
-    ----------
-    textures : sequence of ChartTexture or None
-        One for each surface.
-    """
+    """Pack the textures of surfaces, one each, on as few pages as hold them."""
     from trimesh.path.packing import rectangles  # loads networkx and scipy.stats, and packs at the very end
 
     page = np.full(len(textures), -1, np.int32)

@@ -26,19 +26,10 @@ _SAME_HUE = 8.0  # CIELAB units of chroma between a material in light and in sha
 
 
 def median_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDArray[np.uint8]:
-    """Median colour (rows, columns, 3) around each texel.
+    """Median colour (rows, columns, 3) around each texel of an sRGB image (rows, columns, 3).
 
-    Medians change at once where one material ends and another begins. Texels that are not the surface's own
-    count as the nearest one that is.
-
-    Parameters
-    ----------
-    image : (rows, columns, 3) uint8
-        sRGB.
-    own : (rows, columns) bool
-        Texels to go by; some are.
-    wraps : bool
-        Whether columns close.
+    Medians change at once where one material ends and another begins. Texels that are not the surface's
+    `own`, (rows, columns), count as the nearest one that is; some are. `wraps`: columns close.
     """
     nearest = ndimage.distance_transform_edt(~own, return_distances=False, return_indices=True)
     levels, around = image[tuple(nearest)], NEIGHBOURHOOD // 2
@@ -51,12 +42,8 @@ def median_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDAr
 def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray, wraps: bool) -> BoolArray:
     """Texels of the materials that make two thirds of what is found beside the hidden area.
 
-    Parameters
-    ----------
-    image, own, wraps
-        As in `median_colour`.
-    distance : (rows, columns) float
-        To the nearest hidden texel, texels.
+    `image`, `own` and `wraps` as in `median_colour`; `distance` (rows, columns) to the nearest hidden texel,
+    texels.
     """
     beside = own & (distance <= NEIGHBOURHOOD)
     if np.count_nonzero(own) < FEWEST or not beside.any():
@@ -134,21 +121,12 @@ def _dilated(bins: BoolArray) -> BoolArray:
 
 
 def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> FloatArray:
-    """Relative brightness (rows, columns, 3) of texels: 1 in the light, less in a shadow.
+    """Relative brightness (rows, columns, 3) of texels of an image like it: 1 in the light, less in a shadow.
 
     In a shadow is what is much darker than most of the surface, of its hue, and at once so, by the median of
-    a neighbourhood.
-    The shadow's depth is the ratio of the medians in it and around. Texels that are not measured are lit as
-    those around them are, the more evenly the farther off these are.
-
-    Parameters
-    ----------
-    image : (rows, columns, 3) uint8
-        Measured colour.
-    own : (rows, columns) bool
-        Texels whose colour is the surface's own.
-    wraps : bool
-        Whether columns close.
+    a neighbourhood. The shadow's depth is the ratio of the medians in it and around. Texels that are not
+    `own`, (rows, columns), are lit as those around them are, the more evenly the farther off these are.
+    `wraps`: columns close.
     """
     gain = np.ones((*own.shape, 3))
     if np.count_nonzero(own) < FEWEST:

@@ -46,17 +46,7 @@ class TexelRaster:
 
 
 def lay_texels(patch: Patch, observations: Sequence[Observation], max_texels: int) -> TexelRaster:
-    """Texels as large as a quarter of the pixels on the surface at most are; larger ones within the bound.
-
-    Parameters
-    ----------
-    patch : Patch
-        The surface; something of it is measured.
-    observations : sequence of Observation
-        All scans.
-    max_texels : int
-        Most texels of the raster.
-    """
+    """Texels as large as a quarter of the pixels on a measured surface at most are; larger within the bound."""
     cells = patch.grid
     rows, columns = _used(patch)
     extent = np.array([len(columns), len(rows)]) * cells.cell

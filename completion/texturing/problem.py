@@ -76,18 +76,10 @@ def set_task(
     light: FloatArray,
     options: TexturingOptions,
 ) -> Task:
-    """Set the task of one surface.
+    """Set the task of one surface, some of which was measured, within the budget of the options.
 
-    Parameters
-    ----------
-    raster, measured : TexelRaster, MeasuredColour
-        What was measured; some of it.
-    wanted : (rows, columns) bool
-        Hidden texels.
-    light : (rows, columns, 3) float
-        Shadows (`cast_shadows`), which are taken out.
-    options : TexturingOptions
-        The budget.
+    Hidden texels are `wanted`, (rows, columns); `light` (rows, columns, 3) are shadows (`cast_shadows`),
+    which are taken out.
     """
     wraps = raster.grid.wraps
     lit = replace(measured, image=np.rint(np.clip(measured.image / light, 0, 255)).astype(np.uint8))
@@ -119,14 +111,7 @@ def find_foreign(measured: MeasuredColour, distance: FloatArray) -> BoolArray:
     """Texels at the rim of hidden area whose colour the surface does not have anywhere further in.
 
     Cameras blur colour across a jump edge, and depth and colour never agree to the pixel: these texels may
-    show the occluder.
-
-    Parameters
-    ----------
-    measured : MeasuredColour
-        Of the whole raster.
-    distance : (rows, columns) float
-        To the nearest hidden texel, texels.
+    show the occluder. `distance` (rows, columns) is that to the nearest hidden texel, texels.
     """
     rim = measured.known & (distance <= RIM)
     inner = measured.pure & (distance > RIM)

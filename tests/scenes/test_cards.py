@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import nbv.report.pictures.picture as report_picture
-from completion.fitting import fit
+from completion.fitting.pipeline import fit
 from nbv.cover.cover import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Leg, Stations, Tour

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.extension.patch import Patch, Provenance
-from completion.result.completed_model import CompletedModel
-from completion.result.derived_model import TexturedMesh
+from completion.result.completed_model import CompletedModel, TexturedMesh
 from completion.texturing.chart_texture import Atlas
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb

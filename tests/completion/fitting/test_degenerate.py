@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 
-from completion.fitting import FitError, fit, select
 from completion.fitting.consensus import consensus_surface
+from completion.fitting.pipeline import fit
+from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
-from completion.fitting.selection import weigh
+from completion.fitting.selection import select, weigh
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder
 

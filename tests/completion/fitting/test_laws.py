@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from completion.fitting import fit
+from completion.fitting.pipeline import fit
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, surfaces_close

@@ -9,7 +9,7 @@ passes through four points. cyl7 has one degree of freedom only. All are held to
 import numpy as np
 import pytest
 
-from completion.fitting import fit
+from completion.fitting.pipeline import fit
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere
 from tests.helpers.data_paths import data_path, requires_data
 

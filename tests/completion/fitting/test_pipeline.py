@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from completion.fitting import FitError, fit_cylinder, fit_plane, inflated, surface_parameters
+from completion.fitting.euclidean import fit_cylinder, fit_plane
+from completion.fitting.result import FitError, inflated, surface_parameters
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane, surfaces_close
 

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from completion.fitting import fit
+from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere, surfaces_close

@@ -4,11 +4,13 @@
 import numpy as np
 import pytest
 
-from completion.fitting import FitError, fit, select
 from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.euclidean import normalised
+from completion.fitting.pipeline import fit
 from completion.fitting.polish import normal_equations
+from completion.fitting.result import FitError
 from completion.fitting.robust import tukey_weights
+from completion.fitting.selection import select
 from scenes.checks import FloatArray
 from scenes.files.scan_files import read_scan
 from scenes.surfaces.catalogue import surfaces_close

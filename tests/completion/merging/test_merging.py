@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from completion.fitting import fit_plane
+from completion.fitting.euclidean import fit_plane
 from completion.merging.pipeline import merge
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
