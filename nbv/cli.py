@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from nbv.commands.options.arguments import parse_choices, parse_numbers, parse_shape
 from nbv.commands.options.options import (
     DepthScale,
     Intrinsics,
@@ -21,6 +20,9 @@ from nbv.commands.options.options import (
     SensorOption,
     UnitsOption,
     UpOption,
+    parse_choices,
+    parse_numbers,
+    parse_shape,
     with_shared,
 )
 from nbv.commands.options.views_cli import coverage, plan

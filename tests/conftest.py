@@ -5,9 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from nbv.report.blocks import scan_coverage_blocks, state_pictures
+from nbv.report.blocks import scan_coverage_blocks
 from nbv.report.figures import plots
-from nbv.report.pictures import completion_shots, picture
+from nbv.report.pictures import completion_shots, picture, surface_values
 from tests.helpers.data_paths import ROOT
 
 
@@ -17,7 +17,7 @@ def small_reports() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "_PNG_LEVEL", 1)
         patch.setattr(plots, "_DPI", 90)
-        for module in (completion_shots, scan_coverage_blocks, state_pictures):
+        for module in (completion_shots, scan_coverage_blocks, surface_values):
             patch.setattr(module, "_WIDTH", 380)
         yield
 

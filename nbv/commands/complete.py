@@ -95,14 +95,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         from nbv.report.completion_report import completion_page
 
         page = completion_page(
-            completion,
-            request.title,
-            options=asked,
-            seed=shared.seed,
-            n_threads=shared.threads,
-            first_scan=record.get("first_scan"),
+            completion, request.title, n_threads=shared.threads, first_scan=record.get("first_scan")
         )
-        run.report(page)
+        run.report(page, asked)
         run.finish(resolved, summary_of(completion), lines_of(completion, verification))
 
 

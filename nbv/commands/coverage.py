@@ -98,17 +98,10 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
         if measured.instruments:
             options["instruments"] = measured.instruments
-        page = coverage_page(
-            world,
-            coverage,
-            given=measured.stations,
-            seen=measured.seen,
-            sensor=measured.sensor,
-            options=options,
-            seed=shared.seed,
-            n_threads=shared.threads,
+        given, sensor = measured.stations, measured.sensor
+        run.report(
+            coverage_page(world, coverage, given, measured.seen, sensor, n_threads=shared.threads), options
         )
-        run.report(page)
         resolved = {**options, "resolved_sensor": measured.sensor.to_json()}
         summary = {
             "stations": len(measured.stations),

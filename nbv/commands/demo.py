@@ -14,8 +14,7 @@ from nbv.commands.plan import coverage_of
 from nbv.commands.process.run import Shared, running
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
-from nbv.report.blocks.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
-from nbv.report.demo_report import demo_page
+from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare, demo_page
 from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -76,17 +75,7 @@ def run_demo(shared: Shared) -> None:
             "scans_completed": [k + 1 for k in chosen],
             "max_samples": TEXTURING.max_samples,
         }
-        page = demo_page(
-            scene,
-            plan,
-            chosen=chosen,
-            completion=completion,
-            comparison=comparison,
-            options=asked,
-            seed=shared.seed,
-            n_threads=threads,
-        )
-        run.report(page)
+        run.report(demo_page(scene, plan, chosen, completion, comparison, n_threads=threads), asked)
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
         lines = [

@@ -147,17 +147,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(
-            world,
-            plan,
-            coverage=coverage,
-            options=options,
-            seed=shared.seed,
-            n_threads=shared.threads,
-            baselines=baselines,
-            scans=scans,
-        )
-        run.report(page)
+        page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, scans=scans)
+        run.report(page, options)
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         summary = {**summary_of(plan), "warnings": world.warnings}
         run.finish(resolved, summary, lines_of(plan))

@@ -41,10 +41,10 @@ def _write(
     names = [f"plans/{outcome.case.name}.json" for outcome in outcomes]
     run.kept.update({name: run.out / name for name in names})
     write_results(outcomes, run.stage.folder, spec.results)
-    page, plots = study_page(spec, outcomes, options, run.shared.seed, stem)
+    page, plots = study_page(spec, outcomes, stem)
     for name, plot in plots.items():
         write_bytes(run.path(f"plots/{name}.png"), on_white(plot))
-    run.report(page)
+    run.report(page, options)
 
 
 def _options(spec: StudySpec) -> dict[str, Any]:

@@ -9,11 +9,10 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array
 
-from nbv.cover.connection import connect
 from nbv.cover.cover import Cover, LowerBound
 from nbv.cover.greedy import by_gain
 from nbv.cover.instance import CoverInstance
-from nbv.cover.overlap import OverlapGraph, OverlapOptions, components
+from nbv.cover.overlap import OverlapGraph, OverlapOptions, components, connect
 from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun

@@ -13,7 +13,6 @@ import numpy as np
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from nbv.report.blocks.stations import scans_table
-from nbv.report.blocks.verdict_blocks import edit_sections, verification_sections
 from nbv.report.figures.plots import range_colours
 from nbv.report.page.page import (
     Bar,
@@ -42,8 +41,6 @@ _MOST_SCANS = 3  # of which pictures are shown
 def completion_page(
     completion: Completion,
     title: str,
-    options: Mapping[str, Any],
-    seed: int,
     n_threads: int | None = None,
     first_scan: Mapping[str, Any] | None = None,
 ) -> Page:
@@ -55,10 +52,6 @@ def completion_page(
         What was found.
     title : str
         Of the page.
-    options : dict
-        What was asked for, by name.
-    seed : int
-        Seed of the run.
     n_threads : int, optional
         Threads that draw.
     first_scan : dict, optional
@@ -85,8 +78,6 @@ def completion_page(
             *edit_sections(completion),
             *verification_sections(first_scan),
         ),
-        options=options,
-        seed=seed,
     )
 
 
@@ -203,3 +194,55 @@ def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
         Cell(f"{1000 * fit.rms:.2f}" if fit.rms >= 5e-6 else "<0.01"),
         Cell(text),
     )
+
+
+_AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
+
+
+def edit_sections(completion: Completion) -> tuple[Section, ...]:
+    """A section with a row for each edited surface; none without edits."""
+    if not completion.edits:
+        return ()
+    rows = []
+    for number, surface in enumerate(completion.derived.surfaces, start=1):
+        if surface.patch.verdict.actions:
+            effect = surface.effect
+            areas = (effect.filled_m2, effect.vetoed_m2, effect.measured_m2)
+            cells = tuple(Cell(square_metres(area)) for area in areas)
+            name = Cell(str(number), swatch=surface_colour(number))
+            rows.append((name, Cell(", ".join(surface.patch.verdict.actions)), *cells))
+    columns = ("Surface", "Edits", "#filled, m\u00b2", "#stays empty, m\u00b2", "#measured, m\u00b2")
+    note = (
+        "filled: inferred because a person says so, whatever the method's confidence. stays empty: accepted, "
+        "but beams went through it, which nobody may overrule. measured: inside a declared opening or beyond "
+        "an end that was set, and kept."
+    )
+    blocks: tuple[Block, ...] = (Table(columns, tuple(rows)), Text(note, is_note=True))
+    return (Section("What a person said", blocks),)
+
+
+def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[Section, ...]:
+    """Return a section with a row for each surface of which something was inferred; none without such.
+
+    Parameters
+    ----------
+    first_scan : dict or None
+        What later scans say of what the first one alone inferred, as completion.json holds it.
+    """
+    if first_scan is None:
+        return ()
+    rows = []
+    for surface in first_scan["surfaces"]:
+        if sum(surface[area] for area in _AREAS) > 0:
+            number = surface["surface"]
+            name = Cell(str(number), swatch=surface_colour(number)) if number else Cell("none now")
+            rows.append((name, *(Cell(square_metres(surface[area])) for area in _AREAS)))
+    rows.append((Cell("all"), *(Cell(square_metres(first_scan[area])) for area in _AREAS)))
+    columns = ("Surface", "#confirmed, m\u00b2", "#refuted, m\u00b2", "#still hidden, m\u00b2")
+    note = (
+        "What the first scan alone had inferred. confirmed: another scan measured the surface there. "
+        "refuted: beams of another scan went through, so it is not in this model. still hidden: no other "
+        "scan sees it."
+    )
+    blocks = (Table(columns, tuple(rows)), Text(note, is_note=True))
+    return (Section("What the other scans say of the first one", blocks),)

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.coverage.measurement import visibility_history
@@ -14,10 +13,10 @@ from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
 from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
-from nbv.report.blocks.state_pictures import StateMarks, state_pictures
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.page.page import Bar, BarShare, Block, Gallery, Headline, Page, Section, State, Text
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
+from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent, square_metres
@@ -33,8 +32,6 @@ def plan_page(
     scene: Scene,
     plan: Plan,
     coverage: Coverage,
-    options: Mapping[str, Any],
-    seed: int,
     n_threads: int | None,
     baselines: Sequence[Baseline] = (),
     scans: Sequence[RangeImage] = (),
@@ -49,8 +46,6 @@ def plan_page(
         Its views.
     coverage : Coverage
         By them.
-    options, seed : mapping, int
-        As asked for.
     n_threads : int, optional
         Threads; the page does not depend on it.
     baselines : sequence of Baseline
@@ -86,8 +81,6 @@ def plan_page(
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (found.surfaces,)),
         ),
-        options=options,
-        seed=seed,
         warnings=scene.warnings,
     )
 
@@ -153,8 +146,6 @@ def coverage_page(
     given: Sequence[View] | Sequence[RangeImage],
     seen: VisibilityHistory,
     sensor: Sensor,
-    options: Mapping[str, Any],
-    seed: int,
     n_threads: int | None,
 ) -> Page:
     """Return the report of stations that are given.
@@ -171,8 +162,6 @@ def coverage_page(
         What they see, one after the other.
     sensor : Sensor
         By which was reckoned what is reachable.
-    options, seed : mapping, int
-        As asked for.
     n_threads : int, optional
         Threads; the page does not depend on it.
     """
@@ -207,8 +196,6 @@ def coverage_page(
             Section("What cannot be reached, and why", reasons(coverage)),
             Section("Surface by surface", (surfaces_table(coverage),)),
         ),
-        options=options,
-        seed=seed,
         warnings=scene.warnings,
     )
 

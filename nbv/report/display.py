@@ -7,9 +7,12 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
@@ -17,14 +20,16 @@ from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.page.page import Page
-from nbv.report.scan_page import scan_page
+from nbv.report.figures.plots import range_colours
+from nbv.report.page.page import Gallery, Headline, Page, Section, Text
+from nbv.report.pictures.picture import Picture, picture_of
 from nbv.run.showing import register
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import upright
 from scenes.world.scene import Scene
 
 _FRAME_PX = 720  # height of a report in a notebook
@@ -69,9 +74,11 @@ def show(
         A plan or coverage without its scene, a plan that continues scans where no scene is known, a thing
         that there is no report of.
     """
-    page = _page_of(thing, scene, stations=stations, title=title, seed=seed, n_threads=n_threads)
+    page = _page_of(thing, scene, stations, title, n_threads)
+    if isinstance(thing, Plan) and thing.seed is not None:
+        seed = thing.seed
     path = Path(tempfile.mkdtemp(prefix="unseen-")) / "report.html"
-    page.write(path)
+    replace(page, seed=seed).write(path)
     if not _show_inline(path):
         webbrowser.open(path.as_uri())
     return path
@@ -82,15 +89,15 @@ def _page_of(
     scene: Scene | None,
     stations: Sequence[View] | Sequence[RangeImage],
     title: str | None,
-    seed: int,
     n_threads: int | None,
 ) -> Page:
     """Return the report."""
     if isinstance(thing, Completion):
         asked: dict[str, Any] = {"mode": thing.mode, "scans": [seen.scan.name for seen in thing.observations]}
-        return completion_page(thing, title or thing.observations[0].scan.name, asked, seed, n_threads)
+        page = completion_page(thing, title or thing.observations[0].scan.name, n_threads)
+        return replace(page, options=asked)
     if isinstance(thing, RangeImage):
-        return scan_page(thing, seed)
+        return scan_page(thing)
     if not isinstance(thing, Plan | Coverage):
         raise InputError(
             f"there is no report of a {type(thing).__name__}; "
@@ -100,11 +107,11 @@ def _page_of(
         kind = type(thing).__name__.lower()
         raise InputError(f"a {kind} is shown with its scene: show({kind}, scene)")
     if isinstance(thing, Plan):
-        return _page_of_plan(thing, scene, seed, n_threads)
-    return _page_of_coverage(thing, scene, stations, seed, n_threads)
+        return _page_of_plan(thing, scene, n_threads)
+    return _page_of_coverage(thing, scene, stations, n_threads)
 
 
-def _page_of_plan(plan: Plan, scene: Scene, seed: int, n_threads: int | None) -> Page:
+def _page_of_plan(plan: Plan, scene: Scene, n_threads: int | None) -> Page:
     """Return the report of a plan; what a plan read from a file does not hold is measured again."""
     coverage = plan.coverage
     if not isinstance(coverage, Coverage):
@@ -112,21 +119,13 @@ def _page_of_plan(plan: Plan, scene: Scene, seed: int, n_threads: int | None) ->
             scene, plan.views, plan.requirement, sensor=plan.sensor, n_threads=n_threads
         )
     asked = {"method": plan.method, "sensor": plan.sensor.name, "target": plan.target, "mode": scene.mode}
-    return plan_page(
-        scene,
-        plan,
-        coverage=coverage,
-        options=asked,
-        seed=seed if plan.seed is None else plan.seed,
-        n_threads=n_threads,
-    )
+    return replace(plan_page(scene, plan, coverage, n_threads), options=asked)
 
 
 def _page_of_coverage(
     coverage: Coverage,
     scene: Scene,
     stations: Sequence[View] | Sequence[RangeImage],
-    seed: int,
     n_threads: int | None,
 ) -> Page:
     """Return the report of a coverage, with what each station adds."""
@@ -135,16 +134,8 @@ def _page_of_coverage(
         caster = scene.ray_caster(n_threads)
         seen = visibility_history(caster, coverage.samples, coverage.requirement, stations)
     asked = {"sensor": sensor.name, "requirement": coverage.requirement.describe(), "mode": scene.mode}
-    return coverage_page(
-        scene,
-        coverage,
-        given=stations,
-        seen=seen,
-        sensor=sensor,
-        options=asked,
-        seed=seed,
-        n_threads=n_threads,
-    )
+    page = coverage_page(scene, coverage, stations, seen, sensor, n_threads=n_threads)
+    return replace(page, options=asked)
 
 
 def _sensor_of(stations: Sequence[View] | Sequence[RangeImage]) -> Sensor:
@@ -167,3 +158,72 @@ def _show_inline(path: Path) -> bool:
 
 
 register(show)
+
+
+def scan_page(scan: RangeImage) -> Page:
+    """Return the page of a scan: ranges, colours, and where there is truth, incidence and range error."""
+    known = scan.ranges[scan.valid]
+    rows, columns = scan.shape
+    pictures = tuple(_pictures(scan))
+    return Page(
+        title=scan.name,
+        kicker="Scan",
+        summary=(
+            f"{known.size} of {scan.ranges.size} pixels brought a range back, {_span(scan)}. "
+            "What no beam reached is not in it."
+        ),
+        headlines=(
+            Headline(f"{rows} x {columns}", "", "pixels, rows x columns"),
+            Headline(f"{100 * known.size / scan.ranges.size:.1f}", "%", "of them with a return", "measured"),
+            Headline(*_noise(scan), "standard deviation of the range noise"),
+        ),
+        bar=None,
+        sections=(
+            Section("What the scanner saw", (Gallery(pictures, min(len(pictures), 2)),)),
+            *((Section("How far it erred", (Text(_range_error(scan)),)),) if scan.truth is not None else ()),
+        ),
+        options={
+            "projection": scan.projection.kind,
+            "stands_at_m": [round(float(part), 4) for part in scan.origin],
+            "sensor": scan.sensor or "not known",
+            "effects": scan.noise or "not known",
+        },
+    )
+
+
+def _pictures(scan: RangeImage) -> list[Picture]:
+    """The scan's channels as a person would see them."""
+    colours, low, high = range_colours(upright(scan.ranges, scan.projection))
+    note = f"{low:.2f} m (yellow) to {high:.2f} m (violet); empty where nothing came back."
+    pictures = [picture_of(colours, "Range", note)]
+    if scan.colour is not None:
+        pictures.append(picture_of(upright(scan.colour, scan.projection), "Colour"))
+    if scan.truth is not None:
+        angle = np.where(scan.valid, np.degrees(scan.truth.incidence), np.inf)
+        colours, low, high = range_colours(upright(angle, scan.projection))
+        note = f"{low:.0f}\u00b0 (yellow) to {high:.0f}\u00b0 (violet) between ray and normal."
+        pictures.append(picture_of(colours, "True incidence", note))
+    return pictures
+
+
+def _span(scan: RangeImage) -> str:
+    known = scan.ranges[scan.valid]
+    return f"{known.min():.3f} to {known.max():.3f} m" if known.size else "so there is nothing to show"
+
+
+def _noise(scan: RangeImage) -> tuple[str, str]:
+    """Value and unit of the headline."""
+    return ("not known", "") if scan.sigma_m is None else (f"{1000 * scan.sigma_m:.3g}", "mm")
+
+
+def _range_error(scan: RangeImage) -> str:
+    """Measured against true ranges, in a sentence."""
+    error = scan.range_error()
+    error = error[np.isfinite(error)]
+    if not error.size:
+        return "No pixel has both a measured and a true range."
+    rms, worst = np.sqrt(np.mean(error**2)), np.abs(error).max()
+    return (
+        f"Measured minus true range over {error.size} pixels: mean {1000 * error.mean():.3f} mm, "
+        f"root mean square {1000 * rms:.3f} mm, largest {1000 * worst:.3f} mm."
+    )

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ _MOST_PICTURES = 24
 
 
 def study_page(
-    spec: StudySpec, outcomes: Sequence[Outcome], options: Mapping[str, Any], seed: int, fallback_title: str
+    spec: StudySpec, outcomes: Sequence[Outcome], fallback_title: str
 ) -> tuple[Page, dict[str, Plot]]:
     """Return the report, and its plots by name.
 
@@ -31,10 +30,6 @@ def study_page(
         What was asked.
     outcomes : sequence of Outcome
         What was found.
-    options : mapping
-        For the page.
-    seed : int
-        Added to every seed of the study.
     fallback_title : str
         What the study is called when it has no title.
     """
@@ -55,8 +50,6 @@ def study_page(
             Section("Every case", (_cases_table(outcomes),)),
             *_failures(failed),
         ),
-        options=options,
-        seed=seed,
         warnings=(f"{count(len(failed), 'case')} could not be planned; see below.",) if failed else (),
     )
     return page, plots

@@ -2,6 +2,7 @@
 """A small 3-D view of which everything is known, and pages of each kind of report."""
 
 import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -13,14 +14,12 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import visibility_history
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
-from nbv.report.blocks.truth import compare
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.demo_report import demo_page
-from nbv.report.next_stations_report import next_stations_page
+from nbv.report.demo_report import compare, demo_page
 from nbv.report.page.page import Cell, Page, Section, Table
 from nbv.report.pictures import picture
-from nbv.report.scan_coverage_report import scan_coverage_page
+from nbv.report.scans_report import next_stations_page, scan_coverage_page
 from nbv.report.study_report import study_page
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
@@ -127,32 +126,35 @@ def page_of_study():
     with tempfile.TemporaryDirectory() as folder:
         spec = read_study(write_study(folder))
         outcomes = run_study(spec, Path(folder) / "plans")
-    return study_page(spec, outcomes, {"seeds": [0, 1]}, 0, "study")[0]
+    return study_page(spec, outcomes, "study")[0]
 
 
 def report_page(kind):
+    """The report of a kind, of a small scene, with some options."""
+    return replace(plain_page(kind), options=ASKED)
+
+
+def plain_page(kind):
     """The report of a kind, of a small scene."""
     if kind == "plan-cover":
         budgets = CoverOptions(polish_steps=0)
         plan = plan_views(ROOM, CAMERA, method="cover", views=6, budgets=budgets, **SHARED)
-        return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
+        return plan_page(ROOM, plan, plan.coverage, 1)
     if kind == "study":
         return page_of_study()
     if kind in ("next-stations", "scan-coverage"):
         return page_of_scans(kind)
     plan = online_plan()
     if kind == "plan-nbv":
-        return plan_page(ROOM, plan, plan.coverage, ASKED, 0, 1)
+        return plan_page(ROOM, plan, plan.coverage, 1)
     if kind == "coverage":
         seen = visibility_history(ROOM.ray_caster(1), SHARED["samples"], plan.requirement, plan.views)
-        return coverage_page(ROOM, plan.coverage, plan.views, seen, CAMERA, ASKED, 0, 1)
+        return coverage_page(ROOM, plan.coverage, plan.views, seen, CAMERA, 1)
     scans = [scan_scene(ROOM, plan.views[k], rng=0, name=f"view {k + 1}") for k in (0, 1)]
     model = complete(scans, PLAIN, rng=0, n_threads=1)
     if kind == "completion":
-        return completion_page(model, "two scans", ASKED, 0, 1)
-    return demo_page(
-        ROOM, plan, [0, 1], model, compare(model, scans, ROOM.mesh, SHARED["samples"]), ASKED, 0, 1
-    )
+        return completion_page(model, "two scans", 1)
+    return demo_page(ROOM, plan, [0, 1], model, compare(model, scans, ROOM.mesh, SHARED["samples"]), 1)
 
 
 def page_of_scans(kind):
@@ -161,6 +163,6 @@ def page_of_scans(kind):
     scan_map = ScanMap.of([scan_scene(ROOM, stood, rng=0, name="first")], AROUND, options=COARSE)
     coverage = cover_by_scans(scan_map, completion=complete(scan_map.scans, PLAIN, rng=0))
     if kind == "scan-coverage":
-        return scan_coverage_page(coverage, StateMesh.of(coverage), AROUND, "one scan", ASKED, 0, 1)
+        return scan_coverage_page(coverage, StateMesh.of(coverage), AROUND, "one scan", 1)
     plan = plan_next_stations(scan_map, AROUND, coverage.requirement, views=2, options=COARSE, n_threads=1)
-    return next_stations_page(plan, coverage, "one scan", ASKED, 0, 1)
+    return next_stations_page(plan, coverage, "one scan", 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import typer
 
-from nbv.commands.options.arguments import parse_numbers
 from nbv.commands.options.options import (
     DepthScale,
     Intrinsics,
@@ -16,6 +15,7 @@ from nbv.commands.options.options import (
     SensorOption,
     UnitsOption,
     UpOption,
+    parse_numbers,
     with_shared,
 )
 from nbv.commands.options.view_options import (
@@ -92,8 +92,8 @@ def plan(
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
-    from nbv.commands.next_stations import run_next_stations
     from nbv.commands.plan import PlanRequest, run_plan
+    from nbv.commands.scans import run_next_stations
     from scenes.files.scan_request import ScanRequest
 
     request = PlanRequest(
@@ -161,7 +161,7 @@ def coverage(
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
     from nbv.commands.coverage import CoverageRequest, run_coverage
-    from nbv.commands.scan_coverage import run_scan_coverage
+    from nbv.commands.scans import run_scan_coverage
     from scenes.files.scan_request import ScanRequest
 
     request = CoverageRequest(

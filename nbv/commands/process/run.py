@@ -119,9 +119,10 @@ class Run:
         key = self.inputs.key({"command": self.command, **options}, self.shared.seed)
         return FileJournal(self.out / _JOURNAL, key)
 
-    def report(self, page: Page) -> None:
-        """Write the report, which names the inputs and their SHA-256."""
-        replace(page, inputs=self.inputs.digests()).write(self.path("report.html"))
+    def report(self, page: Page, options: Mapping[str, Any]) -> None:
+        """Write the report, which names options, seed, and the inputs with their SHA-256."""
+        told = replace(page, options=options, seed=self.shared.seed, inputs=self.inputs.digests())
+        told.write(self.path("report.html"))
 
     def finish(self, options: Mapping[str, Any], summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Write the manifest; print `summary` as JSON, or `lines` for people."""

@@ -13,11 +13,11 @@ from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNO
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.plan_findings import PlanFindings, measured_sentence, met_before
-from nbv.report.blocks.state_pictures import StateMarks, state_pictures
 from nbv.report.figures.plots import class_curve
 from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, Section, State, Table, Text
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
+from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.run.wording import percent, square_metres
 from nbv.visibility.zones import Zones
 from scenes.checks import FloatArray

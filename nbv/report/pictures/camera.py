@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ ASIDE_DEG = (
     (30.0, 22.0),
 )  # in pairs: one side, the other side
 _OVERVIEW_FOV_DEG = 38.0
+_BETTER = 1.05  # by this factor more must another side show than the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +107,18 @@ def overview_cameras(bounds: FloatArray, n: int = 8, height_deg: float = 38.0) -
         distance = float((np.abs(local[:, :2]) / slope - local[:, 2:]).max())
         cameras.append(aim(centre + 1.01 * distance * out, centre, up, slope, mirrored=False))
     return cameras
+
+
+def best_side(cameras: Sequence[Camera], corners: FloatArray) -> int:
+    """Return the number of the camera to which most area turns its front; the first if that is much alike.
+
+    `corners` (m, 3, 3) are of faces that are seen from their front alone.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    twice = np.cross(b - a, c - a)
+    shown = [float(np.maximum(twice @ -camera.axes[2], 0.0).sum()) for camera in cameras]
+    best = int(np.argmax(shown))
+    return best if shown[best] > _BETTER * shown[0] else 0
 
 
 def _axes(rays: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

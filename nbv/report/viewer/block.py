@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""The 3-D view as a part of the page: layers, stations, lines, and pictures for where it cannot be drawn."""
+"""The 3-D view as a part of the page: layers, stations, lines, framing, and pictures for print."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from nbv.report.pictures.camera import Camera
+from nbv.report.pictures.camera import Camera, best_side, overview_cameras
 from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.layers import Colour, Layer
 from scenes.checks import FloatArray
@@ -113,3 +114,33 @@ class Viewer:
             return np.zeros((2, 3))
         low, high = (np.array([end(part, axis=0) for part in ends]) for end in (np.min, np.max))
         return np.stack([low.min(axis=0), high.max(axis=0)])
+
+
+_REMOTE = 0.005  # share of the faces at each end that need not be in the picture
+
+
+def best_camera(bounds: FloatArray, layers: Sequence[Layer]) -> Camera:
+    """Return from which side layers are best looked into; they lie within `bounds` (2, 3)."""
+    cameras = overview_cameras(bounds)
+    return cameras[best_side(cameras, _corners(layers))]
+
+
+def focus(layers: Sequence[Layer], forward: FloatArray, *, is_room: bool) -> FloatArray:
+    """Return the bounds (2, 3) of what is to fill the picture, metres: what is shown, without what is remote.
+
+    Of a room it is what turns its front to an eye that looks `forward` (3,).
+    """
+    corners = _corners(layers)
+    if is_room and len(corners):
+        a, b, c = np.moveaxis(corners, 1, 0)
+        seen = np.cross(b - a, c - a) @ forward < 0
+        corners = corners[seen] if seen.any() else corners
+    points = corners.reshape(-1, 3)
+    return np.quantile(points, [_REMOTE, 1 - _REMOTE], axis=0) if len(points) else np.zeros((2, 3))
+
+
+def _corners(layers: Sequence[Layer]) -> FloatArray:
+    """Corners (m, 3, 3) of all faces that are shown at first."""
+    return np.concatenate(
+        [np.zeros((0, 3, 3)), *(layer.vertices[layer.faces] for layer in layers if layer.shown)]
+    )

@@ -8,10 +8,14 @@ Indices count back from the largest so far (as Google's webgl-loader did): 0 is 
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
+
+from scenes.mesh.labelled_mesh import Appearance
 
 Integers = NDArray[Any]
 
@@ -89,3 +93,100 @@ def by_appearance(index: Integers) -> tuple[Integers, Integers]:
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     return rank[inverse], values[order]
+
+
+_MOST_PIXELS = 3_000_000  # of all images together
+_QUALITY = 82  # of WebP
+_FRACTION = 65535  # steps of texture coordinates
+
+Indices = NDArray[np.int64]
+
+
+def corner_keys(places: Indices, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
+    """Join corners that are alike in place, colour and texture.
+
+    Parameters
+    ----------
+    places : (3 * m, 3) int
+        Of the corners of all faces.
+    skin : Appearance, optional
+        Of the faces before they were put in `order`.
+    order : (m,) int
+        Their order.
+
+    Returns
+    -------
+    index, kept : (3 * m,) int, (n,) int
+        Number of each corner by first appearance; the first corner that has each number.
+    """
+    key = _number(places)
+    if skin is not None:
+        if skin.images and skin.corner_uv is not None and skin.face_image is not None:
+            uv = np.rint(skin.corner_uv[order].reshape(-1, 2).astype(np.float64) * _FRACTION)
+            own = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
+            key = _paired(key, _number(own))
+        key = _paired(key, _number(_colours(skin, order)))
+    index, old = by_appearance(key)
+    first = np.full(int(key.max(initial=-1)) + 1, len(key), np.int64)
+    np.minimum.at(first, key, np.arange(len(key)))
+    return index, first[old]
+
+
+def skin_entry(packer: Packer, skin: Appearance | None, order: Indices, kept: Indices) -> dict[str, Any]:
+    """Pack colours and texture coordinates of the corners `kept`; None where there is nothing to say."""
+    if skin is None:
+        return {"colours": None, "uv": None}
+    colours = _colours(skin, order)[kept]
+    entry: dict[str, Any] = {"colours": packer.add(colours), "uv": None}
+    if skin.images and skin.corner_uv is not None:
+        uv = skin.corner_uv[order].reshape(-1, 2)[kept].astype(np.float64)
+        low, high = uv.min(axis=0), uv.max(axis=0)
+        scale = np.maximum(high - low, 1e-9) / _FRACTION
+        steps = packer.add(np.rint((uv - low) / scale).astype(np.int64))
+        entry["uv"] = {**steps, "low": low.tolist(), "scale": scale.tolist()}
+    return entry
+
+
+def add_images(packer: Packer, skin: Appearance | None, order: Indices) -> list[dict[str, Any]]:
+    """Pack the images that faces use, as WebP, with how many faces (in order, those without first) do."""
+    if skin is None or not skin.images or skin.face_image is None:
+        return []
+    uses = np.bincount(skin.face_image[order] + 1, minlength=len(skin.images) + 1)
+    pixels = sum(image.shape[0] * image.shape[1] for image, n in zip(skin.images, uses[1:], strict=True) if n)
+    shrink = min(1.0, float(np.sqrt(_MOST_PIXELS / max(pixels, 1))))
+    entries: list[dict[str, Any]] = [{"faces": int(uses[0]), "image": None}]
+    for image, n in zip(skin.images, uses[1:], strict=True):
+        if n:
+            entries.append({"faces": int(n), "image": packer.add_bytes(_webp(image, shrink))})
+    return entries
+
+
+def _webp(image: NDArray[np.uint8], shrink: float) -> bytes:
+    """Return an image, made smaller, as WebP."""
+    picture = Image.fromarray(image)
+    if shrink < 1:
+        size = tuple(max(1, round(side * shrink)) for side in picture.size)
+        picture = picture.resize((size[0], size[1]), Image.Resampling.LANCZOS)
+    data = io.BytesIO()
+    picture.save(data, "WEBP", quality=_QUALITY, method=4)
+    return data.getvalue()
+
+
+def _colours(skin: Appearance, order: Indices) -> Indices:
+    """Colours (3 * m, 3) of all corners in order, 0..255."""
+    colours = np.rint(np.clip(skin.corner_colour[order], 0, 1) * 255).astype(np.int64)
+    return colours.reshape(-1, 3)
+
+
+def _number(rows: Indices) -> Indices:
+    """Number (n,) equal rows alike."""
+    key = np.zeros(len(rows), np.int64)
+    for column in rows.T:
+        key = _paired(key, column - column.min(initial=0))
+    return key
+
+
+def _paired(one: Indices, other: Indices) -> Indices:
+    """Number (n,) pairs of non-negative numbers that are alike."""
+    both = one * (int(other.max(initial=0)) + 1) + other
+    return np.asarray(np.unique(both, return_inverse=True)[1], dtype=np.int64)

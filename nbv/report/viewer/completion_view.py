@@ -16,7 +16,7 @@ from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, thinned
 from nbv.report.viewer.markers import opening_lines, view_markers
 from nbv.report.viewer.scan_channels import (
     INFERRED,
@@ -25,7 +25,6 @@ from nbv.report.viewer.scan_channels import (
     quality_channels,
     scan_sightings,
 )
-from nbv.report.viewer.thinning import thinned
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 from scenes.scan.range_image import RangeImage

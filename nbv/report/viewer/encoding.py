@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from nbv.report.viewer.block import Lines, Marker, Viewer
-from nbv.report.viewer.byte_packing import Packer, by_appearance
-from nbv.report.viewer.framing import best_camera, focus
+from nbv.report.viewer.block import Lines, Marker, Viewer, best_camera, focus
+from nbv.report.viewer.byte_packing import Packer, add_images, by_appearance, corner_keys, skin_entry
 from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
-from nbv.report.viewer.skins import add_images, corner_keys, skin_entry
 from scenes.checks import FloatArray
 from scenes.mesh.morton import morton_order
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Layers of the 3-D view: triangles, and what is known of each of them."""
+"""Layers of the 3-D view: triangles, what is known of each of them, and how they are thinned."""
 
 from __future__ import annotations
 
@@ -172,3 +172,41 @@ class Layer:
                 raise InputError(f"{channel.key}: {len(channel.values)} values for {n} places")
         if self.skin is not None and len(self.skin.corner_colour) != len(self.faces):
             raise InputError(f"colours of {len(self.skin.corner_colour)} faces for {len(self.faces)}")
+
+
+_COARSER = 1.25  # each try
+
+
+def thinned(
+    vertices: FloatArray, faces: NDArray[Any], most: int
+) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+    """Join vertices that lie in one cell of a lattice, as coarse as it takes (Rossignac & Borrel 1993).
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        Metres.
+    faces : (m, 3) int
+        Triangles.
+    most : int
+        How many triangles there may be; a mesh with no more than that stays as it is.
+
+    Returns
+    -------
+    vertices, faces, kept : (k, 3) float, (l, 3) int64, (k,) int64
+        A thinner mesh, and which of the vertices it consists of.
+    """
+    faces = np.asarray(faces, dtype=np.int64)
+    kept = np.arange(len(vertices))
+    if len(faces) <= most:
+        return vertices, faces, kept
+    low = vertices.min(axis=0)
+    area = np.linalg.norm(np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2))), axis=1)
+    side, few = float(np.sqrt(area.sum() / most)) / 2, faces
+    while len(few) > most:
+        cell = np.floor((vertices - low) / side).astype(np.int64)
+        _, kept, index = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+        few = index.reshape(-1)[faces]
+        few = few[(few[:, 0] != few[:, 1]) & (few[:, 1] != few[:, 2]) & (few[:, 0] != few[:, 2])]
+        side *= _COARSER
+    return vertices[kept], few, kept

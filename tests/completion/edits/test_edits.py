@@ -12,7 +12,7 @@ from completion import Anchor, Completion, Edit, Label, Provenance, complete, re
 from completion.edits.file import edit_record
 from completion.observe.refitting import refit
 from completion.result.labelled_points import mesh_area
-from nbv.report.blocks.verdict_blocks import edit_sections
+from nbv.report.completion_report import edit_sections
 from scenes.checks import InputError
 from scenes.formats.meshes.ply import read_mesh_ply
 from scenes.pose import Pose

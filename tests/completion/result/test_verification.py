@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from completion import Completion, EvidenceOptions, Finding, complete, verify
 from completion.result.verification import counterpart
 from nbv.cli import app
-from nbv.report.blocks.verdict_blocks import verification_sections
+from nbv.report.completion_report import verification_sections
 from nbv.report.page.page import Page
 from nbv.run.wording import square_metres
 from nbv.scanning.scanner import scan_scene

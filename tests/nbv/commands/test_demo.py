@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import nbv.commands.demo
 from nbv.cli import app
 from nbv.coverage.surface_classes import distances
-from nbv.report.blocks.truth import INFERRED, MEASURED, UNKNOWN, Comparison, compare
+from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare
 from nbv.visibility.samples import sample_surface
 from scenes.world.builtin import builtin_scene
 

@@ -6,9 +6,8 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from nbv.cover.connection import connect
 from nbv.cover.instance import CoverInstance
-from nbv.cover.overlap import OverlapGraph, OverlapOptions, components
+from nbv.cover.overlap import OverlapGraph, OverlapOptions, components, connect
 from nbv.cover.pipeline import CoverOptions
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene

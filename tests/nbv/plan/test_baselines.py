@@ -104,7 +104,7 @@ def test_a_plan_of_a_file_is_refused(plan):
 
 def test_the_report_of_a_plan_shows_them(plan, baselines, tmp_path):
     file = tmp_path / "report.html"
-    plan_page(ROOM, plan, plan.coverage, {}, 0, 1, baselines).write(file)
+    plan_page(ROOM, plan, plan.coverage, 1, baselines).write(file)
     text = file.read_text("utf-8")
     assert "Beside other planners" in text
     assert all(name in text for name in ("random", "farthest-point", "visibility-only greedy"))

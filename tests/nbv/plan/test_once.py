@@ -52,10 +52,10 @@ def test_a_plan_with_its_baselines_and_reports_builds_one_tree_and_casts_each_vi
     fixed = {"budgets": CoverOptions(polish_steps=0), "samples": samples, "n_threads": 1}
     plan = plan_views(scene, SENSOR, method="cover", views=3, **fixed)
     baselines = compare_with_baselines(scene.ray_caster(1), plan, rng=0, n_threads=1)
-    assert "Beside other planners" in plan_page(scene, plan, plan.coverage, {}, 0, 1, baselines).to_html()
+    assert "Beside other planners" in plan_page(scene, plan, plan.coverage, 1, baselines).to_html()
     assert len(cast) == len(plan.views) == 3
     coverage = measure_coverage(scene, plan.views, samples=samples, n_threads=1)
-    page = coverage_page(scene, coverage, plan.views, coverage.history, SENSOR, {}, 0, 1)
+    page = coverage_page(scene, coverage, plan.views, coverage.history, SENSOR, 1)
     assert "Coverage report" in page.to_html()
     assert len(cast) == 6
     assert built == [len(scene.mesh.faces)]

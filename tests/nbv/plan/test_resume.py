@@ -157,6 +157,6 @@ def test_baselines_begin_with_what_the_scans_have_met(plans):
     entry = found[1].to_json()
     assert entry["runs"] == 30
     assert entry["met"] == entry["curve"][-1]
-    html = plan_page(ROOM, plan, plan.coverage, {}, 0, 1, found).to_html()
+    html = plan_page(ROOM, plan, plan.coverage, 1, found).to_html()
     assert "after 5 scans that measured" in html
     assert "Squares with letters" in html

@@ -19,12 +19,12 @@ from nbv.report.blocks.inference_blocks import class_pictures, class_table, laye
 from nbv.report.blocks.plan_findings import baselines_section
 from nbv.report.coverage_report import plan_page
 from nbv.report.figures.plots import class_curve
-from nbv.report.next_stations_report import stations_table
 from nbv.report.pictures.drawing import mark_modelled
 from nbv.report.pictures.picture import INFERRED as INFERRED_COLOUR
 from nbv.report.pictures.picture import MEASURED, dots
 from nbv.report.pictures.picture import MODELLED as MODELLED_COLOUR
 from nbv.report.pictures.picture import UNKNOWN as UNKNOWN_COLOUR
+from nbv.report.scans_report import stations_table
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scans.next_stations import plan_next_stations
@@ -59,7 +59,7 @@ def plan():
 
 @pytest.fixture(scope="module")
 def html(plan):
-    return plan_page(ROOM, plan, plan.coverage, {}, 0, 1).to_html()
+    return plan_page(ROOM, plan, plan.coverage, 1).to_html()
 
 
 def test_the_classes_of_each_surface_add_up_to_those_of_the_scene(plan):
@@ -106,21 +106,21 @@ def test_the_report_names_the_classes_and_how_much_of_the_inferred_is_right(plan
     assert "within 2 cm of the true surface" in html
     assert "standard deviation there is 20 mm or less" in html
     assert "reachable, not yet measured" not in html
-    assert html == plan_page(ROOM, plan, plan.coverage, {}, 0, 2).to_html()
+    assert html == plan_page(ROOM, plan, plan.coverage, 2).to_html()
     wrong = replace(shares, inferred_m2=8.0, right_m2=6.0)
-    page = plan_page(ROOM, replace(plan, shares=(wrong,)), plan.coverage, {}, 0, 1)
+    page = plan_page(ROOM, replace(plan, shares=(wrong,)), plan.coverage, 1)
     assert "Of 8.00 m\u00b2 that it infers in all, 75.0 % lies within 2 cm" in page.summary
     assert "75.0 % lies within 2 cm of the true surface and 2.00 m\u00b2 elsewhere" in note_of(page)
     assert "beyond it" not in note_of(page)
     nothing = replace(shares, inferred_m2=0.0, right_m2=0.0)
-    page = plan_page(ROOM, replace(plan, shares=(nothing,)), plan.coverage, {}, 0, 1)
+    page = plan_page(ROOM, replace(plan, shares=(nothing,)), plan.coverage, 1)
     assert "Nothing was inferred." in page.summary
     assert note_of(page).endswith("Nothing was inferred.")
     assert len(page.headlines) == 5
-    knowing = plan_page(ROOM, replace(plan, method="cover"), plan.coverage, {}, 0, 1)
+    knowing = plan_page(ROOM, replace(plan, method="cover"), plan.coverage, 1)
     assert "knows the scene, but not beforehand" in note_of(knowing)
     zones = Zones(Box((0, 0, 0), (3, 5, 2.7)))
-    page = plan_page(ROOM, replace(plan, zones=zones), plan.coverage, {}, 0, 1)
+    page = plan_page(ROOM, replace(plan, zones=zones), plan.coverage, 1)
     assert "in the region and beyond it" in note_of(page)
 
 
@@ -130,7 +130,7 @@ def note_of(page):
 
 def test_a_plan_by_views_alone_is_reported_as_before(plan):
     plain = replace(plan, shares=(), coverage=replace(plan.coverage, classes=None))
-    page = plan_page(ROOM, plain, plain.coverage, {}, 0, 1)
+    page = plan_page(ROOM, plain, plain.coverage, 1)
     assert [one.label for one in page.headlines] == [
         *("views", "of the area measured as required", "of what can be reached"),
         *("reachable, not yet measured", "out of reach of any candidate"),

@@ -15,10 +15,10 @@ from nbv.plan.tour import Leg, Tour
 from nbv.report.blocks.stations import fields_of, outline_of, place_cells, scans_table
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
-from nbv.report.pictures.camera import overview_cameras
+from nbv.report.pictures.camera import best_side, overview_cameras
 from nbv.report.pictures.surface_values import cut_finely, fine_coverage
+from nbv.report.viewer.block import best_camera, focus
 from nbv.report.viewer.completion_view import completion_view, occluding
-from nbv.report.viewer.framing import best_camera, best_side, focus
 from nbv.report.viewer.layers import Category, Layer
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import near_hull, scene_view

@@ -31,11 +31,11 @@ def test_a_plan_of_one_view_speaks_of_one_view(one_view):
 
 
 def test_reports_of_one_view_speak_of_one_view(room, one_view):
-    page = plan_page(room, one_view, one_view.coverage, {}, 0, 1)
+    page = plan_page(room, one_view, one_view.coverage, 1)
     assert page.summary.startswith("1 view with panorama, planned knowing the scene, measures ")
     view = one_view.views[0]
     seen = visibility_history(room.ray_caster(1), one_view.coverage.samples, one_view.requirement, [view])
-    page = coverage_page(room, one_view.coverage, [view], seen, view.sensor, {}, 0, 1)
+    page = coverage_page(room, one_view.coverage, [view], seen, view.sensor, 1)
     assert page.summary.startswith("1 station measures ")
 
 

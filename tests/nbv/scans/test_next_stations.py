@@ -9,7 +9,7 @@ import pytest
 
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.planner import PlannerOptions
-from nbv.report.next_stations_report import next_stations_page
+from nbv.report.scans_report import next_stations_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -125,7 +125,7 @@ def test_without_floor_stations_are_wherever_space_is_free():
     plan = plan_next_stations(scan_map, SENSOR, options=COARSE)
     assert plan.views
     nothing = replace(plan, views=(), stopped_because="nothing is left")
-    page = next_stations_page(nothing, cover_by_scans(scan_map), "up", {}, 0, 1)
+    page = next_stations_page(nothing, cover_by_scans(scan_map), "up", 1)
     assert "No floor was seen below the scanners" in page.warnings[0]
     assert "No further station: nothing is left." in page.summary
 
@@ -150,7 +150,7 @@ def test_an_object_is_looked_at_from_around():
 
 def test_the_report_shows_where_to_stand(scan_map, plan):
     coverage = cover_by_scans(scan_map)
-    html = next_stations_page(plan, coverage, "room", {}, 0, 1).to_html()
+    html = next_stations_page(plan, coverage, "room", 1).to_html()
     assert "Where to stand next" in html
     assert "Squares with letters" in html
 

@@ -10,7 +10,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.occupancy import VoxelMap
-from nbv.report.scan_coverage_report import scan_coverage_page
+from nbv.report.scans_report import scan_coverage_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scans.measured_area import measure_area
@@ -184,7 +184,7 @@ def test_the_state_mesh_holds_each_state_and_its_areas(coverage):
 
 
 def test_the_report_says_which_areas_are_boundary(coverage):
-    page = scan_coverage_page(coverage, StateMesh.of(coverage), SENSOR, "two scans", {}, 0, 1)
+    page = scan_coverage_page(coverage, StateMesh.of(coverage), SENSOR, "two scans", 1)
     html = page.to_html()
     assert "Two" not in page.summary
     assert page.summary.startswith("2 scans measured")

@@ -77,7 +77,7 @@ def test_only_surface_in_the_region_counts(method):
     assert part.coverage.total_m2 == pytest.approx(SAMPLES.areas[inside].sum())
     assert part.coverage.met_of_reachable >= 0.8
     assert len(part.views) < len(whole.views)
-    html = plan_page(ROOM, part, part.coverage, {}, 0, 1).to_html()
+    html = plan_page(ROOM, part, part.coverage, 1).to_html()
     assert "in the region" in html
     assert "Dashes: only surface in this region counts." in html
 

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Report of the next stations after scans that were really taken."""
+"""Reports of scans without a model of the scene: what they cover, and where to stand next."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 from nbv.plan.plan import Plan
 from nbv.report.blocks.scan_coverage_blocks import (
@@ -17,8 +14,8 @@ from nbv.report.blocks.scan_coverage_blocks import (
 )
 from nbv.report.blocks.stations import PLACE_COLUMNS, place_cells, scans_table
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.scan_coverage_report import summary
 from nbv.run.wording import count, square_metres
+from nbv.scanning.sensors.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.state_mesh import StateMesh
 
@@ -32,8 +29,6 @@ def next_stations_page(
     plan: Plan,
     coverage: ScanCoverage,
     title: str,
-    options: Mapping[str, Any],
-    seed: int,
     n_threads: int | None = None,
 ) -> Page:
     """Return the report of a plan that continues scans in a place without a model."""
@@ -70,8 +65,6 @@ def next_stations_page(
             Section("Scans so far", (scans_table(scan_map.scans, lettered=True),)),
             *((Section("Surfaces", surfaces_blocks(coverage)),) if coverage.completion else ()),
         ),
-        options=options,
-        seed=seed,
         warnings=(_NO_FLOOR,) if lost else (),
     )
 
@@ -109,3 +102,46 @@ def stations_table(plan: Plan, *, infers: bool = False) -> tuple[Block, ...]:
         f"{plan.stopped_because}."
     )
     return (Table(columns, rows),) * bool(rows) + (Text(note, is_note=True),)
+
+
+def scan_coverage_page(
+    coverage: ScanCoverage,
+    state: StateMesh,
+    sensor: Sensor,
+    title: str,
+    n_threads: int | None = None,
+) -> Page:
+    """Return the report of a coverage, with its mesh and the sensor that was reckoned with."""
+    scans = coverage.scan_map.scans
+    return Page(
+        title=title,
+        kicker="Coverage of scans",
+        summary=summary(coverage),
+        headlines=area_headlines(coverage),
+        bar=area_bar(coverage),
+        sections=(
+            Section(
+                "What was measured, and where the unknown begins", state_blocks(coverage, state, n_threads)
+            ),
+            Section(
+                "Stations",
+                (Gallery((stations_plan(coverage.scan_map, sensor),), 1), scans_table(scans, lettered=True)),
+            ),
+            Section("Where the unknown begins", boundary_blocks(coverage)),
+            Section("Surfaces", surfaces_blocks(coverage)),
+        ),
+    )
+
+
+def summary(coverage: ScanCoverage) -> str:
+    """What was measured, and how well, in a sentence or two."""
+    area, model = coverage.measured, coverage.completion
+    scans = count(len(coverage.scan_map.scans), "scan")
+    share = f"{100 * area.met_m2 / area.total_m2:.1f} %" if area.total_m2 > 0 else "nothing"
+    text = (
+        f"{scans[0].upper()}{scans[1:]} measured {square_metres(area.total_m2)} m\u00b2 of surface, {share} "
+        f"of it at {coverage.requirement.describe()}."
+    )
+    if model is not None:
+        text += f" {square_metres(model.hypothesised_m2)} m\u00b2 more were inferred behind occluders."
+    return text + " How much there is in all nobody knows: no model of the scene was given."
