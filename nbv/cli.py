@@ -20,6 +20,7 @@ from nbv.commands.options.options import (
     SensorOption,
     UnitsOption,
     UpOption,
+    asked_scans,
     parse_choices,
     parse_numbers,
     parse_shape,
@@ -113,16 +114,8 @@ def scan(
     target = None if look is None else parse_numbers(look, 3, "--look")
     from nbv.commands.scan import Stand, run_scan
 
-    run_scan(
-        shared,
-        scene,
-        stand=Stand(eye, target, poses),
-        sensor=sensor,
-        noise=noise,
-        truth=not no_truth,
-        up=up,
-        units=units,
-    )
+    stand = Stand(eye, target, poses)
+    run_scan(shared, scene, stand, sensor, noise, truth=not no_truth, up=up, units=units)
 
 
 app.command(short_help="Where to scan from, and how much that measures.")(plan)
@@ -180,20 +173,10 @@ def complete(
     units: UnitsOption = "m",
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
-    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units)
     wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     from nbv.commands.complete import CompleteRequest, run_complete
-    from scenes.files.scan_request import ScanRequest
 
-    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
-    request = ScanRequest(
-        paths=tuple(scans),
-        intrinsics=camera,
-        depth_scale=depth_scale,
-        poses=poses,
-        units=units,
-        origins=stood,
-    )
     how = CompleteRequest(
         mode=mode,
         sigma_m=sigma,

@@ -22,24 +22,9 @@ from scenes.files.scan_request import ScanRequest, read_request
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CompleteRequest:
-    """How scans are to be completed.
+    """How scans are to be completed, in metres; the range noise is read off each scan when it is None.
 
-    Attributes
-    ----------
-    mode : str
-        How probable inferred area must be.
-    sigma_m : float, optional
-        Range noise, metres; when None it is read off each scan.
-    max_sd_m : float
-        Predicted deviation up to which surfaces are continued, metres.
-    registration_m : float
-        Error of the poses of several scans, metres.
-    texture : bool
-        Whether inferred area is textured.
-    edits : str, optional
-        A file of edits.
-    exports : tuple of "obj" or "e57"
-        Formats beside those that are always written.
+    `edits` is a file, `exports` the formats ("obj", "e57") beside those that are always written.
     """
 
     mode: Mode

@@ -68,14 +68,7 @@ def manifest_beside(path: Path) -> dict[str, Any] | None:
 def describe_record(name: str, content: Content, command: str) -> dict[str, Any] | None:
     """Return kind and headline numbers of an output of a command, None of one that has none.
 
-    Parameters
-    ----------
-    name : str
-        Of the file; that of a fit is free.
-    content : mapping
-        What it holds.
-    command : str
-        What made it, as its manifest says.
+    The name of a fit is free; of others it tells them apart, beside the command in their manifest.
 
     Raises
     ------

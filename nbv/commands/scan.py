@@ -58,7 +58,7 @@ class Stand:
 
 
 def run_scan(
-    shared: Shared, scene: str, *, stand: Stand, sensor: str, noise: str, truth: bool, up: Axis, units: Units
+    shared: Shared, scene: str, stand: Stand, sensor: str, noise: str, *, truth: bool, up: Axis, units: Units
 ) -> None:
     """Scan `scene` from where the sensor stands and write the scans."""
     default = Path("scan.npz")

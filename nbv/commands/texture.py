@@ -120,14 +120,7 @@ def run_texture(
 def texture_bytes(shape: tuple[int, ...], grown: tuple[int, int] | None, *, is_surface: bool = False) -> int:
     """Return about how much memory it takes to fill an image of a shape, or to sample it and grow another.
 
-    Parameters
-    ----------
-    shape : (rows, columns) or (rows, columns, channels)
-        Of the image.
-    grown : (rows, columns), optional
-        Of what is grown.
-    is_surface : bool
-        Whether shading is told apart.
+    The shape is (rows, columns) or (rows, columns, channels), `grown` (rows, columns) of what is grown.
     """
     channels = shape[2] if len(shape) == 3 else 1
     if grown is not None:

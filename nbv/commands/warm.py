@@ -46,17 +46,8 @@ def warm_completion(folder: Path) -> None:
     image = folder / "noise.png"
     noise = np.random.default_rng(0).integers(0, 255, (24, 24, 3), np.uint8)
     Image.fromarray(noise).save(image)
-    stand = Stand((1.0, 1.0, 1.5), (3.0, 3.0, 1.0), None)
-    run_scan(
-        _shared(folder / "scan.npz"),
-        _ROOM,
-        stand=stand,
-        sensor=_sensor(folder / "scanning.toml"),
-        noise="profile",
-        truth=False,
-        up="z",
-        units="m",
-    )
+    stand, sensor = Stand((1.0, 1.0, 1.5), (3.0, 3.0, 1.0), None), _sensor(folder / "scanning.toml")
+    run_scan(_shared(folder / "scan.npz"), _ROOM, stand, sensor, "profile", truth=False, up="z", units="m")
     how = CompleteRequest(
         mode="standard", sigma_m=None, max_sd_m=0.02, registration_m=0.005, texture=True, edits=None
     )
@@ -84,7 +75,7 @@ def _sensor(path: Path) -> str:
 
 
 def _shared(out: Path) -> Shared:
-    return Shared(out=out, seed=0, as_json=False, quiet=True, threads=None, max_memory=None, limits={})
+    return Shared(out=out, quiet=True)
 
 
 if __name__ == "__main__":

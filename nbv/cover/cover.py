@@ -117,22 +117,11 @@ class LowerBound:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cover:
-    """A choice of candidates.
+    """A choice of candidates by their numbers, each adding most to those before it.
 
-    Attributes
-    ----------
-    chosen : tuple of int
-        Numbers of the candidates, each adding most to those before it.
-    is_complete : bool
-        Whether they cover what was wanted; a limit on their number may forbid it.
-    bound : LowerBound
-        How many any complete choice has at least.
-    certificate : Certificate
-        Multipliers that prove the bound of the linear relaxation.
-    steps : int
-        Swaps tried.
-    was_cut_short : bool
-        Whether the clock ended the search: another machine may then find another cover.
+    It is complete when it covers what was wanted, which a limit on their number may forbid. `bound` says how
+    many any complete choice has at least, and `certificate` proves that of the linear relaxation. Where the
+    clock ended the search of so many `steps`, another machine may find another cover.
     """
 
     chosen: tuple[int, ...]

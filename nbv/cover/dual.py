@@ -32,16 +32,9 @@ class Multipliers:
 
 
 def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
-    """Return multipliers that prove a bound near the best.
+    """Return multipliers that prove a bound near the best, of a reduced instance.
 
-    Parameters
-    ----------
-    instance : CoverInstance
-        Reduced: all of its samples coverable.
-    n_chosen : int
-        Size of a choice that is known; the steps aim at it.
-    n_steps : int
-        Steps at the most: two products of the matrix with a vector each.
+    The steps, two products of the matrix with a vector each, aim at the size of a choice that is known.
     """
     sees = instance.matrix.astype(np.float64)
     seen_by = csr_array(sees.T)
@@ -104,18 +97,9 @@ def find_certificate(
 ) -> Certificate:
     """Return the best certificate that the linear relaxation gives, for the original's samples.
 
-    Samples that were merged share a multiplier by their weights; those that were dropped get none.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        The instance, reduced.
-    weights : (n,) float
-        Weights of the original's samples.
-    n_chosen : int
-        Size of a choice that is known.
-    most_entries : int
-        Instances with more entries, and those that HiGHS does not solve, are left to subgradient ascent.
+    Samples that were merged share a multiplier by their `weights` (n,); those that were dropped get none.
+    `n_chosen` is the size of a choice that is known. Instances with more than `most_entries`, and those that
+    HiGHS does not solve, are left to subgradient ascent.
 
     Raises
     ------

@@ -24,16 +24,8 @@ def choose_greedily(
     """Choose candidates by their gain until the instance is met, or there are `n_most`.
 
     A candidate's gain is the weight of what it sees and too few of the chosen see. It only shrinks: one whose
-    old gain is not the largest need not be looked at again.
-
-    Parameters
-    ----------
-    instance : CoverInstance
-        What to cover.
-    n_most : int, optional
-        Choose no more than so many.
-    progress : callable, optional
-        Called with ("cover", percent of the samples, 100).
+    old gain is not the largest need not be looked at again. `progress` is called with ("cover", percent,
+    100).
     """
     worth = np.where(instance.coverable, instance.weights, 0.0)
     need = np.full(instance.n_samples, instance.fold)

@@ -59,20 +59,16 @@ class Links:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OverlapGraph:
-    """Overlaps of the candidates' scans, computed on demand.
+    """Overlaps of the scans of m candidates, computed on demand.
 
     Attributes
     ----------
-    seen : (m, n) csr
+    seen, by_sample : (m, n) csr, (m, n) csc
         Which candidate measures which sample.
-    by_sample : (m, n) csc
-        The same.
     terms : (n, 41) float
         Of each sample, times its area: 1, its point, its point squared, and the Hessian's entries.
     areas : (m,) float
         Square metres that each candidate measures.
-    options : OverlapOptions
-        When two are linked.
     """
 
     seen: csr_array
@@ -156,16 +152,9 @@ _MOST_LOOKS = 2000  # candidates looked at in search of a way from one group of 
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """Views with overlapping scans, and those that no candidate links to them.
+    """Views with overlapping scans: those given, less those that became superfluous, then those added.
 
-    Attributes
-    ----------
-    chosen : tuple of int
-        Candidates: those given, less those that became superfluous, then those added.
-    n_added : int
-        How many were added.
-    apart : tuple of int
-        Those of them that no way joins to the largest group; none when all scans can be registered.
+    `apart` are those of them that no way joins to the largest group; none when all scans can be registered.
     """
 
     chosen: tuple[int, ...]

@@ -27,16 +27,10 @@ _WORD = 64  # bits
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduction:
-    """A smaller instance with the same optimum.
+    """A smaller instance with the same optimum; all of its samples are coverable.
 
-    Attributes
-    ----------
-    instance : CoverInstance
-        The smaller instance; all of its samples are coverable.
-    candidates : (m',) int
-        The numbers of its candidates in the original.
-    sample_of : (n,) int
-        Of each original sample the sample of the reduced instance that it is a part of, or -1.
+    `candidates` (m',) are the numbers of its candidates in the original, `sample_of` (n,) of each original
+    sample the one of the smaller instance that it is a part of, or -1.
     """
 
     instance: CoverInstance

@@ -43,18 +43,9 @@ def polish(
 ) -> Polished:
     """Return the smallest choice that `n_steps` swaps lead to from `chosen`, which must meet the instance.
 
-    Parameters
-    ----------
-    instance : CoverInstance
-        All of its samples coverable (`nbv.cover.reduction`).
-    chosen : sequence of int
-        A choice that meets it.
-    n_steps : int
-        Swaps to try.
-    enough : int
-        Stop at a choice of this size: a lower bound says that there is none smaller.
-    time_budget_s : float, optional
-        Stop after so many seconds; what is found then depends on the machine.
+    All samples are coverable (`nbv.cover.reduction`). The search stops at a choice of the size `enough`: a
+    lower bound says that there is none smaller; and after `time_budget_s` seconds: what is found then depends
+    on the machine.
     """
     if len(chosen) <= enough:
         return Polished(tuple(chosen), 0, False)

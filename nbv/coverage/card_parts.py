@@ -12,15 +12,7 @@ _WIDTH, _HEIGHT = 240, 120  # of the curve, CSS pixels
 
 
 def area_bar(*, met: float, inferred: float, reachable: float) -> tuple[Share, ...]:
-    """Return the whole area by state, as fractions of it.
-
-    Parameters
-    ----------
-    met, inferred : float
-        Measured as required, and modelled or inferred by completion.
-    reachable : float
-        That some candidate could measure as required.
-    """
+    """Return the whole area by state, as fractions of it: measured, modelled or inferred, reachable."""
     known = met + inferred
     return (
         Share("measured", met, MEASURED),

@@ -29,12 +29,7 @@ _SAME_WAY = float(np.cos(np.radians(30.0)))  # normals closer than this may belo
 class CompletedSurfaces:
     """Surfaces that completion finds in some scans, measured and inferred.
 
-    Attributes
-    ----------
-    completion : Completion
-        The completed surfaces.
-    max_sd_m : float
-        A surface is known where its fit has a standard deviation of no more, metres.
+    A surface is known where its fit has a standard deviation of no more than `max_sd_m`, metres.
     """
 
     completion: Completion

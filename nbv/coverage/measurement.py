@@ -31,24 +31,11 @@ _STEEPEST = 10.0  # tangent of incidence up to which the slope of a pixel is all
 
 @dataclass(slots=True, eq=False)
 class CoverageTally:
-    """Coverage so far, while views are added one by one.
+    """Coverage so far of n samples, while views are added one by one.
 
-    What each view sees is cast once and kept: `history` tells it.
-
-    Attributes
-    ----------
-    caster : RayCaster
-        The true scene.
-    samples : SurfaceSamples
-        Where coverage is measured, n of them.
-    requirement : Requirement
-        What counts as met.
-    best_cosine : (n,) float
-        Best cosine of incidence so far.
-    n_views, n_met : (n,) int32
-        How many views see each sample, and how many measure it as required.
-    first_met : (n,) int64
-        Number of the view after which a sample meets the requirement, `NEVER` so far.
+    What each view sees is cast once and kept: `history` tells it. `best_cosine` (n,) is the best cosine of
+    incidence, `n_views` and `n_met` (n,) how many views see each sample, and measure it as required, and
+    `first_met` (n,) the view after which it meets the requirement, `NEVER` so far.
     """
 
     caster: RayCaster

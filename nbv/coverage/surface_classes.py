@@ -25,22 +25,13 @@ class Shares:
 
     Attributes
     ----------
-    views : int
-        After how many views.
-    met : float
-        Share of the area measured as required.
-    modelled : float
-        Share seen, but not as required, within 2 cm of a fitted surface that is known exactly enough.
-    inferred : float
-        Share that is neither, within 2 cm of inferred surface.
-    unknown : float
-        The rest.
+    met, modelled, inferred, unknown : float
+        Measured as required; seen, but not so, within 2 cm of a fitted surface that is known exactly enough;
+        neither, within 2 cm of inferred surface; the rest.
     reached : float
         Share of the reachable area that is not unknown; 1 where nothing is reachable.
-    inferred_m2 : float
-        Area of inferred surface in square metres, right or wrong.
-    right_m2 : float
-        Area of it that lies within 2 cm of the true surface.
+    inferred_m2, right_m2 : float
+        Area of inferred surface in square metres, and how much of it lies within 2 cm of the true surface.
     """
 
     views: int
@@ -67,14 +58,7 @@ def classify(
 ) -> NDArray[np.int8]:
     """Return the class (n,) of each sample of the true surface.
 
-    Parameters
-    ----------
-    samples : SurfaceSamples
-        Of the true surface.
-    met, seen : (n,) bool
-        Which of them views have measured as required, and seen at all.
-    completed : CompletedSurfaces
-        Completion of the views' scans.
+    Views have measured `met` (n,) of them as required, and `seen` (n,); `completed` is made of their scans.
     """
     classes = np.full(len(samples), UNKNOWN, np.int8)
     classes[completed.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
@@ -93,18 +77,7 @@ def shares_of(
 ) -> Shares:
     """Return the shares of `classes` (n,) of the samples, and how much inferred area is true.
 
-    Parameters
-    ----------
-    classes, reachable : (n,) int8, (n,) bool
-        Class of each sample, and whether some candidate could measure it as required.
-    samples : SurfaceSamples
-        Of the true surface.
-    completed : CompletedSurfaces
-        Completion of the scans.
-    truth : LabelledMesh
-        The true surface.
-    views : int
-        How many there are.
+    `reachable` (n,) tells which samples some candidate could measure as required.
     """
     met, modelled, inferred, unknown = (
         float(samples.areas[classes == kind].sum()) / samples.total_m2 for kind in range(len(CLASSES))

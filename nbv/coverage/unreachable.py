@@ -23,18 +23,8 @@ _NEAR = 2.0  # samples this many spacings apart belong together
 class UnreachablePatch:
     """A connected part of one surface that is out of reach for one reason.
 
-    Attributes
-    ----------
-    surface : int
-        The surface it lies on.
-    name : str
-        Its name.
-    reason : str
-        See `nbv.visibility.reachability.Reachability`.
-    area_m2 : float
-        Square metres.
-    centre : (3,) float
-        Mean of its samples, metres, world coordinates.
+    `reason` is one of `nbv.visibility.reachability.REASONS`, `centre` (3,) the mean of its samples, metres,
+    world coordinates.
     """
 
     surface: int

@@ -17,20 +17,12 @@ NEVER = 1 << 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibilityHistory:
-    """What views see, one after the other.
+    """What views see of n samples, one after the other.
 
-    Attributes
-    ----------
-    start : (n + 1,) int64
-        What is seen of sample k stands from `start[k]` to `start[k + 1]`.
-    view : (m,) int64
-        Number of the view, from 1, ascending for each sample; 0 for what was scanned before.
-    cosine : (m,) float
-        Cosine of incidence.
-    first_met : (n,) int64
-        Number of the view after which a sample meets the requirement, `NEVER` where none does.
-    met : tuple of float
-        Share of the area that meets it before the first view and after each.
+    What is seen of sample k stands from `start[k]` to `start[k + 1]`, (n + 1,): number (m,) of the view, from
+    1 and ascending, 0 for what was scanned before, and cosine (m,) of incidence. `first_met` (n,) is the view
+    after which a sample meets the requirement, `NEVER` where none does; `met` the share of the area that
+    meets it before the first view and after each.
     """
 
     start: NDArray[np.int64]

@@ -33,10 +33,7 @@ _FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 class SurfacePrior:
     """How likely a ray that meets nothing known is to meet surface before it leaves the volume.
 
-    Attributes
-    ----------
-    trust : (6,) float
-        That probability for each side (+x, +y, +z, -x, -y, -z) by which the ray would leave.
+    `trust` (6,) is that for each side (+x, +y, +z, -x, -y, -z) by which the ray would leave.
     """
 
     trust: FloatArray
@@ -63,25 +60,17 @@ class ExpectedGain:
 
     Attributes
     ----------
-    boundary : RayCaster
-        The faces between empty voxels and all others.
-    entered : (k,) int64
-        The voxel behind each triangle of the boundary.
+    boundary, entered : RayCaster, (k,) int64
+        The faces between empty voxels and all others, and the voxel behind each of their triangles.
     worth_entering : (n_voxels,) bool
         Voxels that are unknown, and have not been sought in vain too often.
     caster : RayCaster or None
         Seen voxels as they border on unknown ones, and completed surface; None where there is neither.
-    voxel : (m,) int64
-        The voxel of each triangle, -1 for completed surface.
-    normal : (m, 3) float
-        Normal of each triangle, of completed surface towards where it was seen from.
-    doubt : (m,) float
-        Probability that inferred surface is not there; 0 elsewhere.
-    voxels : VoxelMap
-        The map.
+    voxel, normal, doubt : (m,) int64, (m, 3) float, (m,) float
+        Of each of its triangles the voxel, -1 for completed surface; the normal, of completed surface towards
+        where it was seen from; and the probability that inferred surface is not there, 0 elsewhere.
     trust : (6,) float
-        For each side of the volume the probability that a ray which would leave by it, and meets nothing
-        known, meets some surface before.
+        As of `SurfacePrior`.
     """
 
     boundary: RayCaster
@@ -105,16 +94,9 @@ class ExpectedGain:
         completed: CompletedSurfaces,
         trust: FloatArray,
     ) -> ExpectedGain:
-        """Return what views into the unknown space of a map may bring.
+        """Return what views into the unknown space of a map may bring, after completion of its scans.
 
-        Parameters
-        ----------
-        voxels : VoxelMap
-            The map.
-        boundary, entered, worth_entering, trust : RayCaster, (k,) int, (n_voxels,) bool, (6,) float
-            See the attributes.
-        completed : CompletedSurfaces
-            Completion of the scans that the map was made of.
+        `entered` (k,), `worth_entering` (n_voxels,) and `trust` (6,) are as in the attributes.
         """
         faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)

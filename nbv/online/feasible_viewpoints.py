@@ -21,22 +21,10 @@ _LEVEL = 1.5  # voxels by which a patch of floor may lie off the floor's level
 def feasible_viewpoints(
     candidates: Candidates, voxels: VoxelMap, here: Pose, clearance_m: float, *, on_floor: bool, zones: Zones
 ) -> Candidates:
-    """Return the candidates where the sensor can stand; where it stands it may also turn.
+    """Return the candidates where the sensor can stand; where it stands, `here`, it may also turn.
 
-    Parameters
-    ----------
-    candidates : Candidates
-        Where it might.
-    voxels : VoxelMap
-        What is known.
-    here : Pose
-        Where it stands now.
-    clearance_m : float
-        Known free space that it needs around it, metres.
-    on_floor : bool
-        Whether it needs seen floor below, in a room.
-    zones : Zones
-        Where it may not be.
+    It needs known free space of `clearance_m` metres around it and, where `on_floor`, seen floor below in a
+    room.
     """
     allowed = voxels.is_free(candidates.positions, clearance_m)
     if on_floor and not voxels.outside_is_empty:
@@ -50,17 +38,10 @@ def feasible_viewpoints(
 
 
 def has_floor_support(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
-    """Tell below which positions (p, 3) everything is known to be empty, down to seen floor.
+    """Tell below which positions (p, 3) everything is known to be empty, down to seen floor; world, metres.
 
     The floor is the height at which the largest area of seen surface faces upwards: one level for the whole
     volume, so that no tripod stands on a table. Stairs and split levels are not known.
-
-    Parameters
-    ----------
-    voxels : VoxelMap
-        What is known.
-    positions : (p, 3) float
-        Where the sensor would be, world coordinates in metres.
     """
     cell = voxels.grid.index_of(positions)
     floor = _floor_voxels(voxels)

@@ -66,19 +66,14 @@ def best_view(
     ----------
     boundary : RayCaster
         The faces between empty voxels and all others, which end lines of sight.
-    targets : Targets
-        What is worth seeing.
     candidates : Candidates
         Positions that are free, and directions.
-    sensor : Sensor
-        Aperture and range gate.
     required_cosine : float
         At which badly seen surface counts as seen well, margin included.
     expected : ExpectedGain, optional
         What views into unknown space are worth; it replaces the unknown faces among the targets.
     n_most : int
-        Candidates are compared by at most so many of the targets; the gain of the best is that of all
-        targets.
+        Candidates are compared by at most so many of the targets; the gain of the best is that of all.
     n_threads : int, optional
         Threads; the result does not depend on it.
     """

@@ -34,12 +34,8 @@ _FEWEST_VOTES = -2  # so that two scans that end in a voxel outweigh all that we
 class BoundaryFaces:
     """Voxel faces between empty space and anything else.
 
-    Attributes
-    ----------
-    voxel : (n,) int64
-        The voxel that is not empty.
-    centres, outward : (n, 3) float
-        Centre of the face in metres, and unit direction from the voxel into the empty space.
+    `voxel` (n,) is not empty; `centres` (n, 3) are of the faces in metres, and `outward` (n, 3) the unit
+    directions from the voxel into the empty space.
     """
 
     voxel: NDArray[np.int64]
@@ -127,12 +123,7 @@ class VoxelMap:
     def with_scan(self, scan: RangeImage, sensor: Sensor | None, clearance_m: float) -> VoxelMap:
         """Return the map after one more scan; within a room, the place where the sensor stands is free too.
 
-        Parameters
-        ----------
-        scan, sensor
-            As for `integrated`.
-        clearance_m : float
-            Radius in metres of the free space that a standing sensor proves, beside a voxel.
+        A standing sensor proves free space of the radius `clearance_m` metres, beside a voxel.
         """
         voxels = self.integrated(scan, sensor)
         if self.outside_is_empty:

@@ -110,16 +110,9 @@ class Exploration:
 class PlannerState:
     """What the planner knows before it decides.
 
-    Attributes
-    ----------
-    voxels : VoxelMap
-        Map of the volume by the scans so far.
-    attempts : (2, n_voxels) int32
-        How many chosen views should have settled a voxel's badly seen surface (0) and unknown faces (1).
-    prior : SurfacePrior
-        How likely a ray into unknown space is to meet surface.
-    completed : CompletedSurfaces or None
-        Completion of the scans; None without it.
+    `attempts` (2, n_voxels) count the chosen views that should have settled a voxel's badly seen surface (0)
+    and unknown faces (1), `prior` says how likely a ray into unknown space is to meet surface, and
+    `completed` is the completion of the scans; None without it.
     """
 
     voxels: VoxelMap
@@ -151,15 +144,7 @@ class PlannerState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """The next view, or the reason why no further view pays: exactly one of the two.
-
-    Attributes
-    ----------
-    view : BestView or None
-        Where to scan next.
-    reason : str or None
-        Why to stop.
-    """
+    """The next view, or the reason why no further view pays: exactly one of the two."""
 
     view: BestView | None = None
     reason: str | None = None
@@ -277,22 +262,8 @@ def next_view(
 ) -> Decision:
     """Return the candidate view with the largest gain, or why none pays.
 
-    Parameters
-    ----------
-    state : PlannerState
-        What is known.
-    candidates : Candidates
-        Where the sensor may go.
-    here : Pose
-        Where it stands now.
-    sensor : Sensor
-        What scans next.
-    requirement : Requirement
-        What counts as seen well; its incidence counts here.
-    options : PlannerOptions
-        Clearance, stopping, weights, zones.
-    n_threads : int, optional
-        Threads; the result does not depend on it.
+    The sensor, which scans next, stands `here` now; of the requirement its incidence counts. The result does
+    not depend on the number of threads.
     """
     # What is worth seeing: unknown faces and badly seen surface in the region of interest.
     voxels, gain = state.voxels, options.gain

@@ -21,16 +21,10 @@ _SAME = 7.5  # standard deviations of the range by which the steps to both sides
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageNormals:
-    """Local surface of each pixel.
+    """Local surface of each pixel (rows, columns), NaN where unknown.
 
-    Attributes
-    ----------
-    normals : (rows, columns, 3) float
-        World-frame unit normals towards the sensor, NaN where unknown.
-    areas : (rows, columns) float
-        Surface in square metres that each pixel stands for, NaN where unknown.
-    cosine : (rows, columns) float
-        Cosine of incidence, NaN where unknown.
+    `normals` (rows, columns, 3) are world-frame units towards the sensor, `areas` the surface in square
+    metres that each pixel stands for, `cosine` that of incidence.
     """
 
     normals: FloatArray

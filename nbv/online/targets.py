@@ -60,16 +60,9 @@ class GainOptions:
 class Targets:
     """Targets that a view should see.
 
-    Attributes
-    ----------
-    points, normals : (n, 3) float
-        Where a view must look, in free space just before the target; and the target's normal.
-    worth_m2 : (n,) float
-        Weighted area.
-    voxel : (n,) int64
-        Voxel of the target.
-    is_unknown : (n,) bool
-        Unknown face (its worth is foreshortened) or badly seen surface (all or nothing).
+    A view must look at `points` (n, 3) in free space just before the target; `normals` (n, 3) are the
+    target's, `worth_m2` (n,) weighted area, `voxel` (n,) where it is. Unknown faces are foreshortened, badly
+    seen surface counts all or nothing (`is_unknown`, (n,)).
     """
 
     points: FloatArray
@@ -105,18 +98,9 @@ def find_targets(
 ) -> Targets:
     """List unknown faces of the map's boundary and surface that was seen worse than required.
 
-    Parameters
-    ----------
-    voxels, faces : VoxelMap, BoundaryFaces
-        The map and its boundary.
-    required_cosine : float
-        Surfels of lower quality are targets.
-    attempts : (2, n_voxels) int
-        How many views should have settled a voxel's badly seen surface (0) and unknown faces (1).
-    options : GainOptions
-        Weights.
-    completed : CompletedSurfaces, optional
-        Completion of the scans: badly seen surface that it models is worth little.
+    Surfels of lower quality than `required_cosine` are targets. `attempts` (2, n_voxels) count the views that
+    should have settled a voxel's badly seen surface (0) and unknown faces (1). Badly seen surface that
+    `completed` models is worth little.
     """
     side = voxels.grid.voxel_m
     label = voxels.labels[faces.voxel]

@@ -24,21 +24,11 @@ _REFINED = 8  # best poses of the accumulator whose gain is counted exactly
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEvaluation:
-    """What a position sees of the targets in all directions.
+    """What a position sees of n targets in all directions.
 
-    Attributes
-    ----------
-    offsets : (n, 3) float
-        From the position, metres along the world's axes.
-    worth_m2 : (n,) float
-        What each is worth from there.
-    voxel : (n,) int64
-        Voxel of each.
-    is_unknown : (n,) bool
-        Unknown faces, or badly seen surface.
-    side : (n,) int64
-        Side 0..5 (+x, +y, +z, -x, -y, -z) by which a ray that meets nothing known leaves the volume; -1 for
-        what is known to be there.
+    `offsets` (n, 3) are from the position, metres along the world's axes; `worth_m2` (n,) is what each is
+    worth from there. A ray that meets nothing known leaves the volume by the `side` (n,) 0..5 (+x, +y, +z,
+    -x, -y, -z); -1 for what is known to be there.
     """
 
     offsets: FloatArray
@@ -61,14 +51,10 @@ class ViewEvaluation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accumulator:
-    """What each position sees, by direction, over which the aperture slides.
+    """What each position sees, by direction, over which the sensor's aperture slides.
 
     Attributes
     ----------
-    candidates : Candidates
-        The positions and their directions.
-    sensor : Sensor
-        Its aperture.
     offsets : tuple of (k, 3) float
         For each position what it sees in any direction, from there, metres along the world's axes.
     cells : (sum of k,) int
@@ -97,10 +83,7 @@ class Accumulator:
     def best(self, worth: Sequence[FloatArray]) -> int | None:
         """Return the number of the pose that sees the largest worth, the first of equals; None without any.
 
-        Parameters
-        ----------
-        worth : sequence of (k,) float
-            For each position what each that it sees is worth from there.
+        `worth` holds for each position (k,) what each that it sees is worth from there.
         """
         best, most = None, 0.0
         for number in self._promising(worth):

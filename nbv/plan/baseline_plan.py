@@ -25,18 +25,9 @@ from nbv.plan.problem import PlanningProblem, PlanningRun
 def plan_simply(
     problem: PlanningProblem, method: str, views: int | None, rng: np.random.Generator | int | None
 ) -> Plan:
-    """Plan views until the target is met.
+    """Plan views by one of `BASELINES` until the target is met, or there are `views`, 200 when not given.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        What to plan.
-    method : str
-        One of `BASELINES`.
-    views : int, optional
-        Plan no more than so many; 200 when not given.
-    rng : Generator, int or None
-        Chooses the poses of "random", and where "farthest" starts.
+    `rng` chooses the poses of "random", and where "farthest" starts.
     """
     n_most = views or PlannerOptions().max_views
     run = PlanningRun.begin(problem)

@@ -37,17 +37,7 @@ _N_RUNS = 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Baseline:
-    """One planner's coverage.
-
-    Attributes
-    ----------
-    name : str
-        Which planner.
-    knows_scene : bool
-        Whether it was told the scene.
-    met : (n_runs, n_views) float
-        Share of the area that meets the requirement after each view.
-    """
+    """One planner's coverage: `met` (n_runs, n_views), the share that is met after each view of each run."""
 
     name: str
     knows_scene: bool
@@ -66,16 +56,10 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaselineChoice:
-    """What all baselines choose from: candidates, and what each position sees of the samples.
+    """What all baselines choose from: the plan's candidates, and samples thinned to about 4,000.
 
-    Attributes
-    ----------
-    candidates, sensor, requirement, samples
-        The plan's; samples are thinned to about 4,000.
-    before : CoverageTally
-        What scans have measured that were taken before.
-    visible : (n_positions, n_samples) csr
-        Cosines of what each position sees, in any direction.
+    `before` tells what scans have measured that were taken before, `visible` (n_positions, n_samples) the
+    cosines of what each position sees, in any direction.
     """
 
     candidates: Candidates
@@ -121,24 +105,11 @@ def compare_with_baselines(
 ) -> tuple[Baseline, ...]:
     """Measure the baselines with as many views as a plan has (at most 100), and the plan beside them.
 
-    Parameters
-    ----------
-    caster : RayCaster
-        The true scene.
-    plan : Plan
-        A fresh one, with its full coverage: the baselines choose from its candidates, for its sensor and
-        requirement, and are measured on every k-th of its samples, so that about 4,000 remain.
-    scans : sequence of RangeImage
-        Scans that were taken before; all planners begin with what they have measured.
-    rng : Generator, int or None
-        For the 30 random runs, and the starts of the 30 farthest-point runs.
-    n_threads : int, optional
-        Threads that cast; the result does not depend on it.
-
-    Returns
-    -------
-    tuple of Baseline
-        The plan first, named "this plan", then random, farthest-point, visibility-only greedy and greedy.
+    The plan is a fresh one, with its full coverage: the baselines choose from its candidates, for its sensor
+    and requirement, and are measured on every k-th of its samples, so that about 4,000 remain. All begin with
+    what `scans` have measured that were taken before. `rng` is for the 30 random runs, and the starts of the
+    30 farthest-point runs; the result does not depend on the number of threads. The plan comes first, named
+    "this plan", then random, farthest-point, visibility-only greedy and greedy.
 
     Raises
     ------

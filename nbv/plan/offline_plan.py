@@ -32,18 +32,8 @@ def plan_offline(
     """Plan few views that meet the target, with a certified bound on how few could.
 
     Where scans are to overlap, views that could be registered with nothing are left out, and views are added
-    until links join all.
-
-    Parameters
-    ----------
-    problem : PlanningProblem
-        What to plan.
-    views : int, optional
-        Plan no more than so many, those not counted that overlap asks for.
-    options : CoverOptions
-        Budgets.
-    rng : Generator, int or None
-        Drives the search for a smaller plan.
+    until links join all; those do not count towards `views`, the most there may be. `rng` drives the search
+    for a smaller plan.
 
     Raises
     ------

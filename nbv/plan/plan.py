@@ -34,14 +34,9 @@ _CURE = "give the plan.json that `unseen plan` wrote"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resumption:
-    """What a plan was resumed from.
+    """What a plan was resumed from: where the scans that were given have been taken.
 
-    Attributes
-    ----------
-    poses : tuple of Pose
-        Where the scans that were given have been taken.
-    met_fraction : float or None
-        Share of the scene's area that they meet the requirement on; None where the scene is not known.
+    `met_fraction` is the share of the scene's area that they meet the requirement on; None without a scene.
     """
 
     poses: tuple[Pose, ...]

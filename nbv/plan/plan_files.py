@@ -82,12 +82,8 @@ def write_plan_files(plan: Plan, csv_file: Path, trajectory_file: Path) -> None:
 def stations_csv(views: Sequence[View], order: Sequence[int] | None = None) -> str:
     """Return a line for each station, numbered from 1.
 
-    Parameters
-    ----------
-    views : sequence of View
-        The stations.
-    order : sequence of int, optional
-        In which to visit them, from 0; `visit` is a station's place in it, from 1, and empty without.
+    `order` tells from 0 in which to visit them; `visit` is a station's place in it, from 1, and empty
+    without.
     """
     place = {} if order is None else {station: k for k, station in enumerate(order, start=1)}
     rows: list[list[object]] = []

@@ -40,12 +40,7 @@ _SAMPLE_ARRAYS = ("points", "normals", "areas", "face", "surface")
 class SharedArrays:
     """Arrays in a folder that all workers see, as `.npy` files named by the hash of their bytes.
 
-    Attributes
-    ----------
-    folder : str
-        Absolute.
-    names : tuple of (str, str)
-        What each array is called, and the SHA-256 of its bytes.
+    The folder is absolute; `names` say what each array is called, and the SHA-256 of its bytes.
     """
 
     folder: str
@@ -126,15 +121,7 @@ def _samples(samples: SharedArrays, tolerance_m: float, in_morton_order: bool) -
 
 @dataclass(frozen=True, slots=True)
 class RemoteVisibility:
-    """Workers that cast, and the folder that they share.
-
-    Parameters
-    ----------
-    workers : Workers
-        Who casts.
-    folder : Path
-        Seen by all of them under the same path.
-    """
+    """Workers that cast, and the folder that all of them see under the same path."""
 
     workers: Workers
     folder: Path

@@ -31,20 +31,10 @@ def plan_online(
     options: PlannerOptions,
     rng: np.random.Generator | int | None,
 ) -> Plan:
-    """Plan views of a scene that the planner learns of by its scans alone.
+    """Plan views, at most `views`, of a scene that the planner learns of by its scans alone.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        What to plan; its true scene serves to scan, and to measure coverage.
-    views : int, optional
-        Plan no more than so many.
-    noise : str
-        Noise model of the scans.
-    options : PlannerOptions
-        The planner's.
-    rng : Generator, int or None
-        Chooses the start (any candidate; of a plan that is resumed none) and drives the noise.
+    The true scene serves to scan, and to measure coverage. `rng` chooses the start (any candidate; of a plan
+    that is resumed none) and drives the noise.
     """
     rng = np.random.default_rng(rng)
     start = None if problem.scans else problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
@@ -87,16 +77,7 @@ def plan_with_completion(
 ) -> Plan:
     """Plan views until what they meet, and completion models or infers from them, reaches the target.
 
-    Parameters
-    ----------
-    problem : PlanningProblem
-        What to plan.
-    views : int, optional
-        Plan no more than so many; 200 when not given.
-    noise : str
-        Noise model of the simulated scans.
-    rng : Generator, int or None
-        Drives the noise.
+    There are no more than `views`, 200 when not given; `rng` drives the noise of the simulated scans.
     """
     rng = np.random.default_rng(rng)
     run, scans, chosen = PlanningRun.begin(problem), list(problem.scans), list[int]()

@@ -43,15 +43,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tour:
-    """Stations in their order, and the legs between them.
-
-    Attributes
-    ----------
-    order : tuple of int
-        Numbers of the stations.
-    legs : tuple of Leg
-        One fewer.
-    """
+    """Stations by their numbers in their order, and the legs between them."""
 
     order: tuple[int, ...]
     legs: tuple[Leg, ...]
@@ -192,14 +184,8 @@ def _floor_height(points: FloatArray, stations: FloatArray, body_m: float) -> fl
 class Overlap:
     """Two views, counted from 0, whose scans can be registered with one another.
 
-    Attributes
-    ----------
-    first, second : int
-        The views.
-    share : float
-        Of the smaller one's surface, what both measure.
-    stiffness : float
-        Least eigenvalue of the normalised Hessian (`nbv.cover.overlap`).
+    `share` is of the smaller one's surface what both measure, `stiffness` the least eigenvalue of the
+    normalised Hessian (`nbv.cover.overlap`).
     """
 
     first: int
@@ -215,16 +201,9 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stations:
-    """Tour and overlaps of a plan's stations.
+    """A short tour with collision-free legs, and all pairs of a plan's stations that are linked.
 
-    Attributes
-    ----------
-    tour : Tour
-        A short order, with collision-free legs.
-    overlaps : tuple of Overlap
-        All pairs that are linked.
-    n_groups : int
-        Groups of views that links join; 1 when all scans can be registered.
+    `n_groups` are the groups of views that links join; 1 when all scans can be registered.
     """
 
     tour: Tour

@@ -46,16 +46,7 @@ def completion_page(
 ) -> Page:
     """Return the report of one completion.
 
-    Parameters
-    ----------
-    completion : Completion
-        What was found.
-    title : str
-        Of the page.
-    n_threads : int, optional
-        Threads that draw.
-    first_scan : dict, optional
-        What later scans say of what the first one alone inferred, as completion.json holds it.
+    `first_scan` is what later scans say of what the first one alone inferred, as completion.json holds it.
     """
     observed, inferred = completion.observed_m2, completion.hypothesised_m2
     violation = completion.free_space_violation_m2
@@ -222,13 +213,7 @@ def edit_sections(completion: Completion) -> tuple[Section, ...]:
 
 
 def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[Section, ...]:
-    """Return a section with a row for each surface of which something was inferred; none without such.
-
-    Parameters
-    ----------
-    first_scan : dict or None
-        What later scans say of what the first one alone inferred, as completion.json holds it.
-    """
+    """Return a section with a row for each surface of which something was inferred; none without such."""
     if first_scan is None:
         return ()
     rows = []

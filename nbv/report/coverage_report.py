@@ -14,7 +14,7 @@ from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_
 from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
 from nbv.report.blocks.stations import curve, stations
-from nbv.report.page.page import Bar, BarShare, Block, Gallery, Headline, Page, Section, State, Text
+from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, State, Text, shares_bar
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
@@ -38,20 +38,7 @@ def plan_page(
 ) -> Page:
     """Return the report of a plan, with what simple planners reach beside it.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    plan : Plan
-        Its views.
-    coverage : Coverage
-        By them.
-    n_threads : int, optional
-        Threads; the page does not depend on it.
-    baselines : sequence of Baseline
-        What simple planners reach.
-    scans : sequence of RangeImage
-        Those that the plan was resumed from.
+    `scans` are those that the plan was resumed from; the page does not depend on the number of threads.
     """
     find = with_inference if plan.shares else by_views
     found = find(scene, plan, coverage, n_threads, baselines)
@@ -148,22 +135,9 @@ def coverage_page(
     sensor: Sensor,
     n_threads: int | None,
 ) -> Page:
-    """Return the report of stations that are given.
+    """Return the report of stations that are given, and see `seen`, one after the other.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    coverage : Coverage
-        By the stations.
-    given : sequence of View or RangeImage
-        The stations.
-    seen : VisibilityHistory
-        What they see, one after the other.
-    sensor : Sensor
-        By which was reckoned what is reachable.
-    n_threads : int, optional
-        Threads; the page does not depend on it.
+    By `sensor` was reckoned what is reachable; the page does not depend on the number of threads.
     """
     requirement = coverage.requirement
     summary = (
@@ -231,14 +205,7 @@ def coverage_bar(coverage: Coverage) -> Bar:
         ("reachable, not measured", "unknown", missed),
         ("out of reach", "unreachable", coverage.unreachable),
     )
-    total = coverage.total_m2
-    return Bar(
-        "",
-        tuple(
-            BarShare(label, state, share, f"{square_metres(share * total)} m\u00b2")
-            for label, state, share in parts
-        ),
-    )
+    return shares_bar(parts, coverage.total_m2)
 
 
 def overview_pictures(

@@ -49,16 +49,9 @@ UNKNOWN, INFERRED, MEASURED = 0, 1, 2
 class Comparison:
     """What a few scans and the completion give of the true surface.
 
-    Attributes
-    ----------
-    samples : SurfaceSamples
-        Points of the true surface.
-    state : (n,) int8
-        `MEASURED` by some scan at any incidence, `INFERRED` within 2 cm, or `UNKNOWN`.
-    within_close : float
-        Share of the inferred area that lies within 2 cm of the true surface; 1 where nothing was inferred.
-    median_m : float
-        Median distance of inferred area from the true surface, metres; 0 where nothing was inferred.
+    `state` (n,) is of its samples: `MEASURED` by some scan at any incidence, `INFERRED` within 2 cm, or
+    `UNKNOWN`. `within_close` is the share of the inferred area that lies within 2 cm of the true surface,
+    `median_m` its median distance from it in metres; 1 and 0 where nothing was inferred.
     """
 
     samples: SurfaceSamples

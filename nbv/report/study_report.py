@@ -10,7 +10,6 @@ import numpy as np
 from nbv.report.figures.plots import Plot
 from nbv.report.figures.study_plots import colour_of, coverage_curves, views_needed
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count, percent
 from nbv.study.outcome import Group, Outcome, groups_of
 from nbv.study.spec import StudySpec, common_share
@@ -22,17 +21,7 @@ _MOST_PICTURES = 24
 def study_page(
     spec: StudySpec, outcomes: Sequence[Outcome], fallback_title: str
 ) -> tuple[Page, dict[str, Plot]]:
-    """Return the report, and its plots by name.
-
-    Parameters
-    ----------
-    spec : StudySpec
-        What was asked.
-    outcomes : sequence of Outcome
-        What was found.
-    fallback_title : str
-        What the study is called when it has no title.
-    """
+    """Return the report, and its plots by name; `fallback_title` is for a study without title and name."""
     groups = groups_of(outcomes)
     planners = [planner.label for planner in spec.planners]
     share = common_share(spec)
@@ -169,7 +158,7 @@ def telling(columns: Sequence[str], rows: Sequence[Sequence[Cell]], n_fixed: int
 def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, ...]:
     settings = drawn_settings(groups)
     pictures = tuple(
-        _picture(plots[f"coverage-{number}"], ", ".join(setting))
+        plots[f"coverage-{number}"].picture(", ".join(setting))
         for number, setting in enumerate(settings[:_MOST_PICTURES], start=1)
     )
     note = "Lines are medians over the seeds; bands reach from the least to the most."
@@ -181,13 +170,7 @@ def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, 
 def _gallery(plots: Mapping[str, Plot], share: float) -> Gallery:
     title = f"Views until {100 * share:g} % of what can be is measured."
     caption = "Dots are seeds, bars medians; of a plan that never got there the dot is at the far right."
-    return Gallery((_picture(plots["views"], title, caption),), 1)
-
-
-def _picture(plot: Plot, title: str, caption: str = "") -> Picture:
-    return Picture(
-        title=title, caption=caption, png=plot.light, width=plot.width, height=plot.height, dark_png=plot.dark
-    )
+    return Gallery((plots["views"].picture(title, caption),), 1)
 
 
 def _cases_table(outcomes: Sequence[Outcome]) -> Table:

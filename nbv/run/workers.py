@@ -110,17 +110,7 @@ def cluster(address: str, n_threads: int | None = None) -> Iterator[DaskWorkers]
 
 
 class DaskWorkers:
-    """Workers of a dask.distributed client.
-
-    Parameters
-    ----------
-    client
-        Connected.
-    address : str
-        Of its scheduler, for errors.
-    n_threads : int, optional
-        That each piece of work may use.
-    """
+    """Workers of a connected dask.distributed client; `address` is its scheduler's, for errors."""
 
     def __init__(self, client: Any, address: str, n_threads: int | None) -> None:
         self.client, self._address, self._n_threads = client, address, n_threads

@@ -29,18 +29,11 @@ _BAND = 32_768  # pixels at a time: their rays and hits fit into a core's cache
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echo:
-    """Echoes of n beams; a beam without one has range inf and cosine 0.
+    """Echoes of n beams, (n,) each; a beam without one has range inf and cosine 0.
 
-    Attributes
-    ----------
-    ranges : (n,) float
-        Metres.
-    cosine, incidence : (n,) float
-        |cosine| of incidence, the mean over the footprint where there is one, and its angle in radians.
-    reflectivity : (n,) float or float
-        Share of light that the surface scatters.
-    n_rays : (n,) uint8
-        How many rays of the beam the echo is made of.
+    Ranges are metres, `cosine` is |cosine| of incidence, the mean over the footprint where there is one, and
+    `incidence` its angle in radians. `reflectivity` is the share of light that the surface scatters, `n_rays`
+    how many rays of the beam the echo is made of.
     """
 
     ranges: FloatArray
@@ -54,16 +47,9 @@ class Echo:
 class Sight:
     """What the middle rays of n pixels met; inf, -1, NaN and cosine 0 where they met nothing.
 
-    Attributes
-    ----------
-    ranges, cosine, incidence : (n,) float
-        Metres, |cosine| between ray and normal, and its angle in radians.
-    face, surface : (n,) int32
-        Face and surface id.
-    seen : (n,) bool
-        Which of them the second device of a triangulation sees too; without one, which met anything.
-    colour : (n, 3) float32
-        sRGB in 0..1.
+    Of each (n,): metres, |cosine| between ray and normal and its angle in radians, face and surface id, and
+    which the second device of a triangulation has `seen` too; without one, which met anything. `colour` (n,
+    3) is sRGB in 0..1.
     """
 
     ranges: FloatArray
@@ -77,20 +63,10 @@ class Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A scene prepared for ray casting from the pose of a sensor.
+    """A scene and its prepared mesh, for rays from the pose of a sensor.
 
-    Attributes
-    ----------
-    scene : Scene
-        The world.
-    caster : RayCaster
-        Its mesh, prepared.
-    world_from_sensor : Pose
-        Where the sensor stands.
-    partner : Partner, optional
-        The second device of a triangulation.
-    n_threads : int, optional
-        Threads for what is not cast; all cores when not given.
+    `partner` is the second device of a triangulation; what is not cast is done on all cores when `n_threads`
+    is None.
     """
 
     scene: Scene

@@ -27,18 +27,10 @@ _MOST = 1.5  # cell faces that the surface in a cell may fill: a slanted one is 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelQuality:
-    """Pixels with a normal (n,): number, place, incidence, area, and whether they are measured as required.
+    """The n pixels of a scan with a normal, and whether each is measured as required, (n,).
 
-    Attributes
-    ----------
-    pixel : (n,) int64
-        Row * columns + column.
-    points, normals : (n, 3) float
-        World coordinates in metres, and towards the sensor.
-    cosine, areas : (n,) float
-        Cosine of incidence, and square metres.
-    met : (n,) bool
-        Whether it is measured as required.
+    `pixel` (n,) is row * columns + column, `points` and `normals` (n, 3) are world coordinates in metres and
+    towards the sensor, `cosine` and `areas` (n,) the cosine of incidence and square metres.
     """
 
     pixel: NDArray[np.int64]
@@ -83,18 +75,10 @@ class MeasuredArea:
 def measure_area(
     scans: Sequence[RangeImage], requirement: Requirement, grid: VoxelGrid, zones: Zones = EVERYWHERE
 ) -> MeasuredArea:
-    """Measure the surface that scans have measured.
+    """Measure the surface that registered scans have measured; those without a `sigma_m` count as exact.
 
-    Parameters
-    ----------
-    scans : sequence of RangeImage
-        Registered; without a known `sigma_m` they count as exact.
-    requirement : Requirement
-        What counts as measured well enough. With k above 1 so many scans must have measured a cell so.
-    grid : VoxelGrid
-        Cells in which several scans measure the same surface; beyond it nothing counts.
-    zones : Zones
-        Only surface in their region counts, or within 1 cm of it.
+    With k above 1 so many scans must have measured a cell as required. Several scans measure the same surface
+    in a cell of `grid`; beyond it nothing counts, nor outside the region of `zones`, 1 cm around it apart.
     """
     found = [_by_cell(scan, requirement, grid, zones) for scan in scans]
     keys, areas, good = (np.concatenate(part) for part in zip(*found, strict=True))

@@ -100,13 +100,7 @@ def plan_next_stations(
 
 
 def check_aperture(sensor: Sensor) -> Sensor:
-    """Return the sensor.
-
-    Raises
-    ------
-    InputError
-        A profile scanner, which sees one plane at a time: no place lies in its aperture.
-    """
+    """Return the sensor; InputError for a profile scanner, in whose plane no place lies."""
     if sensor.kind == "line":
         raise InputError(
             f"{sensor.name} sees a line at a time, so that no single view of it is worth anything; "

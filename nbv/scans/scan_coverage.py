@@ -26,20 +26,9 @@ from scenes.scan.range_image import RangeImage
 
 @dataclass(frozen=True, slots=True)
 class RecognisedSurface:
-    """A surface that completion recognised.
+    """A surface that completion recognised: number from 1, as in `completion.json`, areas in square metres.
 
-    Attributes
-    ----------
-    id : int
-        Number from 1, as in `completion.json` of the same scans.
-    kind : str
-        Plane, cylinder, ...
-    observed_m2 : float
-        Measured area, square metres.
-    met : float
-        Share of what the scans' pixels measured of it that meets the requirement.
-    hypothesised_m2 : float
-        Inferred area, square metres.
+    `met` is the share of what the scans' pixels measured of it that meets the requirement.
     """
 
     id: int
@@ -51,25 +40,7 @@ class RecognisedSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanCoverage:
-    """Coverage of a place without a model by its scans.
-
-    Attributes
-    ----------
-    scan_map : ScanMap
-        The scans and their voxels.
-    requirement : Requirement
-        What counts as measured well enough.
-    zones : Zones
-        Where surface counts.
-    measured : MeasuredArea
-        Measured surface, as required and worse.
-    unseen : UnseenBoundary
-        The boundary of what is not known.
-    completion : Completion or None
-        Surface that was recognised and continued; None where that was not asked for.
-    surfaces : tuple of RecognisedSurface
-        Its surfaces.
-    """
+    """Coverage of a place without a model by its scans; without `completion` nothing was continued."""
 
     scan_map: ScanMap
     requirement: Requirement
@@ -107,18 +78,10 @@ def cover_by_scans(
     completion: Completion | None = None,
     zones: Zones = EVERYWHERE,
 ) -> ScanCoverage:
-    """Report what scans have measured, what completion infers, and where the unknown begins.
+    """Report what scans have measured, what their completion infers, and where the unknown begins.
 
-    Parameters
-    ----------
-    scan_map : ScanMap
-        The scans and their voxels.
-    requirement : Requirement, optional
-        What counts as measured well enough.
-    completion : Completion, optional
-        Completion of the map's scans; None leaves inferring out.
-    zones : Zones
-        Measured surface and boundary count within their region alone; what is inferred counts everywhere.
+    Measured surface and boundary count within the region of `zones` alone; what is inferred counts
+    everywhere.
     """
     requirement, grid = requirement or Requirement(), scan_map.voxels.grid
     measured = measure_area(scan_map.scans, requirement, grid, zones)

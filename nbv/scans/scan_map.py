@@ -40,10 +40,8 @@ class ScanMap:
     ----------
     scans : tuple of RangeImage
         World coordinates; each with the deviation of its ranges, read off the scan where it was not known.
-    voxels : VoxelMap
-        What they say of the volume that they measured in.
-    mode : "room" or "object"
-        Whether the sensor stands within the volume or moves around it.
+    voxels, mode : VoxelMap, "room" or "object"
+        What they say of the volume, and whether the sensor stands within it or moves around it.
     floor_m : float or None
         Height of the floor that scanners stand on; None where none was seen below them.
     clearance_m : float
@@ -66,20 +64,10 @@ class ScanMap:
         options: PlannerOptions | None = None,
         zones: Zones = EVERYWHERE,
     ) -> ScanMap:
-        """Write scans into the voxels of the volume that they measured in.
+        """Write registered scans, z up, into the voxels of the volume that they measured in.
 
-        Parameters
-        ----------
-        scans : sequence of RangeImage
-            Registered, z up.
-        sensor : Sensor
-            What will scan next. Pixels without return of scans that another instrument took say nothing.
-        mode : "room" or "object"
-            Whether the sensor stands within the volume or moves around it.
-        options : PlannerOptions, optional
-            Voxels and clearance.
-        zones : Zones
-            A region enlarges a room's volume where it reaches beyond it, and is that of an object.
+        Pixels without return of scans that another instrument than `sensor`, which scans next, took say
+        nothing. A region enlarges a room's volume where it reaches beyond it, and is that of an object.
 
         Raises
         ------

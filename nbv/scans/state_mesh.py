@@ -26,20 +26,11 @@ _LONGEST = 6.0  # pixels, and standard deviations, that an edge between neighbou
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateMesh:
-    """Triangles of surface and of boundary in world coordinates.
+    """Triangles of surface and of boundary in world coordinates, n vertices in metres and m faces.
 
-    Attributes
-    ----------
-    mesh : LabelledMesh
-        Vertices in metres; each face's `face_surface` is its state, an index into `STATES`.
-    state : (n,) uint8
-        State of each vertex.
-    cosine : (n,) float32
-        Cosine of incidence of measured vertices; 0 where it is not known, and of all others.
-    front : (m, 3) float
-        To which side each face looks.
-    colour : (n, 3) uint8
-        Natural colour of each vertex, sRGB; mid grey where none is known.
+    Each face's `face_surface` is its state, an index into `STATES`; `front` (m, 3) is to which side it looks.
+    Vertices have a `state` (n,), a `cosine` (n,) of incidence where they were measured and it is known, else
+    0, and a natural `colour` (n, 3), sRGB; mid grey where none is known.
     """
 
     mesh: LabelledMesh

@@ -54,19 +54,10 @@ class UnseenBoundary:
         stood: FloatArray | None = None,
         clearance_m: float = 0.0,
     ) -> UnseenBoundary:
-        """Return the unseen boundary of a map.
+        """Return the unseen boundary of a map, in the region of `zones`; `surface` may explain a shadow.
 
-        Parameters
-        ----------
-        voxels : VoxelMap
-            What is known.
-        surface : LabelledMesh, optional
-            Measured and inferred surface, which may explain a shadow.
-        zones : Zones
-            Only faces in their region count.
-        stood, clearance_m : (m, 3) float, float
-            Where sensors stood, and within which distance space counts as empty for that reason alone: the
-            end of it is no boundary that a scan has found. Metres.
+        Where sensors `stood` (m, 3) space counts as empty within `clearance_m` for that reason alone: the end
+        of it is no boundary that a scan has found. Metres.
         """
         faces = voxels.boundary()
         label = voxels.labels[faces.voxel]

@@ -35,19 +35,10 @@ _LONGEST = 24  # characters of each part of a name
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One plan of a study.
+    """One plan of a study, made of its entries.
 
-    Attributes
-    ----------
-    name : str
-        For people and for its file.
-    key : str
-        SHA-256 of all that its result depends on: the scene's bytes, sensor, requirement, planner, sampling,
-        seed, and the versions of the numeric packages.
-    scene, sensor, requirement, planner, sampling
-        Entries of the study.
-    seed : int
-        Of everything random.
+    `key` is the SHA-256 of all that its result depends on: the scene's bytes, sensor, requirement, planner,
+    sampling, seed, and the versions of the numeric packages.
     """
 
     name: str

@@ -18,19 +18,11 @@ _GREY = 0.2  # reflectivity for which data sheets state noise, where nothing is 
 class Precision:
     """Density and precision of the points that an instrument measures on a surface.
 
-    Pixels and depth noise are taken at the middle of the image: off the axis pixels lie denser, so that the
-    density is a lower limit there.
-
-    Attributes
-    ----------
-    pixel_angle : float
-        Between neighbouring rays, radians.
-    effects : Effects
-        Noise, pointing and quantisation count; the surface reflects what `effects.intensity` says, else 20 %.
-    registration_sd_m : float
-        Standard deviation of a station's position in each direction, metres.
-    averaging_radius_m : float
-        A surface point is the mean of what was measured in a disc of this radius; 0 for single points.
+    Pixels, `pixel_angle` radians apart, and depth noise are taken at the middle of the image: off the axis
+    pixels lie denser, so that the density is a lower limit there. Of the effects noise, pointing and
+    quantisation count; the surface reflects what `effects.intensity` says, else 20 %. A station's position
+    has a standard deviation in each direction, metres; a surface point is the mean of what was measured in a
+    disc of the averaging radius, 0 for single points.
     """
 
     pixel_angle: float

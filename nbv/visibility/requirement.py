@@ -21,18 +21,10 @@ ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with 
 
 @dataclass(frozen=True, slots=True)
 class SightLimits:
-    """Limits within which a line of sight counts.
+    """Limits within which a line of sight counts: |cosine| of incidence, range gate in metres.
 
-    Attributes
-    ----------
-    min_cosine : float
-        Smallest |cosine| of incidence.
-    min_range_m, max_range_m : float
-        Range gate, metres.
-    min_density_per_m2, max_sd_m : float
-        Fewest points on a square metre, largest standard deviation in metres; they need `precision`.
-    precision : Precision, optional
-        What the instrument makes of a surface.
+    Fewest points on a square metre and largest standard deviation in metres need `precision`: what the
+    instrument makes of a surface.
     """
 
     min_cosine: float = GRAZING_COSINE

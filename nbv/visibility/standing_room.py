@@ -60,16 +60,8 @@ class FreeSpace:
     """The largest connected space of a scene's bounding box that no surface passes through.
 
     Faces need no orientation: the inside of a closed box is another, smaller component. Rooms behind closed
-    doors are other components too; a walking scanner does not get there.
-
-    Attributes
-    ----------
-    grid : VoxelGrid
-        Cells of the bounding box.
-    free : (n_voxels,) bool
-        Cells of the largest component.
-    surface : cKDTree
-        Dense samples of the mesh, metres.
+    doors are other components too; a walking scanner does not get there. `free` (n_voxels,) are its cells,
+    `surface` dense samples of the mesh, metres.
     """
 
     grid: VoxelGrid

@@ -72,20 +72,8 @@ def visible_from_positions(
 ) -> csr_array:
     """Cosines (n_positions, n_samples), sparse, of the samples seen from each position in any direction.
 
-    Parameters
-    ----------
-    caster : RayCaster
-        The mesh.
-    positions : (p, 3) float
-        World coordinates, metres.
-    samples : SurfaceSamples
-        What to see.
-    limits : SightLimits
-        Which lines of sight count.
-    n_threads : int, optional
-        Threads; all cores when not given. The result does not depend on it.
-    progress : callable, optional
-        Called with ("visibility", done, total).
+    Positions (p, 3) are world coordinates, metres. The result does not depend on the number of threads;
+    `progress` is called with ("visibility", done, total).
     """
     everything = np.arange(len(samples))
     rows = []
@@ -129,25 +117,10 @@ def orient(
 ) -> csr_array:
     """Split each position's row into one row for each of its orientations: what is in the sensor's aperture.
 
-    Values are kept. Ones of 8 bits save memory where only visibility counts.
-
-    Parameters
-    ----------
-    visible : (p, n) csr
-        From `visible_from_positions`.
-    positions : (p, 3) float
-        Metres.
-    rotations : (d, 3, 3) or (p, d, 3, 3) float
-        World from sensor; the same for all positions, or each position's own.
-    points : (n, 3) float
-        The samples.
-    sensor : Sensor
-        Its aperture.
-
-    Returns
-    -------
-    (p * d, n) csr
-        Row i * d + j belongs to position i and orientation j.
+    Of `visible` (p, n) from `visible_from_positions` values are kept; ones of 8 bits save memory where only
+    visibility counts. Rotations (d, 3, 3) or (p, d, 3, 3) are world from sensor, the same for all positions
+    (p, 3) or each one's own; points (n, 3) are the samples, metres. In (p * d, n) row i * d + j belongs to
+    position i and orientation j.
     """
     rows = []
     for i, position in enumerate(positions):

@@ -8,11 +8,15 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
 from nbv.commands.process.run import Shared
+
+if TYPE_CHECKING:
+    from scenes.files.scan_files import Units
+    from scenes.files.scan_request import ScanRequest
 
 
 def parse_bytes(text: str, option: str) -> int:
@@ -198,24 +202,9 @@ def with_shared(command: Given) -> Given:
     return run
 
 
-def _shared(
-    out: Path | None,
-    seed: int,
-    as_json: bool,
-    quiet: bool,
-    threads: int | None,
-    max_memory: str | None,
-    limit: list[str] | None,
-) -> Shared:
-    return Shared(
-        out=out,
-        seed=seed,
-        as_json=as_json,
-        quiet=quiet,
-        threads=threads,
-        max_memory=None if max_memory is None else parse_bytes(max_memory, "--max-memory"),
-        limits=parse_limits(limit or (), "--limit"),
-    )
+def _shared(max_memory: str | None, limit: list[str] | None, **rest: Any) -> Shared:
+    memory = None if max_memory is None else parse_bytes(max_memory, "--max-memory")
+    return Shared(**rest, max_memory=memory, limits=parse_limits(limit or (), "--limit"))
 
 
 _SHARED: dict[str, tuple[Any, Any]] = {
@@ -227,3 +216,19 @@ _SHARED: dict[str, tuple[Any, Any]] = {
     "max_memory": (MaxMemory, None),
     "limit": (Limit, None),
 }
+
+
+def asked_scans(
+    paths: Sequence[str] | None,
+    intrinsics: str | None,
+    depth_scale: float | None,
+    poses: str | None,
+    origin: Sequence[str] | None,
+    units: Units,
+) -> ScanRequest:
+    """Return the scans that a command is given; what cannot be read is a usage error."""
+    from scenes.files.scan_request import ScanRequest
+
+    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
+    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
+    return ScanRequest(tuple(paths or ()), camera, depth_scale, poses, units=units, origins=stood)

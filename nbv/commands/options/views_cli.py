@@ -15,6 +15,7 @@ from nbv.commands.options.options import (
     SensorOption,
     UnitsOption,
     UpOption,
+    asked_scans,
     parse_numbers,
     with_shared,
 )
@@ -90,11 +91,9 @@ def plan(
         raise typer.BadParameter(f"{option} is for plans of a known scene: add --method cover")
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
-    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
-    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
+    given = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units="m" if scene else units)
     from nbv.commands.plan import PlanRequest, run_plan
     from nbv.commands.scans import run_next_stations
-    from scenes.files.scan_request import ScanRequest
 
     request = PlanRequest(
         method=method,
@@ -115,14 +114,7 @@ def plan(
         views=views,
         mode=mode,
         candidates=candidates,
-        scans=ScanRequest(
-            paths=tuple(scans or ()),
-            intrinsics=camera,
-            depth_scale=depth_scale,
-            poses=poses,
-            units="m" if scene else units,
-            origins=stood,
-        ),
+        scans=given,
         region=box,
         keep_out=boxes,
         noise=noise,
@@ -158,22 +150,13 @@ def coverage(
         raise typer.BadParameter("give either --plan plan.json or --scans SCAN, one or more times")
     if scene is None and plan is not None:
         raise typer.BadParameter("a plan alone measures nothing: give SCENE too")
-    camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
-    stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
+    given = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units="m" if scene else units)
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scans import run_scan_coverage
-    from scenes.files.scan_request import ScanRequest
 
     request = CoverageRequest(
         plan=plan,
-        scans=ScanRequest(
-            paths=tuple(scans or ()),
-            intrinsics=camera,
-            depth_scale=depth_scale,
-            poses=poses,
-            units="m" if scene else units,
-            origins=stood,
-        ),
+        scans=given,
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,

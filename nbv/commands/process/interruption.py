@@ -13,13 +13,7 @@ import typer
 
 
 class Interruption(KeyboardInterrupt):
-    """A signal that asks the command to end.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
-    """
+    """A signal, by its number, that asks the command to end."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)

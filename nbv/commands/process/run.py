@@ -30,59 +30,25 @@ _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
 class Shared:
     """Options that every command has.
 
-    Attributes
-    ----------
-    out : Path, optional
-        Folder or file to write; the command's default when not given.
-    seed : int
-        Of everything random.
-    as_json : bool
-        Print one JSON object on stdout and nothing else there.
-    quiet : bool
-        Print nothing.
-    threads : int, optional
-        Threads; one for each core when not given. Results do not depend on it.
-    max_memory : int, optional
-        Bytes.
-    limits : mapping
-        Limits of what files may hold, by name, other than the defaults; see `scenes.run.file_limits`.
+    `out` is the folder or file to write, the command's default when not given; `max_memory` are bytes, and
+    `limits` those of what files may hold that are not the defaults, by name; see `scenes.run.file_limits`.
     """
 
-    out: Path | None
-    seed: int
-    as_json: bool
-    quiet: bool
-    threads: int | None
-    max_memory: int | None
+    out: Path | None = None
+    seed: int = 0
+    as_json: bool = False
+    quiet: bool = False
+    threads: int | None = None
+    max_memory: int | None = None
     limits: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class Run:
-    """One run of a command, whose outputs all appear at its end.
+    """One run of a command, whose outputs wait in `stage` until all are written, and appear at its end.
 
-    Attributes
-    ----------
-    command : str
-        Its name.
-    shared : Shared
-        Options that every command has.
-    out : Path
-        The folder or file to write.
-    is_folder : bool
-        Which of the two.
-    watch : Stopwatch
-        Times its stages.
-    progress : callable
-        Tells how far a stage is.
-    stage : Stage
-        Where outputs wait until all are written.
-    inputs : Inputs
-        What the command reads, as hashed by `read`.
-    kept : dict of str to Path
-        Outputs that are in the folder already, by their names there.
-    costs : dict
-        Times and memory of parts, for the manifest.
+    `inputs` are what `read` has hashed, `kept` outputs that are in the folder already, by their names there,
+    `costs` times and memory of parts, for the manifest.
     """
 
     command: str

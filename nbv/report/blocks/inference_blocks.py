@@ -14,7 +14,7 @@ from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.plan_findings import PlanFindings, measured_sentence, met_before
 from nbv.report.figures.plots import class_curve
-from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, Section, State, Table, Text
+from nbv.report.page.page import Bar, Block, Cell, Headline, Section, State, Table, Text, shares_bar
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
@@ -83,13 +83,7 @@ def class_headlines(shares: Shares) -> tuple[Headline, ...]:
 def class_bar(shares: Shares, total_m2: float) -> Bar:
     """The whole area by class."""
     labels = ("measured as required", "modelled", "inferred", "unknown")
-    return Bar(
-        "",
-        tuple(
-            BarShare(label, state, amount, f"{square_metres(amount * total_m2)} m\u00b2")
-            for label, state, amount in zip(labels, _STATES, _amounts(shares), strict=True)
-        ),
-    )
+    return shares_bar(zip(labels, _STATES, _amounts(shares), strict=True), total_m2)
 
 
 def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
@@ -184,14 +178,7 @@ def curve_of_classes(plan: Plan, coverage: Coverage) -> Picture:
         "Share of all surface area. Grey: measured as required; dotted: modelled; blue: inferred. "
         "The target asks for a share of what views can reach; some of what is inferred lies beyond that."
     )
-    return Picture(
-        title="What is known by number of views.",
-        caption=caption,
-        png=plot.light,
-        width=plot.width,
-        height=plot.height,
-        dark_png=plot.dark,
-    )
+    return plot.picture("What is known by number of views.", caption)
 
 
 def class_pictures(

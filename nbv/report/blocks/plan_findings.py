@@ -20,26 +20,9 @@ from nbv.run.wording import count, percent, square_metres
 class PlanFindings:
     """What a plan achieves, in words, figures and pictures.
 
-    Attributes
-    ----------
-    summary : str
-        Plain sentences.
-    headlines : tuple of Headline
-        The large figures beside the number of views.
-    bar : Bar
-        The whole area in its parts.
-    meanings : tuple of Section
-        What the parts mean, where that needs telling.
-    curve : Picture
-        The parts by number of views.
-    overview : str
-        Title above where they are.
-    pictures : tuple of Picture
-        Where they are, for those who cannot see it in three dimensions.
-    note : str
-        What the colours mean.
-    surfaces : Table
-        The parts of each surface.
+    `headlines` stand beside the number of views, `bar` is the whole area in its parts, `meanings` say what
+    these are where that needs telling, `curve` shows them by number of views, `surfaces` surface by surface.
+    `pictures` under the title `overview` show where they are, `note` what their colours mean.
     """
 
     summary: str

@@ -13,7 +13,7 @@ from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, State, Table, Text
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
-from nbv.report.pictures.drawing import MeshDrawing, blend, mark_unknown
+from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, paint_states
 from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.state_view import state_view
@@ -108,12 +108,7 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)
         found[hit] = mesh.face_surface[layer.face[hit]]
-        image = np.zeros((*hit.shape, 4))
-        for value, colour in enumerate(_COLOURS):
-            here = found == value
-            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
-            image[here, 3] = 1.0
-        image = blend(mark_unknown(image, found == SHADOW), found == SHADOW)
+        image = mark_hatched(paint_states(found, shade, dict(enumerate(_COLOURS))), found == SHADOW)
         pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
     return tuple(pictures)
 
@@ -139,14 +134,7 @@ def stations_plan(
         caption += " Dots: the next stations, in order."
     caption += f" Around each its field of view up to {reach:.2g} m."
     caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
-    return Picture(
-        title="Plan.",
-        caption=caption,
-        png=plot.light,
-        width=plot.width,
-        height=plot.height,
-        dark_png=plot.dark,
-    )
+    return plot.picture("Plan.", caption)
 
 
 def _outline(scan_map: ScanMap) -> tuple[FloatArray, str]:

@@ -13,7 +13,7 @@ from nbv.coverage.coverage import Coverage
 from nbv.plan.baselines import Baseline
 from nbv.plan.tour import Tour
 from nbv.report.figures.floor_plan import FloorPlan, letters
-from nbv.report.figures.plots import Plot, coverage_curve
+from nbv.report.figures.plots import coverage_curve
 from nbv.report.page.page import Cell, Table
 from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count
@@ -48,7 +48,7 @@ def curve(
         caption += " Blue: what was inferred from a few scans, on top of what they measured at any incidence."
     if others:
         caption += " Thin: what simple planners reach on the same candidates, medians of their runs."
-    return _picture(plot, "Coverage by number of views.", caption)
+    return plot.picture("Coverage by number of views.", caption)
 
 
 def stations(
@@ -85,7 +85,7 @@ def stations(
         caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
     caption += zones_caption(zones)
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
-    return _picture(plan.plot(), "Plan.", f"{caption} Cut at {height:.2f} m height.")
+    return plan.plot().picture("Plan.", f"{caption} Cut at {height:.2f} m height.")
 
 
 def field_length(bounds: FloatArray) -> float:
@@ -132,12 +132,6 @@ def outline_of(scene: Scene) -> FloatArray:
     mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
     cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height + 1e-6))
     return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
-
-
-def _picture(plot: Plot, title: str, caption: str) -> Picture:
-    return Picture(
-        title=title, caption=caption, png=plot.light, width=plot.width, height=plot.height, dark_png=plot.dark
-    )
 
 
 PLACE_COLUMNS = ("position x, y, z, m", "#heading, \u00b0", "#elevation, \u00b0")

@@ -28,20 +28,14 @@ class FloorPlan:
         Segments of walls and objects at the height of the cut.
     bounds : (2, 3) float
         What to show at least.
-    positions : (n, 3) float
-        Stations in order, numbered from 1.
-    fields : sequence of (k, 2) float
-        Outline of what each sees from above; none where that is not to be shown.
+    positions, given : (n, 3), (m, 3) float
+        Stations in order, numbered from 1; and those that had been there before, with letters.
+    fields, given_fields : sequences of (k, 2) float
+        Outline of what each of these sees from above; none where that is not to be shown.
     highlighted : sequence of int
         Stations in the colour of what is inferred, counted from 0.
-    given : (m, 3) float
-        Stations that had been there before: hollow squares, with letters.
-    given_fields : sequence of (k, 2) float
-        Outline of what each of these sees from above.
     ways : sequence of (k, 3) float
         Ways from station to station.
-    zones : Zones
-        The region in dashes, what is to be kept out of hatched.
     """
 
     outline: FloatArray

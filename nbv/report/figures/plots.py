@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
+from nbv.report.pictures.picture import Picture
 from scenes.checks import FloatArray
 
 _DPI = 180
@@ -55,6 +56,10 @@ class Plot:
     width: int
     height: int
 
+    def picture(self, title: str, caption: str = "") -> Picture:
+        """Return it as a picture of a page."""
+        return Picture(title, caption, self.light, self.width, self.height, dark_png=self.dark)
+
 
 def coverage_curve(
     met: Sequence[float],
@@ -67,22 +72,10 @@ def coverage_curve(
 ) -> Plot:
     """Plot the measured share of the area against the number of views.
 
-    Parameters
-    ----------
-    met : sequence of float
-        Share of all area after each view.
-    reachable : float, optional
-        Share that any view could measure.
-    target : float, optional
-        Share of the reachable area that was wanted.
-    bound : int, optional
-        Views that any plan needs at least.
-    inferred : (int, float, float), optional
-        Number of scans, share measured by them, and share after what was inferred from them.
-    start : float
-        Share before the first view.
-    others : mapping, optional
-        What other planners reach: share after each view, by name.
+    `met` is the share after each view, `start` that before the first; `target` is a share of what is
+    `reachable`, and `bound` the number of views that any plan needs. `inferred` are a number of scans, the
+    share that they measured, and the share after what was inferred from them; `others` the shares (n,) that
+    other planners reach, by name.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
@@ -121,10 +114,7 @@ def coverage_curve(
                 color=theme.inferred, fontsize=8.5, fontweight="bold",
             )  # fmt: skip
         axes.set_xlim(0, last * 1.02)
-        axes.set_ylim(0, 106)
-        axes.set_xlabel("views")
-        axes.set_ylabel("measured as required, % of the area")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        label_views(axes, "measured as required, % of the area")
 
     return drawn_plot(draw, (5.4, 4.1))
 
@@ -132,15 +122,8 @@ def coverage_curve(
 def class_curve(tops: FloatArray, reachable: float, target: float | None) -> Plot:
     """Plot the shares of the area that are measured as required, modelled and inferred, as stacked steps.
 
-    Parameters
-    ----------
-    tops : (3, n + 1) float
-        Share that is measured; measured or modelled; measured, modelled or inferred: before the first view
-        and after each.
-    reachable : float
-        Share that any view could measure.
-    target : float, optional
-        Share of the reachable area that was wanted.
+    `tops` (3, n + 1) are what is measured; that or modelled; these or inferred: before the first view and
+    after each. The target is a share of what is reachable.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
@@ -162,10 +145,7 @@ def class_curve(tops: FloatArray, reachable: float, target: float | None) -> Plo
         if target is not None and target < 1:
             _level(axes, 100 * reachable * target, f"target {100 * target:g} % of it", theme, below=True)
         axes.set_xlim(0, n + _LAST_STEP)
-        axes.set_ylim(0, 106)
-        axes.set_xlabel("views")
-        axes.set_ylabel("% of the area")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        label_views(axes, "% of the area")
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8,
                     handlelength=1.4, columnspacing=1.2, borderaxespad=0.2)  # fmt: skip
 
@@ -183,6 +163,14 @@ def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
     colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
     colours[..., 3] = valid
     return colours, float(low), float(high)
+
+
+def label_views(axes: Axes, text: str, top: float = 106) -> None:
+    """Let views run to the right, and percent with the label `text` up to `top`."""
+    axes.set_ylim(0, top)
+    axes.set_xlabel("views")
+    axes.set_ylabel(text)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _level(axes: Axes, percent: float, text: str, theme: Theme, *, below: bool = False) -> None:

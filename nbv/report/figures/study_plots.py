@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
-from nbv.report.figures.plots import Plot, Theme, drawn_plot
+from nbv.report.figures.plots import Plot, Theme, drawn_plot, label_views
 from nbv.study.outcome import Group
 
 # Okabe and Ito's palette without the two that vanish on white or on black; the dashes tell lines apart
@@ -28,12 +27,7 @@ def colour_of(planner: int) -> str:
 def coverage_curves(groups: Sequence[Group], planners: Sequence[str]) -> Plot:
     """Plot the share of the reachable area against views: medians over seeds, and from least to most.
 
-    Parameters
-    ----------
-    groups : sequence of Group
-        Planners in one setting, at least one with outcomes.
-    planners : sequence of str
-        All planners of the study: each has its colour in all plots.
+    The groups are of one setting; each of all `planners` of the study has its colour in all plots.
     """
 
     def draw(axes: Axes, theme: Theme) -> None:
@@ -54,10 +48,7 @@ def coverage_curves(groups: Sequence[Group], planners: Sequence[str]) -> Plot:
                 textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip
         axes.set_xlim(left=0)
-        axes.set_ylim(0, 103)
-        axes.set_xlabel("views")
-        axes.set_ylabel("measured as required, % of what can be")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        label_views(axes, "measured as required, % of what can be", 103)
         axes.legend(loc="lower right", frameon=False, fontsize=8)
 
     return drawn_plot(draw, (_WIDTH, 3.9))

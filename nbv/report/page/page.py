@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -19,6 +19,7 @@ from nbv.report.pictures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, P
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.encoding import encoded
 from nbv.run.manifest import versions
+from nbv.run.wording import square_metres
 from scenes.run.atomic import write_text
 
 State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
@@ -51,6 +52,12 @@ class Bar:
     label: str
     shares: tuple[BarShare, ...]
     kind: ClassVar[str] = "bar"
+
+
+def shares_bar(parts: Iterable[tuple[str, State, float]], total_m2: float) -> Bar:
+    """Return the bar of a whole area in square metres, by label, state and share of each part."""
+    shares = [BarShare(*part, f"{square_metres(part[2] * total_m2)} m\u00b2") for part in parts]
+    return Bar("", tuple(shares))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,26 +122,9 @@ class Section:
 class Page:
     """A report.
 
-    Attributes
-    ----------
-    title, kicker : str
-        What it is about, and above it what kind of report it is.
-    summary : str
-        One or two plain sentences: the result.
-    headlines : tuple of Headline
-        At most six large figures.
-    bar : Bar or None
-        The whole at a glance.
-    sections : tuple of Section
-        The rest.
-    options : mapping
-        What was asked for; no times, no paths.
-    seed : int
-        Of everything random.
-    warnings : tuple of str
-        What the reader should know first.
-    inputs : tuple of (str, str)
-        Name of each input file, and its SHA-256.
+    `kicker` says above the title what kind of report it is, `summary` in a sentence or two the result, and at
+    most six `headlines` and the `bar` tell it in figures. `options` are what was asked for, without times and
+    paths, `inputs` the name and SHA-256 of each input file, `warnings` what the reader should know first.
     """
 
     title: str

@@ -28,14 +28,8 @@ _BETTER = 1.05  # by this factor more must another side show than the first
 class Camera:
     """A pinhole camera for drawing; it may be left-handed, as scans with a mirrored image axis are.
 
-    Attributes
-    ----------
-    origin : (3,) float
-        Where it stands, world, metres.
-    axes : (3, 3) float
-        Rows: right, down, forward; unit vectors of the world.
-    slope : (2,) float
-        Tangents of half the field of view, across and down.
+    It stands at `origin` (3,), world, metres; rows of `axes` (3, 3) are right, down, forward, and `slope`
+    (2,) the tangents of half its field of view across and down.
     """
 
     origin: FloatArray

@@ -36,15 +36,7 @@ def is_single_camera(scans: list[RangeImage]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelDrawings:
-    """The model with and without inferred area, ready for drawing.
-
-    Attributes
-    ----------
-    before, after : MeshDrawing
-        What was measured, and that with what was inferred.
-    scans : list of RangeImage
-        World coordinates.
-    """
+    """What was measured, and that with what was inferred, ready for drawing; scans in world coordinates."""
 
     before: MeshDrawing
     after: MeshDrawing

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,6 +103,18 @@ class MeshDrawing:
         return shade
 
 
+def paint_states(
+    state: NDArray[np.int64], shade: FloatArray, colours: Mapping[int, tuple[float, ...]]
+) -> FloatArray:
+    """Return the image (rows, columns, 4) of shaded states (rows, columns), see-through without one."""
+    image = np.zeros((*state.shape, 4))
+    for value, colour in colours.items():
+        here = state == value
+        image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
+        image[here, 3] = 1.0
+    return image
+
+
 def mark_inferred(image: FloatArray, where: BoolArray, shade: FloatArray) -> FloatArray:
     """Return the image (rows, columns, 4), pixels `where` (rows, columns) coloured as inferred."""
     painted = image.copy()
@@ -127,6 +139,15 @@ def mark_unknown(image: FloatArray, where: BoolArray) -> FloatArray:
     painted[where, :3] = UNKNOWN
     painted[where, 3] = opacity
     return painted
+
+
+def mark_hatched(image: FloatArray, where: BoolArray) -> FloatArray:
+    """Return the image (rows, columns, 4), pixels at `where` (rows, columns) hatched on white as unknown."""
+    laid = mark_unknown(image, where)
+    opacity = laid[where, 3:]
+    laid[where, :3] = opacity * laid[where, :3] + (1 - opacity)
+    laid[where, 3] = 1.0
+    return laid
 
 
 def passes_hidden(
@@ -178,12 +199,3 @@ def _through_box(origin: FloatArray, rays: FloatArray, bounds: FloatArray) -> tu
     safe = np.where(np.abs(rays) > 1e-12, rays, 1e-12)
     ends = np.sort((bounds[:, None] - origin) / safe, axis=0)
     return np.maximum(ends[0].max(axis=1), 0.0), ends[1].min(axis=1)
-
-
-def blend(image: FloatArray, where: BoolArray) -> FloatArray:
-    """Return the image (rows, columns, 4), see-through pixels `where` (rows, columns) laid over white."""
-    laid = image.copy()
-    opacity = laid[where, 3:]
-    laid[where, :3] = opacity * laid[where, :3] + (1 - opacity)
-    laid[where, 3] = 1.0
-    return laid

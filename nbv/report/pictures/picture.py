@@ -28,18 +28,9 @@ _PNG_LEVEL = 9  # of zlib: pages are written once and carried around
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture of the page.
+    """A picture of the page, PNG, `width` x `height` pixels.
 
-    Attributes
-    ----------
-    title, caption : str
-        Shown under it; the title also stands in for it where it cannot be seen.
-    png : bytes
-        The picture.
-    dark_png : bytes
-        The same for dark pages; empty when one serves both.
-    width, height : int
-        Pixels.
+    The title stands in for it where it cannot be seen; `dark_png` is empty when one serves both themes.
     """
 
     title: str

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
 from nbv.report.pictures.camera import best_side, overview_cameras
-from nbv.report.pictures.drawing import MeshDrawing, blend, mark_modelled, mark_unknown
+from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
 from nbv.report.pictures.picture import Picture, picture_of
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -38,26 +38,16 @@ def nearest_samples(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FineCoverage:
-    """Coverage on faces that are small enough to show it; three vertices of its own for each face.
+    """Coverage on m faces that are small enough to show it; three vertices of its own for each face.
 
     Attributes
     ----------
-    corners : (m, 3, 3) float
-        Metres.
-    weights : (m, 3, 3) float
-        Weights of the scene's face's corners at each corner.
-    sample : (m,) int64
-        The sample whose values each piece has.
-    face, surface : (m,) int32
-        Face of the scene's mesh and surface that each lies on.
-    best_cosine : (m,) float
-        Largest cosine of incidence over the views that see it, 0 where none does.
-    n_views : (m,) int32
-        Views that see it.
-    state : (m,) int8
-        Index into `nbv.coverage.coverage.STATES`.
-    reason : (m,) int8
-        Why unreachable, index into `nbv.visibility.reachability.REASONS`; -1 elsewhere.
+    corners, weights : (m, 3, 3) float
+        Metres; and the weights of the scene's face's corners at each corner.
+    sample, face, surface : (m,) int64, (m,) int32, (m,) int32
+        The sample whose values each has; face of the scene's mesh and surface that it lies on.
+    best_cosine, n_views, state, reason : (m,) float, int32, int8, int8
+        As of `Coverage`.
     """
 
     corners: FloatArray
@@ -76,14 +66,7 @@ def fine_coverage(
 ) -> FineCoverage:
     """Cut a mesh's faces as finely as its samples lie, and give each piece its nearest sample's values.
 
-    Parameters
-    ----------
-    mesh : LabelledMesh
-        The scene's.
-    coverage : Coverage
-        Of its samples.
-    samples_a_face : float
-        Faces that stand for more samples are cut into four.
+    Faces that stand for more than `samples_a_face` samples are cut into four.
     """
     samples = coverage.samples
     limit = samples_a_face * samples.total_m2 / max(len(samples), 1)
@@ -106,19 +89,10 @@ def fine_coverage(
 
 
 def cut_finely(corners: FloatArray, limit_m2: float) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Cut triangles into four until none is larger than a limit, or often enough.
+    """Cut triangles (m, 3, 3 + k) into four until none is larger than a limit, or often enough.
 
-    Parameters
-    ----------
-    corners : (m, 3, 3 + k) float
-        Corners in metres, and what else varies linearly across each triangle.
-    limit_m2 : float
-        Square metres.
-
-    Returns
-    -------
-    pieces, part : (n, 3, 3 + k) float, (n,) int64
-        The same of the pieces, and the triangle that each is part of, ascending.
+    Corners are in metres; the k other values vary linearly across each triangle. Returns the pieces
+    (n, 3, 3 + k), and the triangle (n,) that each is part of, ascending.
     """
     part = np.arange(len(corners))
     for _ in range(_MOST_LEVELS):
@@ -145,16 +119,9 @@ _OUTSIDE, _PALE, _AT_FACES_M = -2, (0.86, 0.86, 0.84), 1e-3  # of the region
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateMarks:
-    """How the states of surface look in pictures.
+    """How the states of surface look in pictures: the colour (0..1) of each.
 
-    Attributes
-    ----------
-    colours : mapping
-        Colour (0..1) of each state.
-    hatched : int
-        The state that is hatched in the colour of the unknown.
-    dotted : int, optional
-        The state that is dotted in the colour of what is measured.
+    `hatched` is in the colour of the unknown, `dotted` in that of what is measured.
     """
 
     colours: Mapping[int, tuple[float, ...]]
@@ -172,24 +139,9 @@ def state_pictures(
     n_threads: int | None = None,
     zones: Zones = EVERYWHERE,
 ) -> tuple[Picture, ...]:
-    """The scene from two opposite sides, each point in the colour of its nearest sample's state.
+    """The scene from two opposite sides, each point in the colour of its nearest sample's state (n,).
 
-    Parameters
-    ----------
-    scene : Scene
-        What to draw; faces that look away from the eye are left out.
-    samples : SurfaceSamples
-        Of its surface.
-    state : (n,) int8
-        Of each sample.
-    marks : StateMarks
-        How each state looks.
-    title : str
-        Of the pictures.
-    n_threads : int, optional
-        Threads.
-    zones : Zones
-        What lies outside the region is drawn in one pale grey.
+    Faces that look away from the eye are left out; what lies outside the region is in one pale grey.
     """
     canvas = MeshDrawing(scene.mesh, caster=scene.ray_caster(n_threads))
     cameras = overview_cameras(scene.mesh.bounds())
@@ -202,13 +154,8 @@ def state_pictures(
         found = np.full(hit.shape, -1, np.int64)
         found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
         found[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
-        image = np.zeros((*hit.shape, 4))
-        for value, colour in {**marks.colours, _OUTSIDE: _PALE}.items():
-            here = found == value
-            image[here, :3] = np.minimum(1.15 * np.array(colour) * shade[here, None], 1.0)
-            image[here, 3] = 1.0
+        image = paint_states(found, shade, {**marks.colours, _OUTSIDE: _PALE})
         if marks.dotted is not None:
             image = mark_modelled(image, found == marks.dotted, shade)
-        image = blend(mark_unknown(image, found == marks.hatched), found == marks.hatched)
-        pictures.append(picture_of(image, f"{title}: from {side}."))
+        pictures.append(picture_of(mark_hatched(image, found == marks.hatched), f"{title}: from {side}."))
     return tuple(pictures)

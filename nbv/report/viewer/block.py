@@ -17,22 +17,11 @@ from scenes.checks import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marker:
-    """A station.
+    """A station at `origin` (3,), world, metres; rows of `axes` (3, 3) are right, down, forward.
 
-    Attributes
-    ----------
-    name : str
-        Number of a view, or the letter of a scan that was given.
-    origin : (3,) float
-        World, metres.
-    axes : (3, 3) float
-        Rows: right, down, forward.
-    slope : (float, float) or None
-        Tangents of half its field of view across and down; None for one that looks around.
-    colour : tuple or None
-        Of its dot; None for the page's ink.
-    is_step : bool
-        Whether it is one of the views that are stepped through.
+    Its name is the number of a view, or the letter of a scan that was given. `slope` holds the tangents of
+    half its field of view across and down, None for one that looks around; `colour` is None for the page's
+    ink; `is_step` tells views that are stepped through.
     """
 
     name: str
@@ -45,18 +34,9 @@ class Marker:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lines:
-    """Lines that are shown or hidden together.
+    """Lines with `ends` (n, 2, 3), world, metres, that are shown or hidden together.
 
-    Attributes
-    ----------
-    key, label : str
-        Their name in the program, and for people.
-    ends : (n, 2, 3) float
-        World, metres.
-    colour : tuple
-        sRGB, 0..1.
-    shown : bool
-        Whether they are shown at first.
+    `key` is their name in the program, `label` that for people.
     """
 
     key: str
@@ -74,15 +54,9 @@ class Viewer:
     ----------
     label : str
         What it shows, for those who cannot see it.
-    layers : tuple of Layer
-        Surface.
     mode : str
         Key of the channel by which it is coloured at first; "skin" for natural colours, "marked" for these
         with what is inferred marked.
-    markers : tuple of Marker
-        Stations.
-    lines : tuple of Lines
-        Openings, ways, boxes.
     is_room : bool
         Whether it is looked into from outside: faces that look away are left out at first.
     met : tuple of float

@@ -105,19 +105,9 @@ Indices = NDArray[np.int64]
 def corner_keys(places: Indices, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
     """Join corners that are alike in place, colour and texture.
 
-    Parameters
-    ----------
-    places : (3 * m, 3) int
-        Of the corners of all faces.
-    skin : Appearance, optional
-        Of the faces before they were put in `order`.
-    order : (m,) int
-        Their order.
-
-    Returns
-    -------
-    index, kept : (3 * m,) int, (n,) int
-        Number of each corner by first appearance; the first corner that has each number.
+    `places` (3 * m, 3) are of the corners of all faces in their `order` (m,), the skin of these before.
+    Returns the number (3 * m,) of each corner by first appearance, and the first corner (n,) that has each
+    number.
     """
     key = _number(places)
     if skin is not None:

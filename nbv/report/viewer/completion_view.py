@@ -16,7 +16,15 @@ from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, thinned
+from nbv.report.viewer.layers import (
+    Category,
+    Classes,
+    Layer,
+    Numbers,
+    confidence_channel,
+    deviation_channel,
+    thinned,
+)
 from nbv.report.viewer.markers import opening_lines, view_markers
 from nbv.report.viewer.scan_channels import (
     INFERRED,
@@ -58,35 +66,19 @@ def completion_view(
     is_room: bool,
     camera: Camera | None = None,
 ) -> Viewer:
-    """Return the view of a completed model.
+    """Return the view of a completed model, in the world coordinates of its scans.
 
-    Parameters
-    ----------
-    completion : CompletedModel
-        World coordinates are its scans'.
-    pictures : tuple of Picture
-        Instead of it.
-    is_room : bool
-        Whether it is looked into from outside.
-    camera : Camera, optional
-        From where it is seen at first.
+    A room is looked into from outside; `camera` is where it is seen from at first.
     """
     world = completion.world_from_reference
     scans = [seen.scan.transformed(world) for seen in completion.observations]
     atlas = completion.derived.atlas
     pieces = [*_surfaces(completion), _remainder(completion)]
     occluders = {0, *occluding(completion.patches)}
+    measured = [p for p in pieces if not p.is_inferred]
     groups = (
-        (
-            "measured",
-            "measured surfaces",
-            [p for p in pieces if not p.is_inferred and p.number not in occluders],
-        ),
-        (
-            "occluders",
-            "occluders, measured",
-            [p for p in pieces if not p.is_inferred and p.number in occluders],
-        ),
+        ("measured", "measured surfaces", [p for p in measured if p.number not in occluders]),
+        ("occluders", "occluders, measured", [p for p in measured if p.number in occluders]),
         ("inferred", "hypothesised (inferred)", [p for p in pieces if p.is_inferred]),
     )
     outlines = [
@@ -188,31 +180,12 @@ def _layer(
     channels: list[Classes | Numbers] = [
         Classes("state", "State", (MEASURED, INFERRED), np.full(n, int(is_inferred), np.uint16)),
         Classes("provenance", "Provenance", provenance_categories(), provenance.astype(np.uint16)),
-        Numbers(
-            key="sd",
-            label="Standard deviation",
-            unit="mm",
-            values=1000 * sd,
-            low=0,
-            high=max(1000 * most_sd, 1e-3),
-            digits=2,
-        ),
+        deviation_channel(1000 * sd, 1000 * most_sd),
     ]
     sightings = None
     if is_inferred:
         likely = np.concatenate([np.zeros(0), *(part.confidence for part in parts)])
-        channels.append(
-            Numbers(
-                key="confidence",
-                label="Confidence",
-                unit="",
-                values=likely,
-                low=0,
-                high=1,
-                digits=2,
-                small_is_good=False,
-            )
-        )
+        channels.append(confidence_channel(likely))
     else:
         sightings = scan_sightings(scans, corners)
         channels += quality_channels(sightings, len(scans))
@@ -224,17 +197,9 @@ def _layer(
         image if len(atlas.pages) else None,
         np.concatenate([np.zeros((0, 3, 2)), *(part.uv for part in parts)]).astype(np.float32),
     )
-    faces = np.arange(3 * n).reshape(-1, 3)
+    shown = (corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3), INFERRED if is_inferred else MEASURED)
     return Layer(
-        key,
-        label,
-        corners.reshape(-1, 3),
-        faces,
-        INFERRED if is_inferred else MEASURED,
-        channels=tuple(channels),
-        sightings=sightings,
-        skin=skin,
-        is_marked=is_inferred,
+        key, label, *shown, channels=tuple(channels), sightings=sightings, skin=skin, is_marked=is_inferred
     )
 
 

@@ -29,22 +29,10 @@ class Category:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Classes:
-    """A channel that says of which class each place is.
+    """A channel that says of which class each of n places is.
 
-    Attributes
-    ----------
-    key, label : str
-        Its name in the program, and for people.
-    categories : tuple of Category
-        Fewer than `NOTHING`.
-    values : (n,) uint16
-        Index into `categories`, `NOTHING` where none applies.
-    since : (n,) int, optional
-        Number of the view from which on this holds, 0 for always.
-    before : int
-        Category until then.
-    can_hide : bool
-        Whether each class can be hidden.
+    `values` (n,) are indices into `categories`, `NOTHING` where none applies; `since` (n,) is the view from
+    which on this holds, 0 for always, and `before` the category until then.
     """
 
     key: str
@@ -66,24 +54,10 @@ class Classes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """A channel of numbers with a unit.
+    """A channel of numbers (n,) in a unit, NaN where there is none, with a colour bar from low to high.
 
-    Attributes
-    ----------
-    key, label, unit : str
-        Its name in the program, and for people.
-    values : (n,) float
-        In `unit`; NaN where there is none.
-    low, high : float
-        Ends of the colour bar.
-    digits : int
-        Decimals with which a value is read out.
-    absent : str
-        What it means that there is none.
-    limit : float, optional
-        Up to which value the requirement holds.
-    small_is_good : bool
-        Whether the colour bar runs from bright to dark.
+    `digits` are the decimals that are read out, `absent` says what it means that there is no number, `limit`
+    up to which the requirement holds; where small is good the colour bar runs from bright to dark.
     """
 
     key: str
@@ -103,18 +77,33 @@ class Numbers:
             raise InputError(f"{self.key}: a colour bar from {self.low} to {self.high}")
 
 
+def deviation_channel(sd_mm: FloatArray, most_mm: float) -> Numbers:
+    """Return the channel of predicted deviations (n,), millimetres."""
+    return Numbers("sd", "Standard deviation", "mm", sd_mm, 0, high=max(most_mm, 1e-3), digits=2)
+
+
+def confidence_channel(likely: FloatArray) -> Numbers:
+    """Return the channel of confidences (n,), 0..1."""
+    return Numbers("confidence", "Confidence", "", likely, 0, high=1, digits=2, small_is_good=False)
+
+
+def incidence_channel(degrees: FloatArray, absent: str, limit: float | None = None) -> Numbers:
+    """Return the channel of best incidences (n,), NaN where there is none."""
+    named = ("quality", "Best incidence", "\u00b0")
+    return Numbers(*named, degrees, 0, high=90, digits=1, absent=absent, limit=limit)
+
+
+def count_channel(label: str, counts: FloatArray, most: float, absent: str) -> Numbers:
+    """Return the channel of how many views see each place (n,), NaN where none does."""
+    return Numbers("views", label, "", counts, 1, high=most, absent=absent, small_is_good=False)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
-    """Which views see each place, and at which incidence.
+    """Which views see each of n places, and at which incidence.
 
-    Attributes
-    ----------
-    start : (n + 1,) int
-        Those of place k are `start[k]` to `start[k + 1]`.
-    view : (m,) int
-        Number of the view, from 1, ascending for each place.
-    incidence_deg : (m,) float
-        Degrees.
+    Those of place k are `start[k]` to `start[k + 1]`, (n + 1,): number (m,) of the view from 1, ascending for
+    each place, and degrees (m,).
     """
 
     start: NDArray[np.int64]
@@ -130,22 +119,14 @@ class Layer:
     ----------
     key, label : str
         Its name in the program, and for people; "" for a layer that cannot be hidden.
-    vertices : (n, 3) float
-        World, metres.
-    faces : (m, 3) int
-        Counter-clockwise seen from the side that is to be seen.
+    vertices, faces : (n, 3) float, (m, 3) int
+        World, metres; counter-clockwise seen from the side that is to be seen.
     paint : Category
         What it looks like where a channel says nothing.
     place : (m,) int, optional
-        The place whose values each face has; its own number when not given.
-    channels : tuple of Classes or Numbers
-        Values of the places.
-    sightings : Sightings, optional
-        Which views see the places.
+        The place whose values and sightings each face has; its own number when not given.
     skin : Appearance, optional
         Natural colours, of corners and from images.
-    shown : bool
-        Whether it is shown at first.
     is_marked : bool
         Whether it can be marked by its paint among natural colours: what is inferred.
     facts : mapping
@@ -182,19 +163,8 @@ def thinned(
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
     """Join vertices that lie in one cell of a lattice, as coarse as it takes (Rossignac & Borrel 1993).
 
-    Parameters
-    ----------
-    vertices : (n, 3) float
-        Metres.
-    faces : (m, 3) int
-        Triangles.
-    most : int
-        How many triangles there may be; a mesh with no more than that stays as it is.
-
-    Returns
-    -------
-    vertices, faces, kept : (k, 3) float, (l, 3) int64, (k,) int64
-        A thinner mesh, and which of the vertices it consists of.
+    A mesh (n, 3), metres, (m, 3) with no more than `most` triangles stays as it is. Returns the vertices (k,
+    3) and faces (l, 3) of a thinner mesh, and which of the vertices (k,) it consists of.
     """
     faces = np.asarray(faces, dtype=np.int64)
     kept = np.arange(len(vertices))

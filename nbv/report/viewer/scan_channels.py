@@ -10,9 +10,10 @@ import numpy as np
 from completion.extension.patch import Provenance
 from completion.result.labelled_points import PROVENANCE_NAMES
 from nbv.coverage.measurement import measured_samples
+from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import surface_rgb
-from nbv.report.viewer.layers import Category, Numbers, Sightings
+from nbv.report.viewer.layers import Category, Numbers, Sightings, count_channel, incidence_channel
 from nbv.scans.scan_map import with_known_noise
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import FloatArray
@@ -38,14 +39,9 @@ def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sighting
     zero = np.zeros(len(corners), np.int32)
     samples = SurfaceSamples(corners.mean(axis=1), unit, length / 2, zero, zero)
     found = [measured_samples(with_known_noise(scan), samples) for scan in scans] if len(corners) else []
-    index = np.concatenate([np.zeros(0, np.int64), *(index for index, _ in found)])
-    scan_of = np.concatenate(
-        [np.zeros(0, np.int64), *(np.full(len(i), k) for k, (i, _) in enumerate(found, 1))]
-    )
-    cosine = np.concatenate([np.zeros(0), *(cosine for _, cosine in found)])
-    order = np.argsort(index, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(index, minlength=len(corners)))])
-    return Sightings(start, scan_of[order], np.degrees(np.arccos(np.clip(cosine[order], 0, 1))))
+    numbered = [(number, *one) for number, one in enumerate(found, start=1)]
+    seen = VisibilityHistory.of(numbered, np.zeros(len(corners), np.int64), ())
+    return Sightings(seen.start, seen.view, np.degrees(np.arccos(np.clip(seen.cosine, 0, 1))))
 
 
 def quality_channels(sightings: Sightings, n_scans: int) -> tuple[Numbers, Numbers]:
@@ -55,26 +51,5 @@ def quality_channels(sightings: Sightings, n_scans: int) -> tuple[Numbers, Numbe
     np.minimum.at(best, np.repeat(np.arange(len(counts)), counts), sightings.incidence_deg)
     angle, many = np.where(counts > 0, best, np.nan), np.where(counts > 0, counts, np.nan)
     absent = "not at the middle of a pixel"
-    return (
-        Numbers(
-            key="quality",
-            label="Best incidence",
-            unit="\u00b0",
-            values=angle,
-            low=0,
-            high=90,
-            digits=1,
-            absent=absent,
-        ),
-        Numbers(
-            key="views",
-            label="Scans that see it",
-            unit="",
-            values=many,
-            low=1,
-            high=max(n_scans, 2),
-            digits=0,
-            absent=absent,
-            small_is_good=False,
-        ),
-    )
+    counted = count_channel("Scans that see it", many, max(n_scans, 2), absent)
+    return incidence_channel(angle, absent), counted

@@ -19,7 +19,17 @@ from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture, surface_rgb
 from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
 from nbv.report.viewer.block import Lines, Marker, Viewer
-from nbv.report.viewer.layers import NOTHING, Category, Classes, Colour, Layer, Numbers, Sightings
+from nbv.report.viewer.layers import (
+    NOTHING,
+    Category,
+    Classes,
+    Colour,
+    Layer,
+    Numbers,
+    Sightings,
+    count_channel,
+    incidence_channel,
+)
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
@@ -44,22 +54,9 @@ def scene_view(
     zones: Zones = EVERYWHERE,
     pictures: tuple[Picture, ...] = (),
 ) -> Viewer:
-    """Return the view of a scene whose coverage is known.
+    """Return the view of a scene whose coverage is known, by what the views have seen of its samples.
 
-    Parameters
-    ----------
-    scene : Scene
-        With its own colours, if it has any.
-    coverage : Coverage
-        By all views.
-    seen : Sightings
-        Of the coverage's samples by the same views, one after the other.
-    markers, lines : tuples
-        Stations, ways, openings.
-    zones : Zones
-        What lies outside the region counts for nothing.
-    pictures : tuple of Picture
-        Instead of it.
+    What lies outside the region of `zones` counts for nothing; `pictures` stand in for the view.
     """
     fine = fine_coverage(scene.mesh, coverage, _SAMPLES_A_FACE)
     place = np.where(
@@ -69,28 +66,14 @@ def scene_view(
     skin = _skin(scene.mesh.appearance, fine)
     layers = []
     for key, label, here in _parts(scene, fine):
-        corners, chosen = fine.corners[here], np.flatnonzero(here)
-        layers.append(
-            Layer(
-                key=key,
-                label=label,
-                vertices=corners.reshape(-1, 3),
-                faces=np.arange(3 * len(corners)).reshape(-1, 3),
-                paint=_OUTSIDE,
-                place=place[here],
-                channels=channels,
-                sightings=sightings,
-                skin=None if skin is None else skin_of_faces(skin, chosen),
-            )
-        )
+        vertices = fine.corners[here].reshape(-1, 3)
+        own = None if skin is None else skin_of_faces(skin, np.flatnonzero(here))
+        shown = (vertices, np.arange(len(vertices)).reshape(-1, 3), _OUTSIDE)
+        layers.append(Layer(key, label, *shown, place[here], channels, sightings=sightings, skin=own))
+    met = seen.met if len(seen.met) > 1 else ()
+    said, is_room = f"{scene.name}: what the views measure.", scene.mode == "room"
     return Viewer(
-        f"{scene.name}: what the views measure.",
-        tuple(layers),
-        markers=markers,
-        lines=lines,
-        is_room=scene.mode == "room",
-        met=seen.met if len(seen.met) > 1 else (),
-        pictures=pictures,
+        said, tuple(layers), markers=markers, lines=lines, is_room=is_room, met=met, pictures=pictures
     )
 
 
@@ -118,35 +101,14 @@ def near_hull(points: FloatArray, vertices: FloatArray) -> BoolArray:
 
 def channels_of(coverage: Coverage, seen: VisibilityHistory) -> tuple[Classes | Numbers, ...]:
     """What is known of each sample, and at the end of a place outside the region."""
-    limit = coverage.requirement.max_incidence_deg
-    is_seen = coverage.n_views > 0
+    is_seen, absent = coverage.n_views > 0, "seen by no view"
     angle = np.where(is_seen, np.degrees(np.arccos(np.clip(coverage.best_cosine, 0, 1))), np.nan)
     n_views = np.where(is_seen, coverage.n_views, np.nan).astype(np.float64)
     most = max(float(np.nanmax(n_views, initial=1)), 2.0)
     return (
         _state_channel(coverage, seen),
-        Numbers(
-            key="quality",
-            label="Best incidence",
-            unit="\u00b0",
-            values=_and_outside(angle),
-            low=0,
-            high=90,
-            digits=1,
-            absent="seen by no view",
-            limit=limit,
-        ),
-        Numbers(
-            key="views",
-            label="Views that see it",
-            unit="",
-            values=_and_outside(n_views),
-            low=1,
-            high=most,
-            digits=0,
-            absent="seen by no view",
-            small_is_good=False,
-        ),
+        incidence_channel(np.append(angle, np.nan), absent, coverage.requirement.max_incidence_deg),
+        count_channel("Views that see it", np.append(n_views, np.nan), most, absent),
         *_reason_channel(coverage),
         _surface_channel(coverage),
     )
@@ -180,15 +142,7 @@ def _state(
     categories: tuple[Category, ...], values: NDArray[np.int8], since: NDArray[np.int64], before: int
 ) -> Classes:
     kinds = np.append(values.astype(np.uint16), np.uint16(NOTHING))
-    return Classes(
-        key="state",
-        label="State",
-        categories=categories,
-        values=kinds,
-        since=np.append(since, 0),
-        before=before,
-        can_hide=True,
-    )
+    return Classes("state", "State", categories, kinds, np.append(since, 0), before=before, can_hide=True)
 
 
 def _reason_channel(coverage: Coverage) -> tuple[Classes, ...]:
@@ -214,10 +168,6 @@ def _surface_channel(coverage: Coverage) -> Classes:
 
 def _and_nothing(values: NDArray[np.int64]) -> NDArray[np.uint16]:
     return np.append(values, NOTHING).astype(np.uint16)
-
-
-def _and_outside(values: FloatArray) -> FloatArray:
-    return np.append(values, np.nan)
 
 
 def sightings_of(seen: VisibilityHistory) -> Sightings:

@@ -13,7 +13,15 @@ from nbv.report.pictures.camera import aside_cameras
 from nbv.report.pictures.completion_shots import is_single_camera
 from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, thinned
+from nbv.report.viewer.layers import (
+    Category,
+    Classes,
+    Layer,
+    Numbers,
+    confidence_channel,
+    deviation_channel,
+    thinned,
+)
 from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
 from nbv.report.viewer.scan_channels import INFERRED, provenance_categories, quality_channels, scan_sightings
 from nbv.report.viewer.scene_view import PALE
@@ -45,21 +53,7 @@ def state_view(
     sensor: Sensor | None = None,
     zones: Zones = EVERYWHERE,
 ) -> Viewer:
-    """Return the view of what scans say of a place.
-
-    Parameters
-    ----------
-    coverage : ScanCoverage
-        What they have measured.
-    state : StateMesh
-        Its mesh.
-    pictures : tuple of Picture
-        Instead of it.
-    poses, sensor : sequence of Pose, Sensor
-        The next stations, and what will scan there.
-    zones : Zones
-        Where surface counts, and where no station may be.
-    """
+    """Return the view of what scans say of a place, with the next stations and the sensor there."""
     scans = coverage.scan_map.scans
     given = given_markers(
         [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
@@ -89,24 +83,13 @@ def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
     channels = (_states(value), *quality_channels(sightings, len(scans)))
     has_colour = any(scan.colour is not None for scan in scans)
     skin = Appearance((state.colour[kept][faces] / 255.0).astype(np.float32)) if has_colour else None
-    paint = _CATEGORIES[0]
-    return Layer(
-        key="measured",
-        label="measured",
-        vertices=vertices,
-        faces=faces,
-        paint=paint,
-        place=None,
-        channels=channels,
-        sightings=sightings,
-        skin=skin,
-    )
+    shown = (vertices, faces, _CATEGORIES[0])
+    return Layer("measured", "measured", *shown, channels=channels, sightings=sightings, skin=skin)
 
 
 def _inferred(coverage: ScanCoverage, state: StateMesh) -> Layer:
     """What completion inferred, with its provenance and standard deviation."""
-    own = state.mesh.face_surface == STATE_INFERRED
-    faces = _faces(state, own)
+    faces = _faces(state, state.mesh.face_surface == STATE_INFERRED)
     model = coverage.completion
     channels: tuple[Classes | Numbers, ...] = (_states(np.full(len(faces), STATE_INFERRED, np.uint16)),)
     if model is not None and len(faces):
@@ -116,35 +99,11 @@ def _inferred(coverage: ScanCoverage, state: StateMesh) -> Layer:
         why = points.provenance[points.faces].max(axis=1).astype(np.uint16)
         channels += (
             Classes("provenance", "Provenance", provenance_categories(), why),
-            Numbers(
-                key="sd",
-                label="Standard deviation",
-                unit="mm",
-                values=sd,
-                low=0,
-                high=max(float(sd.max()), 1e-3),
-                digits=2,
-            ),
-            Numbers(
-                key="confidence",
-                label="Confidence",
-                unit="",
-                values=likely,
-                low=0,
-                high=1,
-                digits=2,
-                small_is_good=False,
-            ),
+            deviation_channel(sd, float(sd.max())),
+            confidence_channel(likely),
         )
-    return Layer(
-        key="inferred",
-        label="hypothesised (inferred)",
-        vertices=state.mesh.vertices,
-        faces=faces,
-        paint=INFERRED,
-        place=None,
-        channels=channels,
-    )
+    named = ("inferred", "hypothesised (inferred)")
+    return Layer(*named, state.mesh.vertices, faces, INFERRED, channels=channels)
 
 
 def _edges(state: StateMesh) -> tuple[Layer, ...]:
@@ -155,20 +114,9 @@ def _edges(state: StateMesh) -> tuple[Layer, ...]:
         ("frontier", "frontier", FRONTIER),
     ):
         faces = _faces(state, state.mesh.face_surface == value)
-        values = np.full(len(faces), value, np.uint16)
-        paint, shown = _CATEGORIES[value], value == SHADOW
-        layers.append(
-            Layer(
-                key=key,
-                label=label,
-                vertices=state.mesh.vertices,
-                faces=faces,
-                paint=paint,
-                place=None,
-                channels=(_states(values),),
-                shown=shown,
-            )
-        )
+        drawn = (state.mesh.vertices, faces, _CATEGORIES[value])
+        channels = (_states(np.full(len(faces), value, np.uint16)),)
+        layers.append(Layer(key, label, *drawn, channels=channels, shown=value == SHADOW))
     return tuple(layers)
 
 

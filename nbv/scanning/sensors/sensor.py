@@ -84,8 +84,21 @@ class Partner:
         return inside
 
 
+class Profiled:
+    """What all sensors have: they are dataclasses that can be written as a table."""
+
+    __slots__ = ()
+    kind: ClassVar[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return kind, fields and effects as one table; fields that are None are left out."""
+        entries = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]  # are dataclasses
+        effects = entries.pop("effects").to_json()
+        return {"kind": self.kind, **{k: v for k, v in entries.items() if v is not None}, **effects}
+
+
 @dataclass(frozen=True, slots=True)
-class PinholeSensor:
+class PinholeSensor(Profiled):
     """A range camera.
 
     Parameters
@@ -149,13 +162,9 @@ class PinholeSensor:
             )
         return inside
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the profile."""
-        return profile_of(self)
-
 
 @dataclass(frozen=True, slots=True)
-class SphericalSensor:
+class SphericalSensor(Profiled):
     """A panoramic scanner that turns about its y axis; z points to the middle column.
 
     Parameters
@@ -220,10 +229,6 @@ class SphericalSensor:
             inside &= np.abs(azimuth) <= np.radians(self.azimuth_span_deg) / 2
         return inside
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the profile."""
-        return profile_of(self)
-
 
 def image_slope(fov_deg: float, width: int, height: int) -> tuple[float, float]:
     """Tangents of half the field of view across and down an image; `fov_deg` spans the longer side."""
@@ -236,13 +241,6 @@ def in_pyramid(points: FloatArray, slope: tuple[float, float]) -> BoolArray:
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     inside: BoolArray = (np.abs(x) <= slope[0] * z) & (np.abs(y) <= slope[1] * z) & (z > 0)
     return inside
-
-
-def profile_of(sensor: Any) -> dict[str, Any]:
-    """Return kind, fields and effects of a sensor as one table; fields that are None are left out."""
-    entries = {field.name: getattr(sensor, field.name) for field in fields(sensor)}
-    effects = entries.pop("effects").to_json()
-    return {"kind": sensor.kind, **{k: v for k, v in entries.items() if v is not None}, **effects}
 
 
 def chosen_effects(sensor: Sensor, noise: str) -> Effects:

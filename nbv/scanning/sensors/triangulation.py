@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from nbv.scanning.effects.effects import NO_EFFECTS, Effects
-from nbv.scanning.sensors.sensor import Partner, check_gate, image_slope, in_pyramid, profile_of
+from nbv.scanning.sensors.sensor import Partner, Profiled, check_gate, image_slope, in_pyramid
 from scenes.checks import BoolArray, FloatArray, InputError, check_number
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -19,7 +19,7 @@ _LIFT = 1e-6  # of the distance: Embree works in float32
 
 
 @dataclass(frozen=True, slots=True)
-class TriangulationSensor:
+class TriangulationSensor(Profiled):
     """A camera with a second device beside it: projector and camera, or two cameras.
 
     The image is the camera's. What the second device does not see has no depth: an object's shadow lies to
@@ -85,13 +85,9 @@ class TriangulationSensor:
         """Tell which sensor-frame points (n, 3) lie in the camera's aperture."""
         return in_pyramid(points, image_slope(self.fov_deg, self.width, self.height))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the profile."""
-        return profile_of(self)
-
 
 @dataclass(frozen=True, slots=True)
-class LineSensor:
+class LineSensor(Profiled):
     """A profile scanner: one row of pixels, fanned out in the plane of x and z; motion is the user's.
 
     Parameters
@@ -152,10 +148,6 @@ class LineSensor:
         inside &= np.abs(elevation) <= np.radians(self.fan_deg / self.width) / 2
         return inside
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the profile."""
-        return profile_of(self)
-
 
 def both_see(
     caster: RayCaster,
@@ -167,21 +159,10 @@ def both_see(
 ) -> BoolArray:
     """Tell which hits the second device sees too.
 
-    It must have them in its field of view and stand on the same side of their face as the first device,
-    with nothing between.
-
-    Parameters
-    ----------
-    caster : RayCaster
-        The mesh.
-    points, directions : (n, 3) float
-        Where rays ended, and where they were going; world frame, metres.
-    normals : (n, 3) float
-        Unit normals of the faces that they met, to either side.
-    partner : Partner
-        The second device.
-    world_from_sensor : Pose
-        Of the first device.
+    It must have them in its field of view and stand on the same side of their face as the first device, with
+    nothing between. Rays ended at `points` (n, 3) and were going along `directions` (n, 3), world frame,
+    metres; `normals` (n, 3) are units of the faces that they met, to either side. The pose is the first
+    device's.
     """
     position = world_from_sensor.apply(np.array(partner.position_m))
     outward = normals * -np.copysign(1.0, np.einsum("ij,ij->i", normals, directions))[:, None]
