@@ -157,9 +157,6 @@ def _show_inline(path: Path) -> bool:
     return True
 
 
-register(show)
-
-
 def scan_page(scan: RangeImage) -> Page:
     """Return the page of a scan: ranges, colours, and where there is truth, incidence and range error."""
     known = scan.ranges[scan.valid]
@@ -227,3 +224,6 @@ def _range_error(scan: RangeImage) -> str:
         f"Measured minus true range over {error.size} pixels: mean {1000 * error.mean():.3f} mm, "
         f"root mean square {1000 * rms:.3f} mm, largest {1000 * worst:.3f} mm."
     )
+
+
+register(show)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Values on a surface: what samples say of any point of their face and of finely cut faces; pictures."""
+"""Values on a surface, by its samples: of any point, of finely cut faces, and as pictures from two sides."""
 
 from __future__ import annotations
 
