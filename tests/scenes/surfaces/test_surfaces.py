@@ -17,9 +17,9 @@ from scenes.surfaces.catalogue import (
     Plane,
     Sphere,
     Surface,
-    perpendicular,
     surfaces_close,
 )
+from scenes.surfaces.surface import perpendicular
 from tests.helpers.strategies import EPS, ROUNDING_M, SURFACES, directions, law, poses, seeds, surfaces
 
 POST = Cylinder(point=(0, 0, 0), direction=(0, 0, 1), radius=0.5)
