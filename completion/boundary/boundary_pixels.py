@@ -54,10 +54,7 @@ class BoundaryPixels:
 
 
 def find_boundary_pixels(
-    fit: SurfaceFit,
-    masks: Sequence[BoolArray],
-    observations: Sequence[Observation],
-    tolerance: Tolerance,
+    fit: SurfaceFit, masks: Sequence[BoolArray], observations: Sequence[Observation], tolerance: Tolerance
 ) -> BoundaryPixels:
     """Classify every boundary pixel of a surface, in all scans, whose pixels `masks` (rows, columns) tell.
 
@@ -108,11 +105,7 @@ def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> 
 
 
 def _pixels_beside(
-    fit: SurfaceFit,
-    mask: BoolArray,
-    seen: Observation,
-    step: tuple[int, int],
-    tolerance: Tolerance,
+    fit: SurfaceFit, mask: BoolArray, seen: Observation, step: tuple[int, int], tolerance: Tolerance
 ) -> BoundaryPixels:
     chart = fit.surface
     last = np.argwhere(mask & ~_shifted(mask, step))

@@ -59,7 +59,7 @@ class ContinuedEdge:
 def continue_edges(
     edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
 ) -> list[ContinuedEdge]:
-    """Follow every edge from the ends of its runs through the hidden cells (rows, columns), till it leaves them.
+    """Follow every edge from the ends of its runs through the hidden cells (rows, columns) while they last.
 
     Edges are in the grid's chart; `cues` are the ways of going on that are followed.
     """

@@ -208,7 +208,9 @@ def label_points(
     cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(points))) / np.maximum(distance, 1e-12)
     measured = scan.ranges.ravel()[pixel]
     sigma = np.nan_to_num(observation.sigma.ravel()[pixel])
-    oblique = distance * scan.projection.pixel_angle * _tangent(cosine) / 2
+    safe = np.maximum(cosine, 1e-3)
+    tangent = np.sqrt(np.maximum(1 - safe**2, 0.0)) / safe
+    oblique = distance * scan.projection.pixel_angle * tangent / 2
     allowed = tolerance.along_ray(sigma, predicted_sd[inside], cosine) + oblique
     behind = distance - measured  # positive where something stands before the surface
     label = np.where(behind > allowed, Label.OCCLUDED, np.where(behind < -allowed, Label.FREE, Label.VISIBLE))
@@ -228,11 +230,6 @@ def limb_cosine(
         return np.zeros(len(points))
     pixel = _range_to(observation, points) * observation.scan.projection.pixel_angle
     return np.asarray(np.sqrt(np.minimum(2 * pixels * pixel / surface.radius, 1.0)), dtype=np.float64)
-
-
-def _tangent(cosine: FloatArray) -> FloatArray:
-    safe = np.maximum(cosine, 1e-3)
-    return np.asarray(np.sqrt(np.maximum(1 - safe**2, 0.0)) / safe, dtype=np.float64)
 
 
 def _range_to(observation: Observation, points: FloatArray) -> FloatArray:

@@ -131,23 +131,15 @@ def find_enclosing(
     Within `scale` metres a point counts as on the surface.
     """
     least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
-    found = [
-        surface.n_pixels >= least
-        and _may_enclose(surface.fit.surface)
-        and _holds(surface, observations, scale)
-        for surface in surfaces
-    ]
+    found = [one.n_pixels >= least and _holds(one, observations, scale) for one in surfaces]
     return np.array(found, dtype=np.bool_)
-
-
-def _may_enclose(surface: Surface) -> bool:
-    """Planes, and cylinders seen from inside."""
-    return isinstance(surface, Plane) or (isinstance(surface, Cylinder) and surface.concave)
 
 
 def _holds(merged: MergedSurface, observations: Sequence[Observation], scale: float) -> bool:
     """Tell whether nearly all points that were not seen through a surface lie on its inner side."""
     surface, slack = merged.fit.surface, 3 * max(scale, merged.fit.rms)
+    if not isinstance(surface, Plane) and not (isinstance(surface, Cylinder) and surface.concave):
+        return False
     outline = MultiPoint(surface.to_uv(merged.points(observations))).convex_hull
     stride = max(1, sum(int(seen.valid.sum()) for seen in observations) // _N_BEAMS)
     n_inner = n_outer = 0

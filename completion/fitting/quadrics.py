@@ -23,6 +23,7 @@ MONOMIALS = (*_SQUARES, (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 
 EXPONENTS = tuple(sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e)))
 _PLACE = {exponents: place for place, exponents in enumerate(EXPONENTS)}
+_LINEAR = [_PLACE[exponents] for exponents in MONOMIALS[6:9]]
 _PAIRS = np.array([[_PLACE[tuple(np.add(a, b))] for b in MONOMIALS] for a in MONOMIALS])
 _CHUNK = 8192
 _N_SPREAD = 2_000  # points that show whether all lie on a line or in a plane
@@ -58,7 +59,7 @@ class Moments:
 
     def mean(self) -> FloatArray:
         """The centroid (3,), metres."""
-        return np.asarray(self.centre + self.sums[_linear()] / self.sums[0], dtype=np.float64)
+        return np.asarray(self.centre + self.sums[_LINEAR] / self.sums[0], dtype=np.float64)
 
     def gram(self) -> FloatArray:
         """Sums of m m' (10, 10), m the ten monomials of a quadric."""
@@ -113,10 +114,6 @@ def moments(points: object, centre: object | None = None) -> Moments:
     sums = np.zeros(len(EXPONENTS))
     sums[_PAIRS.ravel()] = gram.ravel()
     return Moments(about, sums)
-
-
-def _linear() -> list[int]:
-    return [_PLACE[1, 0, 0], _PLACE[0, 1, 0], _PLACE[0, 0, 1]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -126,12 +126,7 @@ def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) 
 
 
 def _result(
-    found: SurfaceFit,
-    chart: Chart,
-    cloud: Cloud,
-    covariance: FloatArray,
-    error: FloatArray,
-    used: BoolArray,
+    found: SurfaceFit, chart: Chart, cloud: Cloud, covariance: FloatArray, error: FloatArray, used: BoolArray
 ) -> SurfaceFit:
     """The fit in metres."""
     concave = bool(getattr(found.surface, "concave", False))

@@ -75,7 +75,9 @@ class SurfaceFit:
 
     def gradient(self, points: FloatArray) -> FloatArray:
         """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
-        return _gradient(self.surface, points)
+        origin = _chart_origin(self.surface)
+        chart = chart_of(self.surface, origin, 1.0)
+        return np.ascontiguousarray(chart.linearise(chart.frame @ (points - origin).T)[1].T)
 
     def parameters(self) -> dict[str, object]:
         """The parameters by name, in the order that files use."""
@@ -193,13 +195,6 @@ def inflated(fit: SurfaceFit, points: FloatArray, block: float | None = None) ->
     mean = np.bincount(which, residual)[full] / count[full]
     excess = max(float(np.mean(mean**2 * count[full]) / fit.rms**2), 1.0)
     return replace(fit, covariance=fit.covariance * excess, inflation=fit.inflation * excess)
-
-
-def _gradient(surface: Surface, points: FloatArray) -> FloatArray:
-    """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
-    chart = chart_of(surface, _chart_origin(surface), 1.0)
-    local = chart.frame @ (points - _chart_origin(surface)).T
-    return np.ascontiguousarray(chart.linearise(local)[1].T)
 
 
 def _chart_origin(surface: Surface) -> FloatArray:

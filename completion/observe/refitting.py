@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
-from completion.fitting.result import FitError, SurfaceFit
+from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import residual_correlation
 from scenes.checks import FloatArray
@@ -34,36 +34,21 @@ class _Sums:
     square: float
     n: int
 
-    def step(self) -> FloatArray:
-        """The Gauss-Newton step; raises FitError where the pixels determine nothing."""
-        k = len(self.vector)
+    def step(self) -> FloatArray | None:
+        """The Gauss-Newton step; None where the pixels determine no surface."""
         scale = np.sqrt(np.diag(self.matrix))
-        if self.n <= k or not (scale > 0).all():
-            raise FitError(f"{self.n} pixels determine no surface with {k} parameters")
+        if self.n <= len(self.vector) or not (scale > 0).all():
+            return None
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
         if not values[-1] < _MAX_CONDITION * values[0]:
-            condition = values[-1] / max(values[0], 1e-300)
-            raise FitError(f"{self.n} pixels determine no surface: condition number {condition:.3g}")
+            return None
         return np.asarray(vectors @ ((self.vector / scale) @ vectors / values) / scale)
-
-    def is_determined(self) -> bool:
-        """Whether the pixels determine the surface."""
-        try:
-            self.step()
-        except FitError:
-            return False
-        return True
 
     def repeated(self, times: int) -> _Sums:
         """The sums of so many times as many pixels like these."""
         return _Sums(
             self.matrix * times, self.vector * times, self.cost * times, self.square * times, self.n * times
         )
-
-    def covariance(self) -> FloatArray:
-        """Of the parameters, by the weighted residuals themselves."""
-        k = len(self.vector)
-        return np.asarray(self.cost / (self.n - k) * np.linalg.inv(self.matrix), dtype=np.float64)
 
 
 def refit(
@@ -103,7 +88,7 @@ def refit(
     sums = _thinned_sums(placed, beams, flatness_m)
     excess = residual_correlation(placed, observations, labels, flatness_m)
     return [
-        None if surface is None or not found.is_determined() else _fit(surface, found, growth)
+        None if surface is None or found.step() is None else _fit(surface, found, growth)
         for surface, found, growth in zip(placed, sums, excess, strict=True)
     ]
 
@@ -136,8 +121,11 @@ def _thinned_sums(
 
 
 def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
-    rms = float(np.sqrt(sums.square / (sums.n - len(sums.vector))))
-    return SurfaceFit(surface, rms, sums.covariance() * inflation, sums.n, inflation=float(inflation))
+    """The fit, its covariance by the weighted residuals themselves."""
+    freedom = sums.n - len(sums.vector)
+    covariance = np.asarray(sums.cost / freedom * np.linalg.inv(sums.matrix) * inflation, dtype=np.float64)
+    rms = float(np.sqrt(sums.square / freedom))
+    return SurfaceFit(surface, rms, covariance, sums.n, inflation=float(inflation))
 
 
 def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
@@ -146,9 +134,8 @@ def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
         return None
     if not isinstance(surface, Plane | Cylinder):
         raise TypeError(f"cannot refit a {type(surface).__name__}")
-    try:
-        step = sums.step()
-    except FitError:
+    step = sums.step()
+    if step is None:
         return None
     if isinstance(surface, Plane):
         offset, by_u, by_v = step
@@ -169,17 +156,9 @@ def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flat
     for beam in beams:
         charts = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
         _add_rays(
-            beam.label,
-            charts,
-            beam.ranges,
-            beam.rays,
-            beam.sigma,
-            flatness_m,
-            _LEAST_SLOPE,
-            matrix,
-            vector,
+            beam.label, charts, beam.ranges, beam.rays, beam.sigma, flatness_m, _LEAST_SLOPE, matrix, vector,
             sums,
-        )
+        )  # fmt: skip
     matrix += np.tril(matrix, -1).transpose(0, 2, 1)
     size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
     return [
@@ -223,9 +202,7 @@ def _add_rays(
     row = np.zeros(5)
     for i in range(labels.size):
         label = labels[i] - 1
-        if label < 0:
-            continue
-        if charts[label, 0] < 0.0:
+        if label < 0 or charts[label, 0] < 0.0:
             continue
         ex, ey, ez = rays[i, 0], rays[i, 1], rays[i, 2]
         dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez

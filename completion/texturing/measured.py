@@ -46,7 +46,7 @@ class TexelRaster:
 
 
 def lay_texels(patch: Patch, observations: Sequence[Observation], max_texels: int) -> TexelRaster:
-    """Texels as large as a quarter of the pixels on a measured surface at most are; larger within the bound."""
+    """Texels as large as a quarter of the pixels on a measured surface at most are; or within the bound."""
     cells = patch.grid
     rows, columns = _used(patch)
     extent = np.array([len(columns), len(rows)]) * cells.cell
