@@ -19,9 +19,10 @@ from PIL import Image
 
 from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
-from nbv.report.completion_report import Stage, before_and_after
+from nbv.report.completion_report import before_and_after
 from nbv.report.page.page import Gallery
 from nbv.report.pictures.camera import Camera, aside_cameras
+from nbv.report.pictures.completion_shots import ModelDrawings
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 
 _GAP, _WIDTH = 12, 600
@@ -133,7 +134,7 @@ def plot_real(real: Real, data: Path, folder: Path) -> str:
     """Write the shape as measured and with what is inferred marked; return the line of figures."""
     scan = read_scan(data / real.path)
     completed = complete(scan, CompletionOptions(texture=False), rng=0)
-    stage = Stage.of(completed, in_colour=False)
+    stage = ModelDrawings.of(completed, in_colour=False)
     camera: Camera = aside_cameras(scan)[real.camera]
     pictures = stage.shoot(camera, "")
     measured, _, marked = (Image.open(io.BytesIO(picture.png)) for picture in pictures)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Survey: what scans that were really taken say of a place that nobody has a model of."""
+"""Scan map: what scans that were really taken say of a place that nobody has a model of."""
 
 from __future__ import annotations
 

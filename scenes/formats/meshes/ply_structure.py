@@ -54,20 +54,19 @@ def check_ply(data: bytes) -> int:
 
 
 def header_lines(data: bytes) -> tuple[list[str], int]:
-    """Return a PLY's header lines but the first, and where rows begin: 0 where no line end follows.
+    """Return a PLY's header lines but the first, and where rows begin.
 
-    Raises InputError: there is no header.
+    Raises InputError: there is no header, or no line end after it.
     """
     end = data.find(b"end_header", 0, _MAX_HEADER)
-    if not data.startswith(b"ply") or end < 0:
+    start = data.find(b"\n", end) + 1
+    if not data.startswith(b"ply") or end < 0 or start == 0:
         raise InputError(_NO_HEADER)
-    return data[:end].decode("utf-8", errors="replace").splitlines()[1:], data.find(b"\n", end) + 1
+    return data[:end].decode("utf-8", errors="replace").splitlines()[1:], start
 
 
 def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
     lines, stop = header_lines(data)
-    if stop == 0:
-        raise InputError(_NO_HEADER)
     encoding, elements = "", []
     for line in lines:
         words = line.split()

@@ -83,6 +83,8 @@ def test_damage_is_named(tmp_path: Path) -> None:
         (whole.replace(b"binary_little_endian", b"ascii"), "is in ascii format"),
         (whole.replace(b"element vertex 4", b"element vertex 4000000000"), "truncated: 4000000000 of vertex"),
         (b"hello", "not a PLY file"),
+        (whole[: whole.index(b"end_header") + 10], "not a PLY file: no header"),
+        (whole.replace(b"end_header\n", b"end_header\0").replace(b"\n", b" "), "not a PLY file: no header"),
         (whole.replace(b"property int surface", b"property half surface"), "cannot be read as a binary PLY"),
         (whole[:-4] + b"\x09\0\0\0", "face 1 is .*9.*, but there are 4 vertices"),
     ]:
