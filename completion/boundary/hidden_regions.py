@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 
 from completion.boundary.continuation import ContinuedEdge
@@ -17,7 +17,9 @@ from scenes.checks import BoolArray, FloatArray
 
 GOES_ON = 0.9
 """Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
-_UNITS = 10_000  # capacities are whole numbers
+_UNITS = 10_000  # of cost in a metre: capacities are whole numbers
+_MOST_M = 1e4  # cost of a boundary, metres
+_FORCED = int(_MOST_M * _UNITS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,23 +138,27 @@ def label_regions(regions: HiddenRegions) -> Labelling:
     if not n:
         return Labelling(np.zeros(0, dtype=np.bool_), np.zeros(0))
     graph = _Graph.of(regions)
-    is_surface, least = graph.cut(None, keep=True)
-    forced = np.array([[least, least]] * n)
-    for region in range(n):
-        forced[region, int(is_surface[region])] = graph.cut(region, keep=not is_surface[region])[1]
-    outline = np.maximum(graph.outline, 1e-9)
-    return Labelling(is_surface, np.clip((forced[:, 1] - forced[:, 0]) / outline, -1.0, 1.0))
+    cost = np.stack([graph.measured, graph.open_])  # of no surface and of surface, for regions alone
+    is_surface = cost[0] > cost[1]
+    for part in graph.parts():
+        is_surface[part], cost[:, part] = graph.within(part).cuts()
+    outline = np.maximum(graph.outline, 1e-9) * _UNITS
+    return Labelling(is_surface, np.clip((cost[0] - cost[1]) / outline, -1.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Graph:
-    """Regions as nodes from 0, the measured surface as node n, open space as node n + 1."""
+    """Regions as nodes from 0, and what parts them from the measured surface, from open space, from others.
 
-    n: int
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    cost: FloatArray
-    outline: FloatArray
+    Costs are whole numbers, `_UNITS` a metre.
+    """
+
+    measured: NDArray[np.int64]  # (n,) of a boundary to the measured surface
+    open_: NDArray[np.int64]  # (n,) of a boundary to open space
+    first: NDArray[np.int64]  # (m,) regions with surface
+    second: NDArray[np.int64]  # (m,) beside ones without
+    between: NDArray[np.int64]  # (m,) of a boundary between them
+    outline: FloatArray  # (n,) length of the regions' outline, metres
 
     @classmethod
     def of(cls, regions: HiddenRegions) -> _Graph:
@@ -164,32 +170,64 @@ class _Graph:
         pair, index = np.unique(np.append(a * n + b, b * n + a), return_inverse=True)
         between = np.bincount(index, np.append(*cost.T) * np.tile(length, 2), minlength=len(pair))
         shared = np.bincount(index, np.tile(length, 2), minlength=len(pair))
-        every = np.arange(n)
         outline = regions.beside_measured + regions.beside_open
         outline = outline + np.bincount(pair // n, shared, minlength=n)
         return cls(
-            n,
-            np.concatenate([pair // n, np.full(n, n), every]),
-            np.concatenate([pair % n, every, np.full(n, n + 1)]),
-            np.concatenate([between, regions.beside_measured, regions.beside_open]),
-            outline,
+            measured=_whole(regions.beside_measured),
+            open_=_whole(regions.beside_open),
+            first=pair // n,
+            second=pair % n,
+            between=_whole(between.astype(np.float64)),
+            outline=outline,
         )
 
-    def cut(self, forced: int | None, *, keep: bool) -> tuple[BoolArray, float]:
-        """Return which regions are surface and what it costs, with one region forced to be surface or not."""
-        n, rows, columns, cost = self.n, self.rows, self.columns, self.cost
-        if forced is not None:
-            ends = (n, forced) if keep else (forced, n + 1)
-            rows, columns = np.append(rows, ends[0]), np.append(columns, ends[1])
-            cost = np.append(cost, 1e4)
-        capacity = np.rint(np.minimum(cost, 1e4) * _UNITS).astype(np.int32)
-        graph = coo_array((capacity, (rows, columns)), shape=(n + 2, n + 2)).tocsr()
-        graph.sum_duplicates()
+    def parts(self) -> list[NDArray[np.int64]]:
+        """The regions of each connected part of several: the others do not bear on how it is cut."""
+        n = len(self.outline)
+        graph = coo_array((np.ones(len(self.first), np.int8), (self.first, self.second)), shape=(n, n))
+        part = connected_components(graph, directed=False)[1]
+        order = np.argsort(part, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
+        return [members for members in parts if len(members) > 1]
+
+    def within(self, part: NDArray[np.int64]) -> _Graph:
+        """The part of these regions (k,) alone, ascending."""
+        at = np.isin(self.first, part)
+        first, second = (np.searchsorted(part, ends[at]) for ends in (self.first, self.second))
+        return _Graph(
+            measured=self.measured[part],
+            open_=self.open_[part],
+            first=first,
+            second=second,
+            between=self.between[at],
+            outline=self.outline[part],
+        )
+
+    def cuts(self) -> tuple[BoolArray, NDArray[np.int64]]:
+        """Return which regions (n,) are surface, and costs (2, n) with each forced to be none, and to be."""
+        n = len(self.outline)
+        every = np.arange(n)
+        capacity = np.concatenate([self.between, self.measured, self.open_]).astype(np.int32)
+        rows = np.concatenate([self.first, np.full(n, n), every])
+        columns = np.concatenate([self.second, every, np.full(n, n + 1)])
+        order = np.lexsort((columns, rows))
+        start = np.searchsorted(rows[order], np.arange(n + 3))
+        graph = csr_array((capacity[order], columns[order], start), shape=(n + 2, n + 2))
         flow = maximum_flow(graph, n, n + 1)
         rest = graph - flow.flow
         rest.data = np.maximum(rest.data, 0)
         rest.eliminate_zeros()
-        reached = breadth_first_order(rest, n, return_predecessors=False)
         is_surface = np.zeros(n + 2, dtype=np.bool_)
-        is_surface[reached] = True
-        return is_surface[:n], float(flow.flow_value) / _UNITS
+        is_surface[breadth_first_order(rest, n, return_predecessors=False)] = True
+        cost = np.full((2, n), int(flow.flow_value), np.int64)
+        place = np.argsort(order, kind="stable")[len(self.between) :].reshape(2, n)  # of the outer edges
+        for region in range(n):
+            keep = int(not is_surface[region])
+            forced = graph.copy()
+            forced.data[place[1 - keep, region]] += _FORCED
+            cost[keep, region] = maximum_flow(forced, n, n + 1).flow_value
+        return is_surface[:n], cost
+
+
+def _whole(cost: FloatArray) -> NDArray[np.int64]:
+    return np.asarray(np.rint(np.minimum(cost, _MOST_M) * _UNITS), dtype=np.int64)

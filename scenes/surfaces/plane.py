@@ -53,7 +53,8 @@ class Plane:
     @property
     def v_direction(self) -> FloatArray:
         """Unit vector of the second chart axis; (u, v, normal) is right-handed."""
-        return np.cross(self.normal_direction, self.u_direction)
+        (a, b, c), (x, y, z) = self.normal_direction.tolist(), self.u_direction.tolist()
+        return np.array([b * z - c * y, c * x - a * z, a * y - b * x])  # np.cross takes ten times as long
 
     @property
     def period(self) -> float:
