@@ -16,6 +16,7 @@ from scenes.formats.guard import import_extra
 from scenes.formats.las.las_header import check_las
 from scenes.formats.scans.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
 from scenes.run.atomic import json_text, write_bytes
+from scenes.run.standard_error import libraries_muted
 from scenes.scan.range_image import RangeImage
 
 _STEPS_M = (1e-5, 1e-4, 1e-3, 1e-2)  # coordinates are 32-bit counts of such a step, from an offset
@@ -45,7 +46,7 @@ def _open(path: Path) -> Any:
     laspy = import_extra("laspy", "las")
     try:
         check_las(path)
-        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
+        with libraries_muted(), laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
             return opened.read()
     except BaseException as error:
         if type(error).__name__ != _PANIC:
