@@ -13,10 +13,14 @@ from tests.helpers.data_paths import ROOT
 
 
 def test_what_a_library_prints_is_dropped_and_what_comes_after_is_not(capfd):
-    print("before", file=sys.stderr)
-    with pytest.raises(ZeroDivisionError), libraries_muted():
-        os.write(2, b"thread '<unnamed>' panicked\n")
-        raise ZeroDivisionError
+    def stumble() -> None:
+        with libraries_muted():
+            os.write(2, b"thread '<unnamed>' panicked\n")
+            raise ZeroDivisionError
+
+    sys.stderr.write("before\n")
+    with pytest.raises(ZeroDivisionError):
+        stumble()
     os.write(2, b"after\n")
     assert capfd.readouterr().err == "before\nafter\n"
 
