@@ -14,6 +14,8 @@ from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Surface
 
+_LEAST_CORNERS = 3  # of a polygon
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trim:
@@ -53,37 +55,62 @@ def mesh_cells(
         Join equal cells to rectangles (along the axis only, on a curved surface): fewer faces, the same
         area. Without, every cell has its own two faces.
     """
-    inside = _corner_heights(grid, cuts) >= 0
-    whole = inside[:, :-1, :-1] & inside[:, 1:, :-1] & inside[:, :-1, 1:] & inside[:, 1:, 1:]
-    full = cells & whole.all(axis=0)
+    full = cells & _whole(grid, cells, cuts)
     for trim in trims:
         full &= ~trim.cells
-    partial = cells & ~full
-    curved = np.isfinite(grid.surface.period)
-    boxes = _rectangles(full, 1 if curved else full.shape[1]) if merged else _single(full)
-    polygons = [*(_box_polygon(box) for box in boxes), *_clipped(grid, partial, cuts, trims)]
-    if not polygons:
+    width = 1 if np.isfinite(grid.surface.period) else grid.shape[1]
+    polygons = _joined(
+        _of_boxes(_rectangles(full, width) if merged else _single(full)),
+        _clipped(grid, cells & ~full, cuts, trims),
+    )
+    size, corner = polygons.size, polygons.corner
+    if not len(size):
         empty = np.zeros((0, 3))
         return ChartMesh(empty, np.zeros((0, 3), np.int32), np.zeros((0, 2)), np.zeros(0, np.int64))
-    corner = np.concatenate(polygons)
-    size = np.array([len(polygon) for polygon in polygons])
-    start = np.concatenate([[0], np.cumsum(size)[:-1]])
+    start = np.cumsum(size) - size
     places, index = _distinct(corner)
-    fans = [
-        np.stack([start[size > k + 1], start[size > k + 1] + k, start[size > k + 1] + k + 1], axis=1)
-        for k in range(1, int(size.max()) - 1)
-    ]
-    faces = np.concatenate(fans)
-    owner = np.searchsorted(start, faces[:, 0], side="right") - 1
-    middle = np.array([polygon.min(axis=0) for polygon in polygons])[owner]
+    fans = [np.flatnonzero(size > k + 1) for k in range(1, int(size.max()) - 1)]
+    owner = np.concatenate(fans)
+    second = start[owner] + np.repeat(np.arange(1, len(fans) + 1), [len(fan) for fan in fans])
+    triangles = index[np.stack([start[owner], second, second + 1], axis=1)].astype(np.int32)
+    middle = np.minimum.reduceat(corner, start)[owner]
     row, column = np.minimum(np.floor(middle + 1e-6).astype(np.int64), np.array(grid.shape) - 1).T
-    triangles = index[faces].astype(np.int32)
     proper = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2])
     proper &= triangles[:, 0] != triangles[:, 2]
     vertices = grid.surface.from_uv(grid.uv_of(places[:, 0], places[:, 1]))
     inward = isinstance(grid.surface, Cylinder) and grid.surface.concave  # its chart is that of the outside
     faces_out = triangles[proper][:, ::-1] if inward else triangles[proper]
     return ChartMesh(vertices, faces_out, places, (row * grid.shape[1] + column)[proper])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Polygons:
+    """Convex polygons of cell coordinates, one after the other."""
+
+    corner: FloatArray  # (n, 2) fractional row and column of all their corners
+    size: NDArray[np.int64]  # (m,) corners of each, at least three
+
+    def above(self, height: FloatArray) -> tuple[_Polygons, NDArray[np.int64]]:
+        """The parts where `height` (n,), given at the corners, is not negative; which polygons are left.
+
+        A step of Sutherland & Hodgman (1974), taken for all of them.
+        """
+        start = np.cumsum(self.size) - self.size
+        following = np.arange(1, len(height) + 1)
+        following[start + self.size - 1] = start
+        inside = height >= 0
+        crosses = inside != inside[following]
+        share = height / np.where(crosses, height - height[following], 1.0)
+        crossing = self.corner + share[:, None] * (self.corner[following] - self.corner)
+        kept = np.stack([inside, crosses], axis=1)
+        size = np.add.reduceat(kept.sum(axis=1), start)
+        left = np.flatnonzero(size >= _LEAST_CORNERS)
+        kept &= np.repeat(size >= _LEAST_CORNERS, self.size)[:, None]
+        return _Polygons(np.stack([self.corner, crossing], axis=1)[kept], size[left]), left
+
+
+def _joined(one: _Polygons, other: _Polygons) -> _Polygons:
+    return _Polygons(np.concatenate([one.corner, other.corner]), np.concatenate([one.size, other.size]))
 
 
 def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -95,14 +122,19 @@ def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     return corner[first], index
 
 
-def _corner_heights(grid: ChartGrid, cuts: Sequence[Surface]) -> FloatArray:
-    """Signed distance (cuts, rows + 1, columns + 1) of the cell corners from the cuts; zeros for no cut."""
-    rows, columns = grid.shape
-    if not cuts:
-        return np.zeros((1, rows + 1, columns + 1))
-    row, column = np.mgrid[: rows + 1, : columns + 1].astype(np.float64)
+def _whole(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface]) -> BoolArray:
+    """Of the cells (rows, columns) those whose corners lie on the normals' sides of the cuts, all of them."""
+    whole = cells.copy()
+    if not cuts or not cells.any():
+        return whole
+    (top, bottom), (left, right) = (np.flatnonzero(cells.any(axis=k))[[0, -1]] for k in (1, 0))
+    row, column = np.mgrid[top : bottom + 2, left : right + 2].astype(np.float64)
     corners = grid.surface.from_uv(grid.uv_of(row, column).reshape(-1, 2))
-    return np.stack([cut.distance(corners).reshape(rows + 1, columns + 1) for cut in cuts])
+    for cut in cuts:
+        inside = (cut.distance(corners) >= 0).reshape(row.shape)
+        all_four = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:] & inside[1:, 1:]
+        whole[top : bottom + 1, left : right + 1] &= all_four
+    return whole
 
 
 def _single(cells: BoolArray) -> NDArray[np.int64]:
@@ -112,83 +144,45 @@ def _single(cells: BoolArray) -> NDArray[np.int64]:
 
 def _rectangles(cells: BoolArray, max_width: int) -> NDArray[np.int64]:
     """Cover the cells by rectangles (row, end row, column, end column): equal runs of rows joined."""
-    open_runs: dict[tuple[int, int], int] = {}
-    boxes: list[tuple[int, int, int, int]] = []
-    for row in range(cells.shape[0] + 1):
-        runs = set(_runs(cells[row], max_width)) if row < cells.shape[0] else set()
-        ended = [run for run in open_runs if run not in runs]
-        boxes.extend((open_runs.pop(run), row, *run) for run in ended)
-        for run in runs:
-            open_runs.setdefault(run, row)
-    return np.array(sorted(boxes), dtype=np.int64).reshape(-1, 4)
+    row, _, left, right = _single(cells).T if max_width == 1 else _runs(cells).T
+    order = np.lexsort((row, right, left))
+    row, left, right = row[order], left[order], right[order]
+    follows = (np.diff(left) == 0) & (np.diff(right) == 0) & (np.diff(row) == 1)
+    first = np.flatnonzero(np.concatenate([[True], ~follows])[: len(row)])
+    last = np.concatenate([first[1:] - 1, [len(row) - 1]])[: len(first)]
+    boxes = np.stack([row[first], row[last] + 1, left[first], right[first]], axis=1)
+    return boxes[np.lexsort(boxes.T[::-1])]
 
 
-def _runs(line: BoolArray, max_width: int) -> list[tuple[int, int]]:
-    if max_width == 1:
-        return [(int(column), int(column) + 1) for column in np.flatnonzero(line)]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+def _runs(cells: BoolArray) -> NDArray[np.int64]:
+    """Stretches of cells along the rows as boxes (row, row + 1, column, end column)."""
+    step = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, left), (_, right) = np.nonzero(step > 0), np.nonzero(step < 0)
+    return np.stack([row, row + 1, left, right], axis=1)
 
 
-def _box_polygon(box: NDArray[np.int64]) -> FloatArray:
-    top, bottom, left, right = box
-    return np.array([[top, left], [top, right], [bottom, right], [bottom, left]], dtype=np.float64)
+def _of_boxes(boxes: NDArray[np.int64]) -> _Polygons:
+    """Boxes (n, 4) of rows and columns as polygons."""
+    corner = boxes[:, [0, 2, 0, 3, 1, 3, 1, 2]].astype(np.float64)
+    return _Polygons(corner.reshape(-1, 2), np.full(len(boxes), 4, np.int64))
 
 
-def _clipped(
-    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim]
-) -> list[FloatArray]:
-    """Each cell as the polygon (row, column) that is left on the inner side (Sutherland & Hodgman 1974)."""
-    result = []
-    for box in _single(cells):
-        polygon = _box_polygon(box)
-        for cut in cuts:
-            height = cut.distance(grid.surface.from_uv(grid.uv_of(polygon[:, 0], polygon[:, 1])))
-            polygon = _half(polygon, height)
-            if len(polygon) < 3:
-                break
-        for trim in (trim for trim in trims if trim.cells[box[0], box[2]] and len(polygon) >= 3):
-            height = trim.sign * trim.curve.across(grid.uv_of(polygon[:, 0], polygon[:, 1]))
-            polygon = _half(polygon, height)
-        if len(polygon) >= 3:
-            result.append(polygon)
-    return result
-
-
-def _half(polygon: FloatArray, height: FloatArray) -> FloatArray:
-    """The part of a convex polygon where `height`, given at its corners, is not negative."""
-    kept = []
-    for here in range(len(polygon)):
-        there = (here + 1) % len(polygon)
-        if height[here] >= 0:
-            kept.append(polygon[here])
-        if (height[here] >= 0) != (height[there] >= 0):
-            share = height[here] / (height[here] - height[there])
-            kept.append(polygon[here] + share * (polygon[there] - polygon[here]))
-    return np.array(kept).reshape(-1, 2)
-
-
-def mesh_range_image(
-    points: FloatArray, members: BoolArray, max_step: FloatArray, origin: FloatArray
-) -> NDArray[np.int32]:
-    """Triangles (m, 3) between neighbouring pixels of an organised scan, none across a jump.
-
-    They are counter-clockwise seen from the sensor at `origin` (3,), whichever way the grid's rows and
-    columns run. Of the points (rows, columns, 3) the `members` (rows, columns) are used; `max_step` (rows,
-    columns) is the longest edge allowed at each, metres.
-    """
-    rows, columns = members.shape
-    index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    triangles = np.concatenate(
-        [np.stack([a, d, c], -1).reshape(-1, 3), np.stack([a, c, b], -1).reshape(-1, 3)]
-    )
-    flat, used, step = points.reshape(-1, 3), members.ravel(), max_step.ravel()
-    triangles = triangles[used[triangles].all(axis=1)]
-    corner = flat[triangles]
-    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    kept = longest <= step[triangles].min(axis=1)
-    towards = origin - corner[kept]
-    volumes = np.linalg.det(towards) if kept.any() else np.zeros(0)
-    order = [0, 2, 1] if (volumes < 0).sum() > len(volumes) / 2 else [0, 1, 2]
-    return np.asarray(triangles[kept][:, order], dtype=np.int32)
+def _clipped(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim]) -> _Polygons:
+    """The cells as polygons on the inner side of the cuts, and of those trims that go through them."""
+    boxes = _single(cells)
+    left = _of_boxes(boxes)
+    row, column = boxes[:, 0], boxes[:, 2]
+    edges: tuple[Surface | Trim, ...] = (*cuts, *trims)
+    for edge in edges:
+        if not len(left.size):
+            break
+        uv = grid.uv_of(left.corner[:, 0], left.corner[:, 1])
+        if isinstance(edge, Trim):
+            height = np.ones(len(uv))
+            met = np.repeat(edge.cells[row, column], left.size)
+            height[met] = edge.sign * edge.curve.across(uv[met])
+        else:
+            height = edge.distance(grid.surface.from_uv(uv))
+        left, kept = left.above(height)
+        row, column = row[kept], column[kept]
+    return left

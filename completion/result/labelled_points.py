@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.meshing import ChartMesh, mesh_cells, mesh_range_image
+from completion.boundary.meshing import ChartMesh, mesh_cells
+from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
@@ -63,9 +64,11 @@ class LabelledPoints:
 
     def part(self, kept: NDArray[np.bool_]) -> LabelledPoints:
         """Return some of the faces (m,) with the vertices that they use, in their order."""
-        used, index = np.unique(self.faces[kept], return_inverse=True)
-        columns = {name: getattr(self, name)[used] for name in _OF_VERTICES}
-        return LabelledPoints(faces=index.reshape(-1, 3).astype(np.int32), **columns)
+        faces, is_used = self.faces[kept], np.zeros(len(self.vertices), np.bool_)
+        is_used[faces] = True
+        number = np.cumsum(is_used, dtype=np.int32) - 1
+        columns = {name: getattr(self, name)[is_used] for name in _OF_VERTICES}
+        return LabelledPoints(faces=number[faces], **columns)
 
 
 def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:

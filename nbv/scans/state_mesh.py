@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from completion.boundary.meshing import mesh_range_image
+from completion.boundary.range_mesh import mesh_range_image
 from nbv.scans.measured_area import PixelQuality
 from nbv.scans.scan_coverage import ScanCoverage
 from scenes.checks import BoolArray, FloatArray

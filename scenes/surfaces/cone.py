@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
-from scenes.surfaces.surface import reference_direction
+from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +121,7 @@ class Cone:
     def to_uv(self, points: FloatArray) -> FloatArray:
         """Chart coordinates (n, 2) of the feet of `points` on the unrolled cone."""
         radial, _, slant = self._meridian(points)
-        side = np.cross(self.direction, self.zero_direction)
+        side = cross(self.direction, self.zero_direction)
         sine = np.sin(self.half_angle)
         turn = np.arctan2(radial @ side, radial @ self.zero_direction) * sine
         from_apex = np.maximum(slant + self.radius / sine, 0.0)
@@ -138,7 +138,7 @@ class Cone:
             from_apex + v + to_origin + (from_apex == 0)
         )  # |.| - to_origin, nothing cancelled
         slant = np.where(v + to_origin > 0, slant, from_apex - to_origin)
-        level = np.cos(angle) * self.zero_direction + np.sin(angle) * np.cross(
+        level = np.cos(angle) * self.zero_direction + np.sin(angle) * cross(
             self.direction, self.zero_direction
         )
         placed: FloatArray = (

@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
-from scenes.surfaces.surface import reference_direction
+from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ class Cylinder:
 
     @property
     def _side_direction(self) -> FloatArray:
-        return np.cross(self.direction, self.zero_direction)
+        return cross(self.direction, self.zero_direction)
 
     def _radial(self, points: FloatArray) -> FloatArray:
         offset = points - self.point

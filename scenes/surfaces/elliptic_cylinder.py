@@ -11,7 +11,7 @@ import scipy  # its parts load when they are first used
 
 from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
-from scenes.surfaces.surface import reference_direction
+from scenes.surfaces.surface import cross, reference_direction
 
 _N_FOOT_STEPS = 60  # Newton from the safe side is monotone; far fewer are needed off the axes
 _N_ARC_STEPS = 30
@@ -72,7 +72,7 @@ class EllipticCylinder:
 
     @property
     def _side_direction(self) -> FloatArray:
-        return np.cross(self.direction, self.zero_direction)
+        return cross(self.direction, self.zero_direction)
 
     def _section(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         offset = points - self.point

@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
-from scenes.surfaces.surface import reference_direction
+from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +53,7 @@ class Plane:
     @property
     def v_direction(self) -> FloatArray:
         """Unit vector of the second chart axis; (u, v, normal) is right-handed."""
-        (a, b, c), (x, y, z) = self.normal_direction.tolist(), self.u_direction.tolist()
-        return np.array([b * z - c * y, c * x - a * z, a * y - b * x])  # np.cross takes ten times as long
+        return cross(self.normal_direction, self.u_direction)
 
     @property
     def period(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_direction, check_point, frozen_copy
 from scenes.pose import Pose
-from scenes.surfaces.surface import reference_direction
+from scenes.surfaces.surface import cross, reference_direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,14 +75,14 @@ class Sphere:
         """Chart coordinates (n, 2): longitude and latitude of the feet of `points`, times the radius."""
         offset = points - self.centre
         ahead, height = offset @ self.zero_direction, offset @ self.pole_direction
-        aside = offset @ np.cross(self.pole_direction, self.zero_direction)
+        aside = offset @ cross(self.pole_direction, self.zero_direction)
         longitude, latitude = np.arctan2(aside, ahead), np.arctan2(height, np.hypot(ahead, aside))
         return self.radius * np.stack([longitude, latitude], axis=-1)
 
     def from_uv(self, uv: FloatArray) -> FloatArray:
         """Points (n, 3) of chart coordinates (n, 2)."""
         longitude, latitude = uv[..., :1] / self.radius, uv[..., 1:] / self.radius
-        aside = np.cross(self.pole_direction, self.zero_direction)
+        aside = cross(self.pole_direction, self.zero_direction)
         level = np.cos(longitude) * self.zero_direction + np.sin(longitude) * aside
         outward = np.cos(latitude) * level + np.sin(latitude) * self.pole_direction
         placed: FloatArray = self.centre + self.radius * outward

@@ -68,6 +68,12 @@ def reference_direction(axis: FloatArray, wished: object | None) -> FloatArray:
     return across / length
 
 
+def cross(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the vector product (3,) of two vectors (3,), as `np.cross` does in ten times the time."""
+    (a, b, c), (x, y, z) = first.tolist(), second.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Opening:
     """An opening in a surface that one sees through: a window, a door opening.

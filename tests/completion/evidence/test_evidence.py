@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.boundary.meshing import mesh_cells, mesh_range_image
+from completion.boundary.meshing import mesh_cells
+from completion.boundary.range_mesh import mesh_range_image
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label, Scans, label_points, weigh
 from completion.evidence.free_space import free_cells
