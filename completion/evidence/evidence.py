@@ -5,20 +5,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.form import Form, form_of
 from completion.evidence.free_space import free_cells
+from completion.evidence.sight import Sight, look, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder, Surface
+from texture.engine.compiled import compiled
 
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
+_MISSED_PIXELS = 0.5  # how far a cylinder's limb is from a ray that may miss it
+_LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
 _NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
@@ -30,6 +35,9 @@ class Label(IntEnum):
     OCCLUDED = 2  # something nearer stood before it
     VISIBLE = 3  # measured there
     FREE = 4  # a beam went through: nothing can be there
+
+
+_NO_RETURN, _OCCLUDED, _VISIBLE = int(Label.NO_RETURN), int(Label.OCCLUDED), int(Label.VISIBLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,17 +104,6 @@ class Scans:
     tolerance: Tolerance  # along the ray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointLabels:
-    """What one scan says of points of a surface."""
-
-    label: NDArray[np.int8]  # (n,) a `Label`; never FREE, which only beams can say
-    pixel: NDArray[np.int64]  # (n,) flat pixel that sees each point, -1 outside the field of view
-    cosine: FloatArray  # (n,) of the incidence angle, without sign; 1 outside the field of view
-    sure: BoolArray  # (n,) whether the tolerance was small enough to tell surfaces apart
-    through: BoolArray  # (n,) whether that pixel measured farther than the point by more than the tolerance
-
-
 def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:
     """Label the cells of a grid from all scans; a beam that went through a cell is a veto.
 
@@ -121,116 +118,100 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     owner : int
         This surface's number in `scans.owners`.
     """
-    surface, centres, n_cells = grid.surface, grid.centres(), len(predicted_sd)
-    labels, occluder = np.full(n_cells, Label.OUT, np.int8), np.zeros(n_cells, np.int32)
-    pixel, scan = np.full(n_cells, -1, np.int64), np.full(n_cells, -1, np.int32)
-    observed, own, through, limb = np.zeros((4, n_cells), dtype=np.bool_)
-    footprint = np.full(n_cells, np.inf)
-    for index, (seen, owners) in enumerate(zip(scans.observations, scans.owners, strict=True)):
-        # 1. Label the cells' centres by the pixels that see them.
-        found = label_points(surface, centres, predicted_sd, seen, scans.tolerance)
-        label, visible = found.label, found.label == Label.VISIBLE
+    found = _Found.of(grid.centres(), predicted_sd)
+    form = form_of(grid.surface)
+    for number, (seen, owners) in enumerate(zip(scans.observations, scans.owners, strict=True)):
+        _hold(sight_of(seen, scans.tolerance), form, owners.ravel(), owner, number, found)
+    observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
 
-        # 2. A cell is measured by the surface's own pixels, or surely by pixels of no surface.
-        owned_by = owners.ravel()[found.pixel[visible]]
-        measured = np.zeros(n_cells, dtype=np.bool_)
-        measured[visible] = (owned_by == owner) | ((owned_by == 0) & found.sure[visible])
-        label[visible & ~found.sure & ~measured] = Label.NO_RETURN
-        observed |= measured
-        own[visible] |= owned_by == owner
+    # Measured cells far from the surface's own pixels are of something else on its plane.
+    near = cv2.dilate(own.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
+    observed &= near.astype(np.bool_)
 
-        # 3. Of several pixels that measured a cell, keep the one with the smallest footprint.
-        size = np.square(_range_to(seen, centres)) / np.maximum(found.cosine, 1e-3)
-        better = measured & (size < footprint)
-        footprint[better], pixel[better], scan[better] = size[better], found.pixel[better], index
-
-        # 4. Note cells that beams seem to have passed, and those too oblique to tell.
-        through |= found.through & found.sure & (found.cosine > limb_cosine(surface, seen, centres))
-        limb |= found.cosine < limb_cosine(surface, seen, centres, _LIMB_PIXELS)
-
-        # 5. Keep the strongest label of all scans, and what stands before a hidden cell.
-        hidden = label == Label.OCCLUDED
-        occluder[hidden] = owners.ravel()[found.pixel[hidden]]
-        labels = np.maximum(labels, label)
-
-    # 6. Drop measured cells far from the surface's own pixels: they are of something else on its plane.
-    near = binary_dilation(own.reshape(grid.shape), np.ones((3, 3)), iterations=_NEAR_CELLS)
-    observed &= near.ravel() | own
-
-    # 7. Veto: nothing is where beams went through, but what was measured.
+    # Veto: nothing is where beams went through, but what was measured.
     vetoed = free_cells(grid, predicted_sd, scans.observations, scans.tolerance)
-    labels[vetoed & ~observed] = Label.FREE
+    labels = found.labels.reshape(grid.shape)
+    labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
     return Evidence(
-        labels=labels.reshape(grid.shape),
-        observed=observed.reshape(grid.shape),
-        own=own.reshape(grid.shape),
-        pixel=pixel.reshape(grid.shape),
-        scan=scan.reshape(grid.shape),
-        occluder=occluder.reshape(grid.shape),
-        through=(through & ~observed).reshape(grid.shape),
-        limb=(limb & ~observed).reshape(grid.shape),
+        labels=labels,
+        observed=observed,
+        own=own,
+        pixel=found.pixel.reshape(grid.shape),
+        scan=found.scan.reshape(grid.shape),
+        occluder=found.occluder.reshape(grid.shape),
+        through=found.through.reshape(grid.shape) & ~observed,
+        limb=found.limb.reshape(grid.shape) & ~observed,
     )
 
 
-def label_points(
-    surface: Surface,
-    points: FloatArray,
-    predicted_sd: FloatArray,
-    observation: Observation,
-    tolerance: Tolerance,
-) -> PointLabels:
-    """Label points of a surface by one scan.
+class _Found(NamedTuple):
+    """Cells (n,) and what was found of them so far; see `Evidence`."""
 
-    Parameters
-    ----------
-    surface : Surface
-        On which they lie, working frame.
-    points : (n, 3) float
-        Working frame, metres.
-    predicted_sd : (n,) float
-        Standard deviation of the surface along its normal at each, metres.
-    observation : Observation
-        The scan.
-    tolerance : Tolerance
-        Along the ray.
-    """
-    scan = observation.scan
-    n = len(points)
-    labels, pixels = np.full(n, Label.OUT, np.int8), np.full(n, -1, np.int64)
-    cosines, is_sure, goes_through = np.ones(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-    position = scan.pixels(points)
-    inside = np.flatnonzero(np.isfinite(position[:, 0] + position[:, 1]))
-    row, column = np.rint(position[inside]).astype(np.int64).T
-    pixel = row * scan.shape[1] + column
-    points = points[inside]
-    ray = points - scan.origin
-    distance = np.sqrt(np.einsum("ij,ij->i", ray, ray))
-    cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(points))) / np.maximum(distance, 1e-12)
-    measured = scan.ranges.ravel()[pixel]
-    sigma = np.nan_to_num(observation.sigma.ravel()[pixel])
-    safe = np.maximum(cosine, 1e-3)
-    tangent = np.sqrt(np.maximum(1 - safe**2, 0.0)) / safe
-    oblique = distance * scan.projection.pixel_angle * tangent / 2
-    allowed = tolerance.along_ray(sigma, predicted_sd[inside], cosine) + oblique
-    behind = distance - measured  # positive where something stands before the surface
-    label = np.where(behind > allowed, Label.OCCLUDED, np.where(behind < -allowed, Label.FREE, Label.VISIBLE))
-    # A cell's centre is not its beam: free space is claimed by the beams themselves, in free_cells.
-    labels[inside] = np.where(~np.isfinite(measured) | (label == Label.FREE), Label.NO_RETURN, label)
-    pixels[inside], cosines[inside] = pixel, cosine
-    is_sure[inside] = allowed <= tolerance.max_m
-    goes_through[inside] = np.isfinite(measured) & (label == Label.FREE)
-    return PointLabels(labels, pixels, cosines, is_sure, goes_through)
+    centres: FloatArray  # (n, 3) metres
+    predicted_sd: FloatArray  # of the surface along its normal, metres
+    labels: NDArray[np.int8]
+    observed: BoolArray
+    own: BoolArray
+    pixel: NDArray[np.int64]
+    scan: NDArray[np.int32]
+    footprint: FloatArray  # of that pixel, times a constant
+    occluder: NDArray[np.int32]
+    through: BoolArray
+    limb: BoolArray
+
+    @classmethod
+    def of(cls, centres: FloatArray, predicted_sd: FloatArray) -> _Found:
+        """Nothing, yet."""
+        n = len(centres)
+        observed, own, through, limb = np.zeros((4, n), dtype=np.bool_)
+        return cls(
+            centres=centres,
+            predicted_sd=predicted_sd,
+            labels=np.full(n, Label.OUT, np.int8),
+            observed=observed,
+            own=own,
+            pixel=np.full(n, -1, np.int64),
+            scan=np.full(n, -1, np.int32),
+            footprint=np.full(n, np.inf),
+            occluder=np.zeros(n, np.int32),
+            through=through,
+            limb=limb,
+        )
 
 
-def limb_cosine(
-    surface: Surface, observation: Observation, points: FloatArray, pixels: float = 0.5
-) -> FloatArray:
-    """|cos| of incidence (n,) under which a ray so many pixels away may miss the surface; 0 on planes."""
-    if not isinstance(surface, Cylinder):
-        return np.zeros(len(points))
-    pixel = _range_to(observation, points) * observation.scan.projection.pixel_angle
-    return np.asarray(np.sqrt(np.minimum(2 * pixels * pixel / surface.radius, 1.0)), dtype=np.float64)
+@compiled
+def _hold(
+    sight: Sight, form: Form, owners: NDArray[np.int32], owner: int, number: int, found: _Found
+) -> None:
+    """Hold each cell's centre against the pixel of one scan that sees it; `owners` are its (pixels,)."""
+    for cell in range(found.labels.size):
+        place = found.centres[cell, 0], found.centres[cell, 1], found.centres[cell, 2]
+        said = look(sight, form, place, found.predicted_sd[cell])
+        if said.pixel < 0:
+            continue
+        behind, is_sure = said.distance - said.measured, said.allowed <= sight.max_m
+        label = _NO_RETURN  # free space is claimed by the beams themselves: a cell's centre is not its beam
+        if behind > said.allowed:
+            # 1. Something stands before the cell.
+            label = _OCCLUDED
+            found.occluder[cell] = owners[said.pixel]
+        elif behind >= -said.allowed:
+            # 2. It is measured by the surface's own pixels, or surely by pixels of no surface. Of several
+            #    keep the one with the smallest footprint.
+            is_own = owners[said.pixel] == owner
+            is_measured = is_own or (owners[said.pixel] == 0 and is_sure)
+            label = _VISIBLE if is_measured or is_sure else _NO_RETURN
+            found.own[cell] |= is_own
+            found.observed[cell] |= is_measured
+            footprint = said.distance * said.distance / max(said.cosine, _LEAST_COSINE)
+            if is_measured and footprint < found.footprint[cell]:
+                found.footprint[cell], found.pixel[cell], found.scan[cell] = footprint, said.pixel, number
 
+        # 3. Note cells that beams seem to have passed, and those too oblique to tell.
+        limb = said.distance * sight.pixel_angle / form.radius if form.is_curved else 0.0
+        if np.isfinite(said.measured) and behind < -said.allowed and is_sure:
+            found.through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
+        found.limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 
-def _range_to(observation: Observation, points: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(points - observation.scan.origin, axis=1), dtype=np.float64)
+        # 4. Keep the strongest label of all scans.
+        found.labels[cell] = max(found.labels[cell], label)

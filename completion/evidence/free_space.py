@@ -6,13 +6,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import convolve1d
+from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.form import Form, chart_of, form_of, plus, reach_of, slope_at
+from completion.evidence.sight import Sight, along_ray, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from texture.engine.compiled import compiled
+
+_LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are noisy
 
 
 def free_cells(
@@ -24,48 +28,67 @@ def free_cells(
     it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a curved surface the
     neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less than a cell.
     """
-    count = np.zeros(grid.shape)
-    noisy = False
-    for observation in observations:
-        valid = observation.valid
-        noisy |= observation.is_noisy
-        rays, measured, sigma = (
-            observation.rays[valid],
-            observation.scan.ranges[valid],
-            observation.sigma[valid],
-        )
-        origin = observation.scan.origin
-        for face in _both_faces(grid.surface):
-            expected = face.ray_ranges(origin, rays)
-            through = np.flatnonzero(np.isfinite(expected) & (expected < measured))
-            points = origin + expected[through, None] * rays[through]
-            index, cell = grid.cells_of(points)
-            hit = through[index]
-            cosine = np.abs(np.einsum("ij,ij->i", rays[hit], face.normal(points[index])))
-            allowed = tolerance.along_ray(sigma[hit], predicted_sd[cell], cosine)
-            beyond = (measured[hit] - expected[hit] > allowed) & (allowed <= tolerance.max_m)
-            count += np.bincount(cell[beyond], minlength=count.size).reshape(grid.shape)
+    count, form = np.zeros(grid.shape, np.int32), form_of(grid.surface)
+    corner, cell, sd = (
+        tuple(grid.corner.tolist()),
+        tuple(grid.cell.tolist()),
+        predicted_sd.reshape(grid.shape),
+    )
+    for seen in observations:
+        sight = sight_of(seen, tolerance)
+        _count_beams(sight, form, seen.rays.reshape(-1, 3), corner, cell, grid.wraps, sd, count)
     vetoed = count > 0
-    if noisy:
-        vetoed &= _neighbourhood_sum(count, grid.wraps) >= 2
-    if np.isfinite(grid.surface.period):
-        vetoed = _neighbourhood_sum(vetoed.astype(np.float64), grid.wraps) > 0
+    if any(seen.is_noisy for seen in observations):
+        vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
+    if form.is_curved:
+        vetoed = _around(vetoed.astype(np.int32), grid.wraps) > 0
     return np.asarray(vetoed.ravel(), dtype=np.bool_)
 
 
-def _both_faces(surface: Surface) -> tuple[Surface, ...]:
-    """The surface as rays meet it from either side."""
-    if isinstance(surface, Plane):
-        return surface, surface.flipped()
-    if isinstance(surface, Cylinder):
-        return tuple(
-            Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
-            for concave in (False, True)
-        )
-    return (surface,)
+@compiled
+def _count_beams(
+    sight: Sight,
+    form: Form,
+    rays: FloatArray,
+    corner: tuple[float, float],
+    size: tuple[float, float],
+    wraps: bool,
+    predicted_sd: FloatArray,
+    count: NDArray[np.int32],
+) -> None:
+    """Add to each cell (rows, columns) the beams that went through it, by unit rays (pixels, 3)."""
+    rows, columns = count.shape
+    for pixel in range(sight.ranges.size):
+        measured = sight.ranges[pixel]
+        if not np.isfinite(measured):
+            continue
+        ray = rays[pixel, 0], rays[pixel, 1], rays[pixel, 2]
+        for from_within in (False, True):
+            reach = reach_of(form, sight.origin, ray, from_within)
+            if not reach < measured:
+                continue
+            place = plus(sight.origin, reach, ray)
+            u, v = chart_of(form, place)
+            across, down = np.floor((u - corner[0]) / size[0]), np.floor((v - corner[1]) / size[1])
+            if not (0 <= down < rows and (wraps or 0 <= across < columns)):
+                continue
+            row, column = int(down), int(across) % columns
+            cosine = abs(slope_at(form, place, ray))
+            allowed = along_ray(sight, sight.sigma[pixel], predicted_sd[row, column], cosine)
+            if measured - reach > allowed and allowed <= sight.max_m:
+                count[row, column] += 1
 
 
-def _neighbourhood_sum(count: FloatArray, wraps: bool) -> FloatArray:
-    ones = np.ones(3)
-    across = convolve1d(count, ones, axis=1, mode="wrap" if wraps else "constant")
-    return np.asarray(convolve1d(across, ones, axis=0, mode="constant"), dtype=np.float64)
+@compiled
+def _around(count: NDArray[np.int32], wraps: bool) -> NDArray[np.int32]:
+    """Sums (rows, columns) over each cell and the eight around it."""
+    rows, columns = count.shape
+    total = np.zeros((rows, columns), np.int32)
+    for i in range(rows):
+        for j in range(columns):
+            if count[i, j]:
+                for k in range(max(i - 1, 0), min(i + 2, rows)):
+                    for m in range(j - 1, j + 2):
+                        if wraps or 0 <= m < columns:
+                            total[k, m % columns] += count[i, j]
+    return total

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.evidence.evidence import Label, label_points
+from completion.evidence.form import Form, form_of, place_of
+from completion.evidence.sight import Sight, look
 from completion.fitting.result import SurfaceFit
-from completion.observe.observation import Observation
-from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Surface
+from texture.engine.compiled import compiled
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
 _CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed
@@ -24,6 +24,7 @@ _FEW = 24  # points of a part that differences are read at
 _N_ENDS = 40  # points of either part that bridges start from
 _N_STEPS = 24
 _STRIP = 3  # neighbouring bridges that make a strip
+_CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,8 +130,8 @@ def _few(points: FloatArray) -> FloatArray:
     return points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
 
 
-def gap_is_hidden(one: Part, other: Part, observations: Sequence[Observation], tolerance: Tolerance) -> bool:
-    """Tell whether a strip between two parts is wholly hidden or measured on the surface.
+def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
+    """Tell whether a strip between two parts is wholly hidden or measured on the surface, by all scans.
 
     Bridges run on the other's surface from points of one part to points of the other. They make a strip
     where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
@@ -138,16 +139,38 @@ def gap_is_hidden(one: Part, other: Part, observations: Sequence[Observation], t
     """
     surface, scale = other.fit.surface, max(one.scale, other.scale)
     first, second = _ends(surface, one.points, other.points)
-    points = _bridges(surface, first, second)
-    crossed, seen = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points), dtype=np.bool_)
-    predicted_sd = np.full(len(points), scale)
-    for observation in observations:
-        found = label_points(surface, points, predicted_sd, observation, tolerance)
-        seen |= found.label >= Label.OCCLUDED
-        crossed |= found.through
-    shape = len(first), len(second), _N_STEPS
-    closed = ~crossed.reshape(shape).any(axis=2) & (seen.reshape(shape).mean(axis=2) > 0.5)
-    return _has_strip(closed, first, second)
+    seen = np.zeros((len(first), len(second), _N_STEPS), dtype=np.bool_)
+    crossed = np.zeros(seen.shape[:2], dtype=np.bool_)
+    for sight in sights:
+        _follow(sight, form_of(surface), first, second, scale, seen, crossed)
+    return _has_strip(~crossed & (seen.mean(axis=2) > _CLOSED), first, second)
+
+
+@compiled
+def _follow(
+    sight: Sight,
+    form: Form,
+    first: FloatArray,
+    second: FloatArray,
+    sd: float,
+    seen: BoolArray,
+    crossed: BoolArray,
+) -> None:
+    """Hold every step (n, m, steps) of the bridges between ends (n, 2) and (m, 2) against a scan."""
+    n_steps = seen.shape[2]
+    for i in range(len(first)):
+        for j in range(len(second)):
+            across, up = second[j, 0] - first[i, 0], second[j, 1] - first[i, 1]
+            for k in range(n_steps):
+                if crossed[i, j]:
+                    break
+                along = (k + 0.5) / n_steps
+                place = place_of(form, first[i, 0] + along * across, first[i, 1] + along * up)
+                said = look(sight, form, place, sd)
+                behind = said.distance - said.measured
+                if said.pixel >= 0 and np.isfinite(said.measured):
+                    crossed[i, j] = behind < -said.allowed
+                    seen[i, j, k] |= behind >= -said.allowed
 
 
 def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -167,14 +190,6 @@ def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
         return uv
     rest = order[half:]
     return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
-
-
-def _bridges(surface: Surface, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Points on the bridges between all pairs of ends, bridge by bridge."""
-    along = (np.arange(_N_STEPS) + 0.5) / _N_STEPS
-    way = second[None, :] - first[:, None]
-    bridges = first[:, None, None, :] + along[None, None, :, None] * way[:, :, None, :]
-    return np.asarray(surface.from_uv(bridges.reshape(-1, 2)))
 
 
 def _has_strip(closed: BoolArray, first: FloatArray, second: FloatArray) -> bool:

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.evidence.sight import Sight, sight_of
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Agreement, Part, compare, find_candidates, gap_is_hidden, lies_on
 from completion.observe.observation import Beams, Observation
@@ -95,7 +96,7 @@ def merge(
         for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
-    group = np.arange(len(parts))
+    group, sights = np.arange(len(parts)), [sight_of(seen, tolerance) for seen in observations]
     agreements = _agreements(parts) if across else {}
     for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
         if agreement.chi2 > 1:
@@ -105,10 +106,10 @@ def merge(
         if _contradicted(group, group[i], group[j], agreements, parts):
             continue
         joined = [parts[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
-        if _fits_all(joined, tolerance) and _hidden_between(parts[i], parts[j], observations, tolerance):
+        if _fits_all(joined, tolerance) and _hidden_between(parts[i], parts[j], sights):
             group[group == group[j]] = group[i]
     if across:
-        _adopt_small(group, parts, observations, tolerance)
+        _adopt_small(group, parts, sights)
     merged = _merged(group, parts, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
@@ -164,19 +165,12 @@ def _fits_all(parts: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
     return True
 
 
-def _hidden_between(
-    one: _ScanRegion, other: _ScanRegion, observations: Sequence[Observation], tolerance: Tolerance
-) -> bool:
+def _hidden_between(one: _ScanRegion, other: _ScanRegion, sights: Sequence[Sight]) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
-    return gap_is_hidden(smaller.part, larger.part, observations, tolerance)
+    return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(
-    group: NDArray[np.int64],
-    parts: Sequence[_ScanRegion],
-    observations: Sequence[Observation],
-    tolerance: Tolerance,
-) -> None:
+def _adopt_small(group: NDArray[np.int64], parts: Sequence[_ScanRegion], sights: Sequence[Sight]) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     for j in reversed(by_size):
@@ -187,7 +181,7 @@ def _adopt_small(
             large = parts[i]
             if small.n_pixels > _SMALL * large.n_pixels:
                 break
-            if lies_on(small.part, large.part) and _hidden_between(large, small, observations, tolerance):
+            if lies_on(small.part, large.part) and _hidden_between(large, small, sights):
                 group[j] = group[i]
                 break
 

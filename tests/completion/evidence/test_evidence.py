@@ -7,8 +7,10 @@ import pytest
 from completion.boundary.meshing import mesh_cells
 from completion.boundary.range_mesh import mesh_range_image
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Label, Scans, label_points, weigh
+from completion.evidence.evidence import Label, Scans, weigh
+from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
+from completion.evidence.sight import look, sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.result.audit import audit
@@ -159,9 +161,8 @@ def test_tolerance_grows_with_noise_obliqueness_and_registration():
 
 def test_where_the_tolerance_is_large_only_own_pixels_count():
     tight = EvidenceOptions(max_tolerance_m=1e-6)
-    points = np.array([[*through(100, 60), 3.0]])
-    seen = observe(SCAN, Pose.identity())
-    assert label_points(WALL, points, np.zeros(1), seen, tight.tolerance()).sure.tolist() == [False]
+    sight = sight_of(observe(SCAN, Pose.identity()), tight.tolerance())
+    assert look(sight, form_of(WALL), (*through(100, 60), 3.0), 0.0).allowed > tight.max_tolerance_m
     assert label_at(evidence(SCAN, options=tight), *through(60, 85)) != Label.FREE
 
 
