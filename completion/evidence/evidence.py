@@ -15,7 +15,7 @@ from scipy.ndimage import label as connected_parts
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.form import Form, form_of
 from completion.evidence.free_space import free_cells
-from completion.evidence.sight import Sight, look, sight_of
+from completion.evidence.sight import Sight, look, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
@@ -184,34 +184,39 @@ def _hold(
     sight: Sight, form: Form, owners: NDArray[np.int32], owner: int, number: int, found: _Found
 ) -> None:
     """Hold each cell's centre against the pixel of one scan that sees it; `owners` are its (pixels,)."""
-    for cell in range(found.labels.size):
-        place = found.centres[cell, 0], found.centres[cell, 1], found.centres[cell, 2]
-        said = look(sight, form, place, found.predicted_sd[cell])
-        if said.pixel < 0:
+    centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
+    own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
+    occluder, through, at_limb = found.occluder, found.through, found.limb
+    eye, ranges, sigma = sight.eye, sight.ranges, sight.sigma
+    for cell in range(labels.size):
+        place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
+        pixel = pixel_of(eye, sight.angles, place)
+        if pixel < 0:
             continue
-        behind, is_sure = said.distance - said.measured, said.allowed <= sight.max_m
+        said = look(eye, form, place, predicted_sd[cell], (ranges[pixel], sigma[pixel]))
+        is_sure = said.allowed <= eye.max_m
         label = _NO_RETURN  # free space is claimed by the beams themselves: a cell's centre is not its beam
-        if behind > said.allowed:
+        if said.behind > said.allowed:
             # 1. Something stands before the cell.
             label = _OCCLUDED
-            found.occluder[cell] = owners[said.pixel]
-        elif behind >= -said.allowed:
+            occluder[cell] = owners[pixel]
+        elif said.behind >= -said.allowed:
             # 2. It is measured by the surface's own pixels, or surely by pixels of no surface. Of several
             #    keep the one with the smallest footprint.
-            is_own = owners[said.pixel] == owner
-            is_measured = is_own or (owners[said.pixel] == 0 and is_sure)
+            is_own = owners[pixel] == owner
+            is_measured = is_own or (owners[pixel] == 0 and is_sure)
             label = _VISIBLE if is_measured or is_sure else _NO_RETURN
-            found.own[cell] |= is_own
-            found.observed[cell] |= is_measured
+            own[cell] |= is_own
+            observed[cell] |= is_measured
             footprint = said.distance * said.distance / max(said.cosine, _LEAST_COSINE)
-            if is_measured and footprint < found.footprint[cell]:
-                found.footprint[cell], found.pixel[cell], found.scan[cell] = footprint, said.pixel, number
+            if is_measured and footprint < footprints[cell]:
+                footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
 
         # 3. Note cells that beams seem to have passed, and those too oblique to tell.
-        limb = said.distance * sight.pixel_angle / form.radius if form.is_curved else 0.0
-        if np.isfinite(said.measured) and behind < -said.allowed and is_sure:
-            found.through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
-        found.limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
+        limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
+        if np.isfinite(ranges[pixel]) and said.behind < -said.allowed and is_sure:
+            through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
+        at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 
         # 4. Keep the strongest label of all scans.
-        found.labels[cell] = max(found.labels[cell], label)
+        labels[cell] = max(labels[cell], label)

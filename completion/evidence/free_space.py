@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.form import Form, chart_of, form_of, plus, reach_of, slope_at
-from completion.evidence.sight import Sight, along_ray, sight_of
+from completion.evidence.sight import Eye, along_ray, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
@@ -36,7 +36,18 @@ def free_cells(
     )
     for seen in observations:
         sight = sight_of(seen, tolerance)
-        _count_beams(sight, form, seen.rays.reshape(-1, 3), corner, cell, grid.wraps, sd, count)
+        _count_beams(
+            sight.eye,
+            form,
+            sight.ranges,
+            sight.sigma,
+            seen.rays.reshape(-1, 3),
+            corner,
+            cell,
+            grid.wraps,
+            sd,
+            count,
+        )
     vetoed = count > 0
     if any(seen.is_noisy for seen in observations):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
@@ -47,8 +58,10 @@ def free_cells(
 
 @compiled
 def _count_beams(
-    sight: Sight,
+    eye: Eye,
     form: Form,
+    ranges: FloatArray,
+    sigma: FloatArray,
     rays: FloatArray,
     corner: tuple[float, float],
     size: tuple[float, float],
@@ -58,24 +71,24 @@ def _count_beams(
 ) -> None:
     """Add to each cell (rows, columns) the beams that went through it, by unit rays (pixels, 3)."""
     rows, columns = count.shape
-    for pixel in range(sight.ranges.size):
-        measured = sight.ranges[pixel]
+    for pixel in range(ranges.size):
+        measured = ranges[pixel]
         if not np.isfinite(measured):
             continue
         ray = rays[pixel, 0], rays[pixel, 1], rays[pixel, 2]
         for from_within in (False, True):
-            reach = reach_of(form, sight.origin, ray, from_within)
+            reach = reach_of(form, eye.origin, ray, from_within)
             if not reach < measured:
                 continue
-            place = plus(sight.origin, reach, ray)
+            place = plus(eye.origin, reach, ray)
             u, v = chart_of(form, place)
             across, down = np.floor((u - corner[0]) / size[0]), np.floor((v - corner[1]) / size[1])
             if not (0 <= down < rows and (wraps or 0 <= across < columns)):
                 continue
             row, column = int(down), int(across) % columns
             cosine = abs(slope_at(form, place, ray))
-            allowed = along_ray(sight, sight.sigma[pixel], predicted_sd[row, column], cosine)
-            if measured - reach > allowed and allowed <= sight.max_m:
+            allowed = along_ray(eye, sigma[pixel], predicted_sd[row, column], cosine)
+            if measured - reach > allowed and allowed <= eye.max_m:
                 count[row, column] += 1
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.evidence.form import Form, form_of, place_of
-from completion.evidence.sight import Sight, look
+from completion.evidence.sight import Sight, look, pixel_of
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Surface
@@ -157,7 +157,7 @@ def _follow(
     crossed: BoolArray,
 ) -> None:
     """Hold every step (n, m, steps) of the bridges between ends (n, 2) and (m, 2) against a scan."""
-    n_steps = seen.shape[2]
+    eye, ranges, sigma, n_steps = sight.eye, sight.ranges, sight.sigma, seen.shape[2]
     for i in range(len(first)):
         for j in range(len(second)):
             across, up = second[j, 0] - first[i, 0], second[j, 1] - first[i, 1]
@@ -166,11 +166,11 @@ def _follow(
                     break
                 along = (k + 0.5) / n_steps
                 place = place_of(form, first[i, 0] + along * across, first[i, 1] + along * up)
-                said = look(sight, form, place, sd)
-                behind = said.distance - said.measured
-                if said.pixel >= 0 and np.isfinite(said.measured):
-                    crossed[i, j] = behind < -said.allowed
-                    seen[i, j, k] |= behind >= -said.allowed
+                pixel = pixel_of(eye, sight.angles, place)
+                if pixel >= 0 and np.isfinite(ranges[pixel]):
+                    said = look(eye, form, place, sd, (ranges[pixel], sigma[pixel]))
+                    crossed[i, j] = said.behind < -said.allowed
+                    seen[i, j, k] |= said.behind >= -said.allowed
 
 
 def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -162,7 +162,8 @@ def test_tolerance_grows_with_noise_obliqueness_and_registration():
 def test_where_the_tolerance_is_large_only_own_pixels_count():
     tight = EvidenceOptions(max_tolerance_m=1e-6)
     sight = sight_of(observe(SCAN, Pose.identity()), tight.tolerance())
-    assert look(sight, form_of(WALL), (*through(100, 60), 3.0), 0.0).allowed > tight.max_tolerance_m
+    place = *through(100, 60), 3.0
+    assert look(sight.eye, form_of(WALL), place, 0.0, (3.0, 0.0)).allowed > tight.max_tolerance_m
     assert label_at(evidence(SCAN, options=tight), *through(60, 85)) != Label.FREE
 
 

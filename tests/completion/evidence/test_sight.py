@@ -51,7 +51,7 @@ def test_places_are_seen_by_the_pixels_that_the_projection_says(camera):
     places = np.random.default_rng(2).normal(0, 3, (2000, 3))
     row, column = np.rint(observed(camera).scan.pixels(places)).T
     expected = np.where(np.isfinite(row + column), row * camera.shape[1] + column, -1)
-    assert [pixel_of(sight, tuple(place)) for place in places.tolist()] == expected.tolist()
+    assert [pixel_of(sight.eye, sight.angles, tuple(place)) for place in places.tolist()] == expected.tolist()
     assert (expected >= 0).any()
     assert (expected < 0).any()
 
@@ -86,10 +86,13 @@ def test_a_look_compares_ranges_by_the_tolerance_along_the_ray(surface, camera):
     seen = observed(camera)
     sight, form = sight_of(seen, TOLERANCE), form_of(surface)
     places = surface.from_uv(np.random.default_rng(4).uniform(-2, 2, (200, 2)))
-    found = [look(sight, form, tuple(place), 0.002) for place in places.tolist()]
-    inside = np.array([one.pixel >= 0 for one in found])
-    found, places = [one for one in found if one.pixel >= 0], places[inside]
-    pixel = np.array([one.pixel for one in found], dtype=np.int64)
+    pixel = np.array([pixel_of(sight.eye, sight.angles, tuple(place)) for place in places.tolist()])
+    places, pixel = places[pixel >= 0], pixel[pixel >= 0]
+    beams = np.stack([sight.ranges[pixel], sight.sigma[pixel]], axis=1).tolist()
+    found = [
+        look(sight.eye, form, tuple(place), 0.002, tuple(beam))
+        for place, beam in zip(places.tolist(), beams, strict=True)
+    ]
     ray = places - seen.scan.origin
     distance = np.linalg.norm(ray, axis=1)
     cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(places))) / distance
@@ -99,7 +102,8 @@ def test_a_look_compares_ranges_by_the_tolerance_along_the_ray(surface, camera):
     allowed = TOLERANCE.along_ray(sigma, np.full(len(pixel), 0.002), cosine) + oblique
     np.testing.assert_allclose([one.distance for one in found], distance, rtol=1e-12)
     np.testing.assert_allclose([one.cosine for one in found], cosine, atol=1e-12)
-    np.testing.assert_allclose([one.measured for one in found], seen.scan.ranges.ravel()[pixel])
+    behind = distance - seen.scan.ranges.ravel()[pixel]
+    np.testing.assert_allclose([one.behind for one in found], behind, atol=1e-12)
     np.testing.assert_allclose([one.allowed for one in found], allowed, rtol=1e-6)
 
 
