@@ -107,7 +107,10 @@ def look(eye: Eye, form: Form, place: Triple, sd: float, beam: tuple[float, floa
 
 @inlined
 def pixel_of(eye: Eye, angles: FloatArray, place: Triple) -> int:
-    """The flat pixel that sees a place, -1 outside the field of view; `angles` as in `Sight`."""
+    """The flat pixel that sees a place, -1 outside the field of view.
+
+    `angles` (rows + columns,) are those of `Sight`.
+    """
     x = dot(eye.turn[0], place) + eye.shift[0]
     y = dot(eye.turn[1], place) + eye.shift[1]
     z = dot(eye.turn[2], place) + eye.shift[2]
