@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,7 +20,7 @@ from scenes.surfaces.catalogue import Surface
 
 _LEAST_CHAIN = 4  # cells of an outline
 _BESIDE = 1.5  # cells between an outline and what it follows
-_BESIDE_IT = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]])
+_STEPS = np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])  # to the four cells beside one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,44 +50,64 @@ class BoundarySegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutlineCells:
-    """What would be said of each cell if it lay on the outline."""
+    """What is said of the measured and inferred cells that others touch, n of them, row by row."""
 
-    inside: BoolArray  # (rows, columns) measured and inferred cells
-    kinds: NDArray[np.str_]  # (rows, columns) as of `BoundarySegment`
-    provenances: NDArray[np.str_]  # (rows, columns) as of `BoundarySegment`
-    confidence: FloatArray  # (rows, columns) probability that the surface ends there
+    inside: BoolArray  # (rows, columns) all measured and inferred cells
+    cells: NDArray[np.int64]  # (n, 2) row and column
+    kinds: NDArray[np.str_]  # (n,) as of `BoundarySegment`
+    provenances: NDArray[np.str_]  # (n,) as of `BoundarySegment`
+    confidence: FloatArray  # (n,) probability that the surface ends there
+
+    def numbers(self, chain: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Which of the n the cells (k, 2) of a chain are."""
+        flat = (np.ravel_multi_index((*cells.T,), self.inside.shape) for cells in (self.cells, chain))
+        return np.asarray(np.searchsorted(*flat), dtype=np.int64)
 
 
 def outline_cells(patch: Patch) -> OutlineCells:
     """Return what is said of the cells of a surface's outline."""
-    mask, labels = patch.observed | patch.hypothesised, patch.evidence.labels
-    unknown = np.isin(labels, (Label.OUT, Label.NO_RETURN)) & patch.is_within
-    still = np.where(unknown, 1.0, patch.confidence)  # out of sight it may as well go on
-    label, still = _greatest_outside(labels, mask, Label.OUT), _greatest_outside(still, mask, 1.0)
-    provenances = _provenances(patch)
-    ends = np.where(provenances == "user", 1.0, np.maximum(patch.confidence - np.maximum(still, 0.0), 0.0))
-    return OutlineCells(mask, _kinds(patch, label), provenances, ends)
+    inside = patch.observed | patch.hypothesised
+    cells = np.argwhere(inside & ~ndimage.binary_erosion(inside, np.ones((3, 3))))
+    label, still = _greatest_outside(patch, inside, cells)
+    row, column = cells.T
+    uv = patch.grid.uv_of(*(cells.T.astype(np.float64) + 0.5))
+    at_cuts = _near(patch, uv, [cut for cut in patch.limits.cuts if cut not in patch.verdict.ends])
+    kinds = np.where(at_cuts, "crease", _kinds(label))
+    provenances = _provenances(patch, cells, uv, at_cuts)
+    drop = np.maximum(patch.confidence[row, column] - np.maximum(still, 0.0), 0.0)
+    return OutlineCells(inside, cells, kinds, provenances, np.where(provenances == "user", 1.0, drop))
 
 
-def _greatest_outside(values: NDArray[Any], mask: BoolArray, beyond: float) -> NDArray[Any]:
-    """The greatest value in the four cells beside each that are not in the mask, -1 for none of them."""
-    outside = np.where(mask, -1, values)
-    return np.asarray(ndimage.maximum_filter(outside, footprint=_BESIDE_IT, mode="constant", cval=beyond))
+def _greatest_outside(
+    patch: Patch, inside: BoolArray, cells: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """The greatest label (n,) and confidence (n,) of the four cells beside each that are not inside.
+
+    -1 for none of them. Out of sight, and beyond the grid, the surface may as well go on.
+    """
+    beside = cells + _STEPS[:, None]
+    limit = np.array(inside.shape) - 1
+    in_grid = ((beside >= 0) & (beside <= limit)).all(axis=-1)
+    row, column = np.moveaxis(np.clip(beside, 0, limit), -1, 0)
+    outside, label = ~inside[row, column], patch.evidence.labels[row, column].astype(np.int64)
+    unknown = np.isin(label, (Label.OUT, Label.NO_RETURN)) & patch.is_within[row, column]
+    still = np.where(unknown, 1.0, patch.confidence[row, column])
+    found = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
+    return found[0].max(axis=0), np.where(in_grid, found[1], 1.0).max(axis=0)
 
 
 def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment]:
     """Return the outline of the measured and inferred cells, cut where its kind or provenance changes."""
-    kinds, provenances, ends = cells.kinds, cells.provenances, cells.confidence
     segments = []
     for chain in trace_cells(cells.inside):
         if len(chain) < _LEAST_CHAIN:
             continue
-        row, column = chain.T
-        code = list(zip(kinds[row, column].tolist(), provenances[row, column].tolist(), strict=True))
+        number = cells.numbers(chain)
+        code = list(zip(cells.kinds[number].tolist(), cells.provenances[number].tolist(), strict=True))
         for start, end in runs_of(code):
             kind, provenance = code[start]
             stretch = np.take(chain, range(start, end + 2), axis=0, mode="wrap")
-            confidence = float(np.mean(ends[row[start : end + 1], column[start : end + 1]]))
+            confidence = float(np.mean(cells.confidence[number[start : end + 1]]))
             segments.append(BoundarySegment(kind, provenance, confidence, _polyline(grid, stretch)))
     return segments
 
@@ -110,50 +129,47 @@ def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) ->
     return np.asarray(corners[:, ::-1], dtype=np.int64)
 
 
-def _kinds(patch: Patch, label: NDArray[np.int8]) -> NDArray[np.str_]:
-    """Kind that each cell would have on the outline, by the strongest label just outside."""
-    kind = np.select(
+def _kinds(label: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Kind that a cell has on the outline, by the strongest label (n,) just outside."""
+    return np.select(
         [label == Label.FREE, label == Label.VISIBLE, label == Label.OCCLUDED, label == Label.NO_RETURN],
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )
-    return np.where(_near(patch, _found_cuts(patch)), "crease", kind)
 
 
-def _provenances(patch: Patch) -> NDArray[np.str_]:
-    """Provenance that each cell would have on the outline."""
-    grid = patch.grid
-    beside = _BESIDE * float(grid.cell.max())
-    uv = grid.centres_uv()
-    result = np.full(grid.shape, "shadow-limit", dtype="<U16")
+def _provenances(
+    patch: Patch, cells: NDArray[np.int64], uv: FloatArray, at_cuts: BoolArray
+) -> NDArray[np.str_]:
+    """Provenance of cells (n, 2) on the outline with their centres (n, 2), some at what was found to cut."""
+    row, column = cells.T
+    beside = _BESIDE * float(patch.grid.cell.max())
+    result = np.full(len(cells), "shadow-limit", dtype="<U16")
     for stretch in patch.stretches:
         progress = stretch.progress(uv)
         hidden = (progress >= -beside) & (progress <= abs(stretch.end - stretch.start) + beside)
         result[hidden & (np.abs(stretch.curve.across(uv)) <= beside)] = str(stretch.provenance)
-    result[_near(patch, _found_cuts(patch))] = str(Cue.ARCHITECTURAL)
-    result[_near(patch, patch.verdict.ends) | _near_openings(patch)] = "user"
-    return np.where(patch.hypothesised, result, "measured")
-
-
-def _found_cuts(patch: Patch) -> list[Surface]:
-    """Surfaces that this one ends at without a person's saying so."""
-    return [cut for cut in patch.limits.cuts if cut not in patch.verdict.ends]
+    result[at_cuts] = str(Cue.ARCHITECTURAL)
+    result[_near(patch, uv, patch.verdict.ends) | _near_openings(patch)[row, column]] = "user"
+    return np.where(patch.hypothesised[row, column], result, "measured")
 
 
 def _near_openings(patch: Patch) -> BoolArray:
-    """Cells within about a cell of a declared opening."""
+    """Cells (rows, columns) within about a cell of a declared opening."""
+    crossed = np.zeros(patch.grid.shape, dtype=np.bool_)
     sides = [trim.cells for trim in patch.verdict.trims(patch.grid)]
-    crossed = np.logical_or.reduce([np.zeros(patch.grid.shape, dtype=np.bool_), *sides])
-    return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
+    if not sides:
+        return crossed
+    return np.asarray(ndimage.binary_dilation(np.logical_or.reduce(sides), np.ones((3, 3))), dtype=np.bool_)
 
 
-def _near(patch: Patch, others: Sequence[Surface]) -> BoolArray:
-    """Cells within one and a half cells of others that the surface ends at."""
-    centres = patch.grid.centres()
-    near = np.zeros(len(centres), dtype=np.bool_)
+def _near(patch: Patch, uv: FloatArray, others: Sequence[Surface]) -> BoolArray:
+    """Places (n, 2) of the chart within one and a half cells of others that the surface ends at."""
+    points = patch.grid.surface.from_uv(uv)
+    near = np.zeros(len(uv), dtype=np.bool_)
     for cut in others:
-        near |= cut.distance(centres) <= _BESIDE * float(patch.grid.cell.max())
-    return near.reshape(patch.grid.shape)
+        near |= cut.distance(points) <= _BESIDE * float(patch.grid.cell.max())
+    return near
 
 
 def runs_of(code: Sequence[tuple[str, str]], least: int = 1) -> list[tuple[int, int]]:

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.evidence.chart_grid import ChartGrid
@@ -29,18 +27,15 @@ _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BoundaryCells:
-    """A surface's cells (n, 2) beside its outline, what is known of them, and which is nearest to a place."""
+    """What is known of a surface's cells beside its outline, and which is nearest to a place."""
 
-    cells: NDArray[np.int64]
     known: OutlineCells
     tree: cKDTree
 
     @classmethod
     def of(cls, grid: ChartGrid, known: OutlineCells) -> _BoundaryCells:
-        inner = ndimage.binary_erosion(known.inside, np.ones((3, 3)))
-        cells = np.argwhere(known.inside & ~inner)
-        row, column = (cells + 0.5).T.astype(np.float64)
-        return cls(cells, known, cKDTree(grid.uv_of(row, column)))
+        row, column = (known.cells + 0.5).T
+        return cls(known, cKDTree(grid.uv_of(row, column)))
 
 
 def polygons_record(completion: CompletedModel) -> dict[str, Any]:
@@ -124,12 +119,11 @@ def _stretches(
     n = max(int(np.ceil(np.linalg.norm(end - start) / float(patch.grid.cell.max()))), 1)
     places = start + (np.arange(n) + 0.5)[:, None] / n * (end - start)
     _, index = boundary.tree.query(places)
-    row, column = boundary.cells[index].T
     known = boundary.known
-    kinds, provenances = known.kinds[row, column].tolist(), known.provenances[row, column].tolist()
+    kinds, provenances = known.kinds[index].tolist(), known.provenances[index].tolist()
     found = []
     for first, last in runs_of(list(zip(kinds, provenances, strict=True)), _SHORT):
-        confidence = known.confidence[row[first : last + 1], column[first : last + 1]]
+        confidence = known.confidence[index[first : last + 1]]
         edge = {
             "state": "measured" if provenances[first] == "measured" else "inferred",
             "kind": kinds[first],

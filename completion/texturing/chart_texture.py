@@ -140,12 +140,12 @@ class Atlas:
 
 def make_atlas(textures: Sequence[ChartTexture | None]) -> Atlas:
     """Pack the textures of surfaces, one each, on as few pages as hold them."""
-    from trimesh.path.packing import rectangles  # loads networkx and scipy.stats, and packs at the very end
-
     page = np.full(len(textures), -1, np.int32)
     corner = np.zeros((len(textures), 2), np.int64)
     pages: list[NDArray[np.uint8]] = []
     for members in _groups(textures):
+        from trimesh.path.packing import rectangles  # loads networkx and scipy.stats: only to pack
+
         padded = [_padded(texture) for k in members if (texture := textures[k]) is not None]
         extents = np.array([image.shape[1::-1] for image in padded], dtype=np.float64)
         bounds, _ = rectangles(extents, rotate=False, iterations=_TRIALS, seed=0)

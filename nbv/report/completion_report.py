@@ -12,8 +12,7 @@ import numpy as np
 
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
-from nbv.report.blocks.stations import scans_table
-from nbv.report.figures.plots import range_colours
+from nbv.report.blocks.scan_tables import scans_table
 from nbv.report.page.page import (
     Bar,
     BarShare,
@@ -30,7 +29,7 @@ from nbv.report.page.page import (
 )
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera, solid_bounds
-from nbv.report.pictures.picture import picture_of, segment_pixels, surface_colour
+from nbv.report.pictures.picture import picture_of, range_colours, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.scan.thumbnail import upright

@@ -20,9 +20,8 @@ from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.figures.plots import range_colours
 from nbv.report.page.page import Gallery, Headline, Page, Section, Text
-from nbv.report.pictures.picture import Picture, picture_of
+from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from nbv.run.showing import register
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor

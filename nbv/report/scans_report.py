@@ -12,7 +12,7 @@ from nbv.report.blocks.scan_coverage_blocks import (
     stations_plan,
     surfaces_blocks,
 )
-from nbv.report.blocks.stations import PLACE_COLUMNS, place_cells, scans_table
+from nbv.report.blocks.scan_tables import PLACE_COLUMNS, place_cells, scans_table
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor import Sensor

@@ -52,3 +52,14 @@ def square_metres(area: float) -> str:
         return "0"
     small = f"{area:.3f}" if area >= 0.001 else "<0.001"
     return f"{area:.1f}" if area >= 100 else f"{area:.2f}" if area >= 1 else small
+
+
+def letters(number: int) -> str:
+    """Return a name for a station that was given, counted from 0.
+
+    Examples
+    --------
+    >>> letters(0), letters(25), letters(26)
+    ('A', 'Z', 'AA')
+    """
+    return (letters(number // 26 - 1) if number >= 26 else "") + chr(ord("A") + number % 26)

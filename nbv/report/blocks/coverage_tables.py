@@ -9,7 +9,7 @@ from itertools import pairwise
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.unreachable import unreachable_patches
 from nbv.plan.plan import Plan
-from nbv.report.blocks.stations import PLACE_COLUMNS, place_cells
+from nbv.report.blocks.scan_tables import PLACE_COLUMNS, place_cells
 from nbv.report.page.page import Block, Cell, Table, Text
 from nbv.run.wording import count, percent, square_metres
 from scenes.pose import Pose

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
+from nbv.run.wording import letters
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import FloatArray
 
@@ -140,14 +141,3 @@ def _label(
         axes.annotate(
             text, place, xytext=offset, textcoords="offset points", fontsize=7.5, color=colour, zorder=5
         )
-
-
-def letters(number: int) -> str:
-    """Return a name for a station that was given, counted from 0.
-
-    Examples
-    --------
-    >>> letters(0), letters(25), letters(26)
-    ('A', 'Z', 'AA')
-    """
-    return (letters(number // 26 - 1) if number >= 26 else "") + chr(ord("A") + number % 26)

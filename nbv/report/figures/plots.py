@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Plots: coverage curve and range images, in both themes."""
+"""Plots: curves of coverage, in both themes."""
 
 from __future__ import annotations
 
@@ -150,19 +150,6 @@ def class_curve(tops: FloatArray, reachable: float, target: float | None) -> Plo
                     handlelength=1.4, columnspacing=1.2, borderaxespad=0.2)  # fmt: skip
 
     return drawn_plot(draw, (5.4, 4.1))
-
-
-def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return ranges (rows, columns) as colours (rows, columns, 4), and the ranges at both ends of the scale.
-
-    The scale spans the middle 98 % of the ranges; where nothing came back it is see-through.
-    """
-    valid = np.isfinite(ranges)
-    low, high = np.quantile(ranges[valid], [0.01, 0.99]) if valid.any() else (0.0, 1.0)
-    position = (np.where(valid, ranges, low) - low) / max(high - low, 1e-9)
-    colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
-    colours[..., 3] = valid
-    return colours, float(low), float(high)
 
 
 def label_views(axes: Axes, text: str, top: float = 106) -> None:

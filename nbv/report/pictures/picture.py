@@ -8,6 +8,7 @@ import io
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -91,6 +92,19 @@ def segment_pixels(owner: NDArray[np.int32], valid: BoolArray) -> FloatArray:
     numbers = range(int(owner.max(initial=0)) + 1)
     palette = np.array([surface_rgb(k) for k in numbers])
     return np.dstack([palette[owner], valid.astype(np.float64)])
+
+
+def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return ranges (rows, columns) as colours (rows, columns, 4), and the ranges at both ends of the scale.
+
+    The scale spans the middle 98 % of the ranges; where nothing came back it is see-through.
+    """
+    valid = np.isfinite(ranges)
+    low, high = np.quantile(ranges[valid], [0.01, 0.99]) if valid.any() else (0.0, 1.0)
+    position = (np.where(valid, ranges, low) - low) / max(high - low, 1e-9)
+    colours = mpl.colormaps["viridis"](1 - np.clip(position, 0, 1))
+    colours[..., 3] = valid
+    return colours, float(low), float(high)
 
 
 def _data_uri(png: bytes) -> str:

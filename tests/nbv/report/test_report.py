@@ -12,11 +12,17 @@ from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.report.blocks.stations import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.floor_plan import FloorPlan
-from nbv.report.figures.plots import coverage_curve, range_colours
+from nbv.report.figures.plots import coverage_curve
 from nbv.report.page.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.camera import aim, aside_cameras, overview_cameras
 from nbv.report.pictures.drawing import MeshDrawing, passes_hidden
-from nbv.report.pictures.picture import hatch, picture_of, segment_pixels, surface_colour
+from nbv.report.pictures.picture import (
+    hatch,
+    picture_of,
+    range_colours,
+    segment_pixels,
+    surface_colour,
+)
 from nbv.report.pictures.surface_values import fine_coverage, nearest_samples
 from nbv.run.wording import percent
 from nbv.scanning.scanner import scan_scene

@@ -12,7 +12,8 @@ from completion.pipeline import complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
-from nbv.report.blocks.stations import fields_of, outline_of, place_cells, scans_table
+from nbv.report.blocks.scan_tables import place_cells, scans_table
+from nbv.report.blocks.stations import fields_of, outline_of
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.pictures.camera import best_side, overview_cameras
