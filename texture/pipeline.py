@@ -33,7 +33,8 @@ from texture.sampling.arguments import (
     check_window,
     check_wrap,
 )
-from texture.sampling.canvas import Canvas, OrderName, plant_seed
+from texture.sampling.canvas import Canvas, plant_seed
+from texture.sampling.front import OrderName
 from texture.sampling.randomness import draw_key
 from texture.sampling.sample import BoolArray, IntArray, Sample, quantise
 

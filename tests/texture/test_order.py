@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from texture.sampling.canvas import Canvas, OrderName, list_visits
+from texture.sampling.canvas import Canvas
+from texture.sampling.front import Front, OrderName
 
 
 def draw_canvas(seed: int, wrap: tuple[bool, bool], window: int = 7) -> Canvas:
@@ -32,7 +33,7 @@ WRAPS = [(False, False), (True, False), (False, True), (True, True)]
 @pytest.mark.parametrize("wrap", WRAPS)
 def test_the_paper_order_visits_the_whole_front_by_filled_neighbours(wrap: tuple[bool, bool]) -> None:
     canvas = draw_canvas(0, wrap)
-    visits = list_visits(canvas, "paper", key=1, pass_number=0)
+    visits = Front(canvas, "paper").list_visits(1, 0)
     counts = count_by_hand(canvas, 1, wrap)
     assert set(visits.tolist()) == set(np.flatnonzero(canvas.unfilled & (counts > 0)).tolist())
     assert (np.diff(counts.ravel()[visits]) <= 0).all()
@@ -41,7 +42,7 @@ def test_the_paper_order_visits_the_whole_front_by_filled_neighbours(wrap: tuple
 @pytest.mark.parametrize("wrap", WRAPS)
 def test_the_window_order_visits_the_best_eighth(wrap: tuple[bool, bool]) -> None:
     canvas = draw_canvas(1, wrap)
-    visits = list_visits(canvas, "window", key=1, pass_number=0)
+    visits = Front(canvas, "window").list_visits(1, 0)
     front = np.flatnonzero(canvas.unfilled & (count_by_hand(canvas, 1, wrap) > 0))
     counts = count_by_hand(canvas, 3, wrap).ravel()
     assert visits.size == np.ceil(front.size / 8)
@@ -55,21 +56,42 @@ def test_ties_are_broken_at_random_anew_in_each_pass(order: OrderName) -> None:
     hole[10:20] = True
     canvas = Canvas.around_hole(np.zeros((30, 90, 1), dtype=np.int64), ~hole, hole, (False, True), 5)
     orders = {
-        tuple(list_visits(canvas, order, key, pass_number).tolist())
+        tuple(Front(canvas, order).list_visits(key, pass_number).tolist())
         for key in (0, 1)
         for pass_number in (0, 1)
     }
     assert len(orders) == 4
     # 180 pixels in random order: about half of the consecutive pairs rise.
-    visits = list_visits(canvas, order, 0, 0)
+    visits = Front(canvas, order).list_visits(0, 0)
     rising = np.count_nonzero(np.diff(visits) > 0)
     assert abs(rising - visits.size / 2) < 4 * np.sqrt(visits.size / 12)
 
 
 def test_nothing_is_visited_where_nothing_is_known() -> None:
     canvas = Canvas.empty((4, 5), 1, (False, True), 3)
-    assert list_visits(canvas, "paper", 0, 0).size == 0
-    assert list_visits(canvas, "window", 0, 0).size == 0
+    assert Front(canvas, "paper").list_visits(0, 0).size == 0
+    assert Front(canvas, "window").list_visits(0, 0).size == 0
+
+
+@pytest.mark.parametrize("order", ["paper", "window"])
+@pytest.mark.parametrize("wrap", WRAPS)
+@pytest.mark.parametrize("window", [3, 7, 11])  # the last reaches round a wrapped canvas and meets itself
+def test_a_front_kept_while_filling_is_that_found_anew(
+    window: int, wrap: tuple[bool, bool], order: OrderName
+) -> None:
+    canvas, rng = draw_canvas(4, wrap, window), np.random.default_rng(0)
+    front, n_filled = Front(canvas, order), 0
+    while front.n_unfilled:
+        visits = front.list_visits(3, n_filled)
+        assert visits.tolist() == Front(canvas, order).list_visits(3, n_filled).tolist()
+        chosen = visits[rng.random(visits.size) < 0.4]
+        for pixel in chosen.tolist():
+            canvas.write(*divmod(pixel, 14), source=0, levels=np.array([1, 2]), error=0.0)
+        assert front.advance(visits) == chosen.size
+        n_filled += chosen.size
+        assert front.n_unfilled == np.count_nonzero(canvas.unfilled)
+    assert front.list_visits(3, 0).size == 0
+    assert n_filled > 40
 
 
 @pytest.mark.parametrize("wrap", WRAPS)

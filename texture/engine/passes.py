@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from texture.engine.engine import can_compile, prepare_engine
 from texture.sampling.arguments import EngineName
-from texture.sampling.canvas import Canvas, OrderName, draw_place, list_visits, plant_seed
+from texture.sampling.canvas import Canvas, draw_place, plant_seed
+from texture.sampling.front import Front, OrderName
 from texture.sampling.matching import find_candidates
 from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import IntArray, Sample
@@ -50,7 +51,8 @@ def synthesise(canvas: Canvas, sample: Sample, how: Way, progress: Progress | No
     Where no unfilled pixel has a known neighbour, a seed is planted. When the time budget is spent, the pass
     that runs is the last.
     """
-    n_to_fill = n_unfilled = int(np.count_nonzero(canvas.unfilled))
+    front = Front(canvas, how.order)
+    n_to_fill = front.n_unfilled
     if not n_to_fill:
         return Tally()
     deadline = inf if how.time_budget_s is None else monotonic() + how.time_budget_s
@@ -62,23 +64,23 @@ def synthesise(canvas: Canvas, sample: Sample, how: Way, progress: Progress | No
             if is_compiled
             else partial(fill_pixels, canvas, sample)
         )
-        while n_unfilled:
-            visits = list_visits(canvas, how.order, how.key, pass_number)
+        while front.n_unfilled:
+            visits = front.list_visits(how.key, pass_number)
             if visits.size:
                 visit(visits, threshold, random_words(how.key, Purpose.PICK, pass_number, visits))
             else:
-                plant_seed(canvas, sample, draw_place(canvas, how.key, pass_number), how.key, pass_number)
+                place = draw_place(canvas, how.key, pass_number)
+                visits = plant_seed(canvas, sample, place, how.key, pass_number)
                 n_seeds += 1
-            n_before, n_unfilled = n_unfilled, int(np.count_nonzero(canvas.unfilled))
-            if n_unfilled == n_before:
+            if not front.advance(visits):
                 threshold *= RELAXATION
                 n_relaxed += 1
             pass_number += 1
             if progress is not None:
-                progress(n_to_fill - n_unfilled, n_to_fill)
+                progress(n_to_fill - front.n_unfilled, n_to_fill)
             if monotonic() >= deadline:
                 break
-    return Tally(n_relaxed, n_seeds, is_complete=not n_unfilled)
+    return Tally(n_relaxed, n_seeds, is_complete=not front.n_unfilled)
 
 
 def fill_pixels(

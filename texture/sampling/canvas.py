@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The canvas: the image while it is filled, the order in which it is, and the seeds from which it grows."""
+"""The canvas: the image while it is filled, and the seeds from which it grows."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,6 @@ from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import BoolArray, IntArray, Sample
 
 NOWHERE = -1  # the source of a pixel that has none
-OrderName: TypeAlias = Literal["paper", "window"]
-
-SHARE_PER_PASS = 8  # the window order visits the best eighth of the front
 UNSUPPORTED = 1.0  # the error of a seed: nothing around it vouches for it
 
 
@@ -100,65 +96,19 @@ class Canvas:
         self.unfilled[row, column] = False
         self.errors[row, column] = error
 
-    def find_unfilled_box(self) -> tuple[slice, slice]:
-        """Return the rows and columns between which all unfilled pixels lie; empty when there are none."""
-        rows = np.flatnonzero(self.unfilled.any(axis=1))
-        if not rows.size:
-            return slice(0, 0), slice(0, 0)
-        columns = np.flatnonzero(self.unfilled[rows[0] : rows[-1] + 1].any(axis=0))
-        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-    def count_known(self, box: tuple[slice, slice], radius: int) -> IntArray:
-        """Count the known pixels within `radius` (rows and columns) of each pixel of a box, in its shape.
-
-        A table of sums over rectangles (Crow 1984, "Summed-area tables for texture mapping", section 2).
-        """
-        rows = self._list_lines(self.row_reach[box[0]], radius)
-        columns = self._list_lines(self.column_reach[box[1]], radius)
-        known = self.known[rows[:, None], columns]
-        sums = np.zeros((known.shape[0] + 1, known.shape[1] + 1), dtype=np.int64)
-        np.cumsum(np.cumsum(known, axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
-        far = 2 * radius + 1
-        return np.asarray(sums[far:, far:] - sums[:-far, far:] - sums[far:, :-far] + sums[:-far, :-far])
-
-    def _list_lines(self, reach: IntArray, radius: int) -> IntArray:
-        """Return the rows, or columns, of a box and those within `radius` of it."""
-        if not len(reach):
-            return np.zeros(2 * radius, dtype=np.int64)
-        near = reach[:, self.radius - radius : self.radius + radius + 1]
-        return np.concatenate([near[0, :radius], near[:, radius], near[-1, radius + 1 :]])
-
 
 def _list_reach(size: int, window: int, wraps: bool) -> IntArray:
     reach = np.arange(size)[:, None] + np.arange(window) - window // 2
     return reach % size if wraps else np.where((reach >= 0) & (reach < size), reach, size)
 
 
-def list_visits(canvas: Canvas, order: OrderName, key: int, pass_number: int) -> IntArray:
-    """List the pixels (n,) that a pass visits: the front, most filled neighbours first, ties at random.
-
-    The paper (Efros & Leung 1999, section 2.2 and the pseudocode) leaves open which neighbours count. "paper"
-    counts the eight around the pixel and visits the whole front; "window" counts the whole window and visits
-    the best eighth of the front. Pixels are row * width + column, none when no unfilled pixel has a filled
-    neighbour; random ties are a pure function of key, pass number and pixel.
-    """
-    box = canvas.find_unfilled_box()
-    n_neighbours = canvas.count_known(box, radius=1)
-    front = np.nonzero(canvas.unfilled[box] & (n_neighbours > 0))
-    n_filled = (canvas.count_known(box, canvas.radius) if order == "window" else n_neighbours)[front]
-    n_visits = -(-front[0].size // (SHARE_PER_PASS if order == "window" else 1))
-    pixels = (front[0] + box[0].start) * canvas.unfilled.shape[1] + front[1] + box[1].start
-    ties = random_words(key, Purpose.ORDER, pass_number, pixels)
-    visits: IntArray = pixels[np.lexsort((ties, -n_filled))][:n_visits]
-    return visits
-
-
 def plant_seed(
     canvas: Canvas, sample: Sample, place: tuple[int, int], key: int, pass_number: int = 0
-) -> None:
+) -> IntArray:
     """Copy a random 3 x 3 piece of the sample to a place of the canvas, as far as it is unfilled there.
 
-    The piece is whole if the sample holds a whole one; otherwise at least its centre can be used.
+    The piece is whole if the sample holds a whole one; otherwise at least its centre can be used. Returns the
+    pixels written (n,), row * width + column.
     """
     height, width = sample.usable.shape
     shifts = np.indices((3, 3)).reshape(2, 9, 1) - 1
@@ -172,10 +122,13 @@ def plant_seed(
     reached_rows = canvas.row_reach[place[0], canvas.radius + shifts[0, :, 0]]
     reached_columns = canvas.column_reach[place[1], canvas.radius + shifts[1, :, 0]]
     is_outside = (reached_rows == canvas.unfilled.shape[0]) | (reached_columns == canvas.unfilled.shape[1])
+    written = []
     for piece in np.flatnonzero(has_counterpart & ~is_outside):
         row, column, source = int(reached_rows[piece]), int(reached_columns[piece]), int(sources[piece])
         if canvas.unfilled[row, column]:
             canvas.write(row, column, source, sample.levels[divmod(source, width)], UNSUPPORTED)
+            written.append(row * canvas.unfilled.shape[1] + column)
+    return np.array(written, np.int64)
 
 
 def _is_whole(sample: Sample) -> BoolArray:

@@ -19,7 +19,7 @@ from texture.sampling.arguments import (
     check_time_budget,
     check_wrap,
 )
-from texture.sampling.canvas import OrderName
+from texture.sampling.front import OrderName
 from texture.sampling.randomness import draw_key
 from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, Pixels, quantise
 from texture.surface.shading import Shading, fit_shading
