@@ -66,7 +66,9 @@ class Front:
         """Take out the visited pixels (n,), row * width + column, that were filled; return how many."""
         unfilled = self._canvas.unfilled
         filled = visits[~unfilled.ravel()[visits]]
-        np.add.at(self._n_known, self._around(filled, self._reach), 1)
+        np.add.at(
+            self._n_known, self._around(filled, self._reach), np.int32(1)
+        )  # of one type: 30 times faster
         rows, columns = np.divmod(self._pixels, self._canvas.known.shape[1])
         self._pixels = self._pixels[unfilled[rows, columns]]
         near = np.unique(self._around(filled, 1))
