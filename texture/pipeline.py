@@ -16,18 +16,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texture.analysis.window import SMALLEST_CHOICE, WindowCheck, check_windows
+from texture.engine.coarse_to_fine import fill_coarse_to_fine
 from texture.engine.engine import can_compile, count_threads
 from texture.engine.passes import Progress, Way, synthesise
 from texture.engine.plain import fill_plainly
 from texture.result import Synthesis, collect
 from texture.sampling.arguments import (
     EngineName,
+    SearchName,
     check_engine,
     check_image,
     check_known,
     check_mask,
     check_order,
     check_sample_mask,
+    check_search,
     check_shape,
     check_time_budget,
     check_window,
@@ -54,6 +57,7 @@ def fill(
     progress: Progress | None = None,
     time_budget_s: float | None = None,
     plain: bool = False,
+    search: SearchName = "exact",
 ) -> Synthesis:
     """Fill the masked pixels of an image with its own texture.
 
@@ -133,7 +137,8 @@ def fill(
     levels = quantise(pixels, context)
     is_matched = bool(hole.any()) and not plain
     given = SMALLEST_CHOICE if window is None and not is_matched else window
-    check = _choose_window(given, levels, usable, check_order(order), n_threads)
+    is_budgeted = check_search(search) == "budget" and can_compile()
+    check = _choose_window(given, levels, usable, check_order(order), n_threads, is_checked=not is_budgeted)
     key = draw_key(rng)
 
     sample = Sample(levels, usable, check_wrap(wrap), radius=check.window // 2)
@@ -141,7 +146,8 @@ def fill(
     how = Way(check_engine(engine), order, key, count_threads(n_threads), check_time_budget(time_budget_s))
     if plain:
         fill_plainly(canvas, sample, key)
-    tally = synthesise(canvas, sample, how, progress)
+    filled_by = fill_coarse_to_fine if is_budgeted else synthesise
+    tally = filled_by(canvas, sample, how, progress)
     return collect(canvas, sample, pixels=pixels, background=pixels, tally=tally, check=check)
 
 
@@ -218,9 +224,14 @@ def grow(
 
 
 def _choose_window(
-    window: int | None, levels: IntArray, usable: BoolArray, order: OrderName, n_threads: int | None
+    window: int | None,
+    levels: IntArray,
+    usable: BoolArray,
+    order: OrderName,
+    n_threads: int | None,
+    is_checked: bool = True,
 ) -> WindowCheck:
-    """Return the caller's window, or the one that a self-check chooses."""
+    """Return the caller's window, or the one that a self-check, or else the largest feature, chooses."""
     if window is not None:
         return WindowCheck(check_window(window), {})
 
@@ -230,4 +241,4 @@ def _choose_window(
         filled = fill(image, hole, known=known, window=side, order=order, rng=0, n_threads=n_threads)
         return np.asarray(filled.image)
 
-    return check_windows(levels, usable, fill_piece if can_compile() else None)
+    return check_windows(levels, usable, fill_piece if is_checked and can_compile() else None)

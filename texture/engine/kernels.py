@@ -97,10 +97,10 @@ def _visit(
     n_known = _read_template(canvas, row, column, terms)
     n_guesses = _list_guesses(sample, canvas, row, column, guesses)
     n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], found)
-    chosen = _pick(word, n_found)
+    chosen = pick_one(word, n_found)
     error = found.distances[chosen] / largest
     if error < threshold:
-        _write(sample, canvas, row, column, found.centres[chosen], error)
+        write_pixel(sample, canvas, row, column, found.centres[chosen], error)
 
 
 @compiled
@@ -177,7 +177,7 @@ def _list_guesses(
 
 
 @compiled
-def _pick(word: np.uint64, n_choices: int) -> int:
+def pick_one(word: np.uint64, n_choices: int) -> int:
     """Return word * n_choices / 2**64, as `texture.sampling.randomness.pick`."""
     n, half = uint64(n_choices), uint64(32)
     low = uint64(word & uint64(0xFFFFFFFF)) * n >> half
@@ -185,7 +185,7 @@ def _pick(word: np.uint64, n_choices: int) -> int:
 
 
 @compiled
-def _write(
+def write_pixel(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, centre: int, error: float
 ) -> None:
     """Fill a pixel, as `texture.sampling.canvas.Canvas.write`."""

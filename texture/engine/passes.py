@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.engine import can_compile, prepare_engine
+from texture.engine.engine import FillPixels, can_compile, prepare_engine
 from texture.sampling.arguments import EngineName
 from texture.sampling.canvas import Canvas, draw_place, plant_seed
 from texture.sampling.front import Front, OrderName
@@ -43,13 +43,19 @@ class Way(NamedTuple):
     time_budget_s: float | None
 
 
-def synthesise(canvas: Canvas, sample: Sample, how: Way, progress: Progress | None = None) -> Tally:
+def synthesise(
+    canvas: Canvas,
+    sample: Sample,
+    how: Way,
+    progress: Progress | None = None,
+    fill_visits: FillPixels | None = None,
+) -> Tally:
     """Fill all that is unfilled on the canvas, pass by pass (Efros & Leung 1999; pseudocode of Efros's page).
 
     A pass visits the pixels of the front; each in turn reads its template, and takes a random one of its
     candidates if that one's error is below the threshold. A pass that fills nothing raises the threshold.
     Where no unfilled pixel has a known neighbour, a seed is planted. When the time budget is spent, the pass
-    that runs is the last.
+    that runs is the last. `fill_visits` may stand in for the exact search.
     """
     front = Front(canvas, how.order)
     n_to_fill = front.n_unfilled
@@ -59,11 +65,9 @@ def synthesise(canvas: Canvas, sample: Sample, how: Way, progress: Progress | No
     threshold, n_relaxed, n_seeds, pass_number = MAX_ERROR_THRESHOLD, 0, 0, 0
     with ThreadPoolExecutor(how.n_threads) as pool:
         is_compiled = how.engine == "numba" and can_compile()
-        visit = (
-            prepare_engine(canvas, sample, pool, how.n_threads)
-            if is_compiled
-            else partial(fill_pixels, canvas, sample)
-        )
+        if fill_visits is None and is_compiled:
+            fill_visits = prepare_engine(canvas, sample, pool, how.n_threads)
+        visit = fill_visits or partial(fill_pixels, canvas, sample)
         while front.n_unfilled:
             visits = front.list_visits(how.key, pass_number)
             if visits.size:

@@ -11,6 +11,7 @@ from texture.sampling.front import OrderName
 from texture.sampling.sample import BoolArray, Pixels
 
 EngineName: TypeAlias = Literal["numba", "reference"]
+SearchName: TypeAlias = Literal["exact", "budget"]
 LARGEST_WINDOW = 99  # keeps every distance below the compiled scan's mark for "not in the sample"
 
 
@@ -105,6 +106,13 @@ def check_engine(engine: EngineName) -> EngineName:
     if engine not in get_args(EngineName):
         raise ValueError(f"engine: expected one of {get_args(EngineName)}, got {engine!r}")
     return engine
+
+
+def check_search(search: SearchName) -> SearchName:
+    """Return how candidates are searched for."""
+    if search not in get_args(SearchName):
+        raise ValueError(f"search: expected one of {get_args(SearchName)}, got {search!r}")
+    return search
 
 
 def check_time_budget(seconds: float | None) -> float | None:

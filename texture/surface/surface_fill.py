@@ -12,6 +12,7 @@ from texture.pipeline import fill
 from texture.result import Synthesis
 from texture.sampling.arguments import (
     EngineName,
+    SearchName,
     check_image,
     check_known,
     check_mask,
@@ -72,6 +73,7 @@ def fill_surface(
     n_threads: int | None = None,
     progress: Progress | None = None,
     time_budget_s: float | None = None,
+    search: SearchName = "exact",
 ) -> SurfaceFill:
     """Fill the masked pixels of a surface's image: what is matched and copied is its reflectance.
 
@@ -126,6 +128,7 @@ def fill_surface(
             progress=tell,
             time_budget_s=seconds,
             plain=plain,
+            search=search,
         )
 
     whole = Piece(values, hole, context, usable, -1)
