@@ -44,39 +44,39 @@ def test_a_small_hole_is_searched_exactly():
     assert (exact == budget).all()
 
 
-@pytest.mark.parametrize("engine", ["numba", "reference"])
-def test_the_result_depends_on_the_seed_alone(engine):
-    emptied, hole = cut(BRICK, 44)
+def test_the_result_depends_on_the_seed_alone():
+    emptied, hole = cut(BRICK, 68)
     first = fill(emptied, hole, search="budget", window=9, rng=1, n_threads=1)
-    again = fill(emptied, hole, search="budget", window=9, rng=1, n_threads=2, engine=engine)
+    again = fill(emptied, hole, search="budget", window=9, rng=1, n_threads=2)
     other = fill(emptied, hole, search="budget", window=9, rng=2)
     assert (first.image == again.image).all()
     assert (first.source_rows == again.source_rows).all()
     assert (first.image != other.image).any()
 
 
-@pytest.mark.parametrize("name", ["brick", "gravel"])
-def test_a_hole_much_larger_than_the_window_is_nearer_to_the_truth_than_by_the_exact_search(name):
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["brick", "grass", "gravel"])
+def test_wide_holes_come_as_near_to_the_truth_as_by_the_exact_search(name):
     image = getattr(data, name)()[64:448, 64:448]
-    emptied, hole = cut(image, 112)
-    inside = np.s_[136:248, 136:248]
-    distances = {}
+    emptied, hole = cut(image, 144)
+    distances, seams = {}, {}
     for search in ("exact", "budget"):
-        fills = [fill(emptied, hole, search=search, window=11, order="window", rng=seed) for seed in (0, 1)]
-        distances[search] = np.mean([measure_distance(one.image[inside], image[inside]) for one in fills])
-        assert measure_seam(fills[0].image, hole) < 1.4 * measure_seam(image, hole)
-    assert distances["budget"] < distances["exact"]
+        fills = [fill(emptied, hole, search=search, window=11, order="window", rng=k).image for k in range(4)]
+        distances[search] = np.mean([measure_distance(one, image, hole, hole) for one in fills])
+        seams[search] = np.mean([measure_seam(one, hole) for one in fills]) / measure_seam(image, hole)
+    assert distances["budget"] < 1.1 * distances["exact"]
+    assert seams["budget"] < 1.2
 
 
-def test_stripes_wider_than_the_window_come_back_across_a_wide_hole():
-    stripes = np.tile(np.repeat(np.array([40, 200], np.uint8), 12), (192, 8))
-    emptied, hole = cut(stripes, 80)
-    filled = fill(emptied, hole, search="budget", window=7, rng=0)
-    assert (filled.image == stripes).mean() > 0.99
+def test_stripes_as_wide_as_the_window_come_back_exactly_across_a_wide_hole():
+    stripes = np.tile(np.repeat(np.array([40, 200], np.uint8), 8), (192, 12))
+    emptied, hole = cut(stripes, 88)
+    filled = fill(emptied, hole, search="budget", order="window", window=9, rng=0)
+    assert (filled.image == stripes).all()
 
 
 def test_where_half_the_size_would_leave_too_few_samples_the_search_is_exact():
-    emptied, hole = cut(BRICK[:70, :70], 60)
+    emptied, hole = cut(BRICK[:80, :80], 66)
     exact, budget = (
         fill(emptied, hole, search=search, window=5, rng=0).image for search in ("exact", "budget")
     )
@@ -84,7 +84,7 @@ def test_where_half_the_size_would_leave_too_few_samples_the_search_is_exact():
 
 
 def test_a_surface_is_filled_by_a_budget_too():
-    emptied, hole = cut(BRICK, 60)
+    emptied, hole = cut(BRICK, 70)
     filled = fill_surface(emptied, hole, search="budget", window=11, rng=0)
     assert (filled.image[~hole] == BRICK[~hole]).all()
     assert measure_distance(filled.image, BRICK, hole, hole) < 20

@@ -89,7 +89,7 @@ class Front:
         rows, columns = np.divmod(pixels, canvas.unfilled.shape[1])
         near = slice(canvas.radius - reach, canvas.radius + reach + 1)
         places = canvas.row_reach[rows, near, None] * canvas.known.shape[1]
-        return (places + canvas.column_reach[columns, None, near]).ravel()
+        return np.ravel(places + canvas.column_reach[columns, None, near])
 
 
 def _find_box(canvas: Canvas) -> tuple[IntArray, IntArray]:
