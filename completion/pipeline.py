@@ -29,7 +29,7 @@ from completion.result.labelled_points import LabelledPoints, hypothesised_mesh
 from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
-from completion.texturing.pipeline import texture_patch
+from completion.texturing.pipeline import settled, texture_patch
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.memory import require, threads
@@ -116,8 +116,10 @@ def complete(
         patches = steps.each("extend", extended, range(len(surfaces)))
 
         # 6. Texture: continue the colour of each surface over its inferred part.
+        texturing = settled(options.texturing, patches if options.texture else (), observations)
+
         def textured(index: int) -> ChartTexture | None:
-            return texture_patch(patches[index], observations, options.texturing, seed + index)
+            return texture_patch(patches[index], observations, texturing, seed + index)
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 

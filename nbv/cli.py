@@ -160,6 +160,10 @@ def complete(
             "--edits", metavar="FILE", help="Your say: completion.json with edits.", show_default=False
         ),
     ] = None,
+    texture: Annotated[
+        Literal["exact", "budget"] | None,
+        typer.Option("--texture", help="Search exactly, or quickly.", show_default="by how much is hidden"),
+    ] = None,
     no_texture: Annotated[bool, typer.Option("--no-texture", help="Leave inferred area plain.")] = False,
     export: Annotated[
         list[str] | None,
@@ -175,6 +179,8 @@ def complete(
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units)
     wanted = parse_choices(export or (), ("obj", "e57"), "--export")
+    if texture is not None and no_texture:
+        raise typer.BadParameter("give --texture or --no-texture, not both")
     from nbv.commands.complete import CompleteRequest, run_complete
 
     how = CompleteRequest(
@@ -185,6 +191,7 @@ def complete(
         texture=not no_texture,
         edits=edits,
         exports=wanted,
+        search=texture or "auto",
     )
     run_complete(shared, request, how)
 

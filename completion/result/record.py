@@ -207,6 +207,7 @@ def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] |
         "synthesised_m": texture.synthesised_m,
         "samples": texture.n_samples,
         "window": texture.window,
+        "search": texture.search,
         "is_plain": texture.is_plain,
         "confidence": texture.confidence,
         "verbatim_share": texture.verbatim_share,

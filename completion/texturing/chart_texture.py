@@ -39,6 +39,8 @@ class ChartTexture:
         Texels of that size that were sampled from.
     window : int
         Side of the Efros-Leung window, 0 where nothing was synthesised.
+    search : str
+        How its candidates were searched for, "exact" or "budget" (`texture.fill`).
     is_plain : bool
         Whether the surface has one colour, and was filled by its mean and noise.
     confidence : float
@@ -54,6 +56,7 @@ class ChartTexture:
     synthesised_m: float = 0.0
     n_samples: int = 0
     window: int = 0
+    search: str = "exact"
     is_plain: bool = False
     confidence: float = 1.0
     verbatim_share: float = 0.0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,22 @@ from completion.texturing.material import cast_shadows
 from completion.texturing.measured import lay_texels, measure_colour
 from completion.texturing.problem import TexturingOptions, resized, set_task
 from texture import fill_surface, measure_verbatim_share
+from texture.sampling.arguments import SearchName
+
+
+def settled(
+    options: TexturingOptions, patches: Sequence[Patch], observations: Sequence[Observation]
+) -> TexturingOptions:
+    """Return the options with the search that serves for these patches: by how many texels are hidden."""
+    if options.search != "auto" or all(seen.scan.colour is None for seen in observations):
+        return options
+    n_hidden = sum(
+        np.count_nonzero(lay_texels(patch, observations, options.max_texels).of_cells(patch.hypothesised))
+        for patch in patches
+        if patch.hypothesised.any() and patch.observed.any()
+    )
+    few = n_hidden <= options.exact_texels * len(observations)
+    return replace(options, search="exact" if few else "budget")
 
 
 def texture_patch(
@@ -32,7 +49,7 @@ def texture_patch(
     observations : sequence of Observation
         All scans.
     options : TexturingOptions
-        Budgets.
+        Budgets, the search settled (`settled`).
     seed : int
         Seed of the sampling.
 
@@ -50,6 +67,7 @@ def texture_patch(
         image = spread_colour(measured.image, measured.known, raster.grid.wraps)
         return ChartTexture(image, raster.grid, measured.known, np.zeros_like(measured.known))
     light = cast_shadows(measured.image, measured.pure, raster.grid.wraps)
+    search: SearchName = "budget" if options.search == "budget" else "exact"
     task = set_task(raster, measured, wanted, light, options)
     filled = fill_surface(
         task.image,
@@ -60,6 +78,7 @@ def texture_patch(
         sample_mask=task.samples,
         rng=seed,
         n_threads=1,
+        search=search,
     )
     made = filled.synthesis
     image = measured.image.copy()
@@ -72,6 +91,7 @@ def texture_patch(
         synthesised_m=raster.texel_m * task.coarseness,
         n_samples=int(np.count_nonzero(task.samples)),
         window=made.window,
+        search=search,
         is_plain=filled.is_plain,
         confidence=float(made.confidence[task.hole].mean()) if task.hole.any() else 0.0,
         verbatim_share=measure_verbatim_share(made.source_rows, made.source_cols, task.hole),

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from completion.texturing.material import FEWEST, is_among, same_material
 from completion.texturing.measured import MeasuredColour, TexelRaster
-from scenes.checks import BoolArray, FloatArray, check_options
+from scenes.checks import BoolArray, FloatArray, InputError, check_options
 
 _MOSTLY = 0.5  # share of a coarser texel that makes it one of the same
 _USUAL_WINDOW = 23  # that a budget counts with when the window is chosen later
@@ -39,6 +39,16 @@ class TexturingOptions:
         measured.
     window : int, optional
         Side of the Efros-Leung window in texels, odd; None chooses it for each surface.
+    search : "auto", "exact" or "budget"
+        As in `texture.fill`; by a budget, texels are as fine as pixels however much is hidden. "auto" is
+        exact up to `exact_texels`.
+    exact_texels : int
+        Hidden texels for each scan.
+
+    Raises
+    ------
+    InputError
+        An unknown search, or a number out of range.
     """
 
     max_texels: int = 4_000_000
@@ -46,13 +56,19 @@ class TexturingOptions:
     min_samples: int = 6_000
     max_comparisons: int = 200_000_000_000
     window: int | None = None
+    search: Literal["auto", "exact", "budget"] = "auto"
+    exact_texels: int = 20_000
 
     def __post_init__(self) -> None:
-        counts = ("max_texels", "max_samples", "min_samples", "max_comparisons")
+        if self.search not in ("auto", "exact", "budget"):
+            raise InputError(f"search must be auto, exact or budget, got {self.search!r}")
+        counts = ("max_texels", "max_samples", "min_samples", "max_comparisons", "exact_texels")
         check_options(self, window=(3, 99), **dict.fromkeys(counts, (1, np.inf)))
 
     def share_out(self, n_hidden: int) -> tuple[int, float]:
         """Return how many texels are sampled, and how much coarser texels are, where so many are hidden."""
+        if self.search == "budget":
+            return self.max_samples, 1.0
         affordable = self.max_comparisons / (max(n_hidden, 1) * (self.window or _USUAL_WINDOW) ** 2)
         n_samples = min(self.max_samples, max(self.min_samples, int(affordable)))
         fewer = max(1.0, n_samples / affordable)  # texels, each of so many

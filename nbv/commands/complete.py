@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
@@ -15,6 +15,7 @@ from completion.pipeline import complete, verify_first
 from completion.result.completion import Completion, write_model
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
+from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
 from scenes.files.scan_request import ScanRequest, read_request
@@ -24,7 +25,8 @@ from scenes.files.scan_request import ScanRequest, read_request
 class CompleteRequest:
     """How scans are to be completed, in metres; the range noise is read off each scan when it is None.
 
-    `edits` is a file, `exports` the formats ("obj", "e57") beside those that are always written.
+    `search` is that of textures, `edits` a file, `exports` the formats ("obj", "e57") beside those that are
+    always written.
     """
 
     mode: Mode
@@ -34,6 +36,7 @@ class CompleteRequest:
     texture: bool
     edits: str | None
     exports: tuple[str, ...] = ()
+    search: Literal["auto", "exact", "budget"] = "auto"
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""
@@ -43,6 +46,7 @@ class CompleteRequest:
             max_sd_m=self.max_sd_m,
             registration_m=self.registration_m,
             texture=self.texture,
+            texturing=TexturingOptions(search=self.search),
             edits=() if self.edits is None else read_edits(self.edits),
         )
 

@@ -14,9 +14,11 @@ from completion.result.record import model_parts
 from completion.texturing.chart_texture import make_atlas, spread_colour
 from completion.texturing.material import cast_shadows, same_material
 from completion.texturing.measured import MeasuredColour
+from completion.texturing.pipeline import settled
 from completion.texturing.problem import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
+from scenes.checks import InputError
 from scenes.files.scene_files import load_scene
 from scenes.formats.meshes.glb import glb_of
 from scenes.pose import Pose
@@ -267,6 +269,22 @@ def test_colour_spreads_by_two_texels_and_around_a_cylinder():
     assert (plain[4, -2:] != 200).all()
     assert (closed[4, [-2, -1, 0, 1, 2]] == 200).all()
     assert (closed[4, 3:-2] != 200).all()
+
+
+def test_the_search_follows_from_how_much_is_hidden_and_a_budget_coarsens_nothing():
+    completion = wall(-0.25)
+    scans, n_hidden = [seen.scan for seen in completion.observations], completion.textures[0].n_synthesised
+    few, many = TexturingOptions(exact_texels=n_hidden), TexturingOptions(exact_texels=n_hidden - 1)
+    assert settled(few, completion.patches, completion.observations).search == "exact"
+    assert settled(many, completion.patches, completion.observations).search == "budget"
+    assert settled(replace(few, search="budget"), (), ()).search == "budget"
+    quick = replace(OPTIONS, texturing=replace(many, window=5, max_comparisons=1))
+    texture = complete(scans, quick, rng=0).textures[0]
+    assert texture.search == "budget"
+    assert texture.synthesised_m == pytest.approx(np.sqrt(texture.grid.cell_area))
+    assert is_glass(synthesised(completion)).mean() < 0.1
+    with pytest.raises(InputError, match="search must be auto, exact or budget"):
+        TexturingOptions(search="quick")
 
 
 def test_too_little_of_a_surface_is_still_textured():
