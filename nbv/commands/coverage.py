@@ -88,7 +88,6 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         run.read([scene, request.sensor, *files])
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         run.warn(world.warnings)
-        run.will_call(facing, 10)
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")
@@ -122,10 +121,11 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
     """Measure by views or by scans."""
     threads = run.shared.threads
     requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
-    caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
     if request.plan is not None:
         views = _views(request.plan, request.sensor)
         sensor = views[0].sensor if views else load_sensor(request.sensor)
+        run.will_call(facing, 10)
+        caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
         candidates = scene_candidates(world, sensor, mode=request.mode)
         coverage = measure_coverage(
             world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
@@ -135,6 +135,8 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
     given = read_request(request.scans)
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
+    run.will_call(facing, 10)
+    caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
     candidates = scene_candidates(world, sensor, mode=request.mode)
     coverage = measure_scan_coverage(
         world, given.scans, requirement, samples=samples, candidates=candidates, sensor=sensor,

@@ -51,10 +51,18 @@ def test_a_first_run_says_that_it_compiles(tmp_path, monkeypatch, more, is_told)
     assert said == (words if is_told else "")
 
 
-def test_unusable_input_stays_one_line_on_a_first_run(tmp_path, monkeypatch):
+COMMANDS = {
+    "complete": ["missing.npz"],
+    "coverage": ["builtin:two_occluders", "--scans", "missing.npz"],
+    "plan": ["builtin:two_occluders", "--scans", "missing.npz"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_unusable_input_stays_one_line_on_a_first_run(command, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "is_cold", lambda _loop: True)
-    said = CliRunner().invoke(app, ["complete", "missing.npz", "-o", str(tmp_path)]).stderr
-    assert said.splitlines() == ["unseen complete: missing.npz: no such file or folder"]
+    said = CliRunner().invoke(app, [command, *COMMANDS[command], "-o", str(tmp_path / "out")]).stderr
+    assert said.splitlines() == [f"unseen {command}: missing.npz: no such file or folder"]
 
 
 def test_warming_calls_every_stage(tmp_path, monkeypatch):
