@@ -150,7 +150,7 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
     opposite = best ^ 1 if single else (best + len(cameras) // 2) % len(cameras)
     where = "Seen from a step aside of the scanner." if single else "Seen from outside, near walls left out."
     pictures = stage.shoot(cameras[best], where)
-    turned = replace(stage.shoot(cameras[opposite], "")[2], caption="The same from the other side.")
+    turned = replace(stage.shoot_marked(cameras[opposite]), caption="The same from the other side.")
     view = completion_view(completion, is_room=not single, camera=cameras[best])
     return view, Legend(), Gallery((*pictures, turned), 2)
 

@@ -68,24 +68,38 @@ class ModelDrawings:
     def shoot(self, camera: Camera, where: str) -> tuple[Picture, Picture, Picture]:
         """Return the pictures before, after, and after with inferred area marked."""
         shape = camera.shape(_WIDTH)
+        first, last = self.before.look(camera, shape), self.after.look(camera, shape)
+        hidden, inferred = self._hidden(camera, ~first.hit), self.is_inferred(last)
+        unknown = (hidden | inferred) & ~first.hit
+        colour = self.after.colour(last)
+        return (
+            picture_of(mark_unknown(self.before.colour(first), unknown), "Measured.", where),
+            picture_of(
+                mark_unknown(colour, hidden & ~last.hit),
+                "Completed.",
+                "With what was inferred, texture and all.",
+            ),
+            self._marked(last, colour, hidden & ~last.hit),
+        )
+
+    def shoot_marked(self, camera: Camera) -> Picture:
+        """Return the last of these pictures alone."""
+        last = self.after.look(camera, camera.shape(_WIDTH))
+        return self._marked(last, self.after.colour(last), self._hidden(camera, ~last.hit))
+
+    def _marked(self, last: SeenFaces, colour: FloatArray, unknown: BoolArray) -> Picture:
+        marked = mark_inferred(colour, self.is_inferred(last), self.after.shade(last))
+        return picture_of(
+            mark_unknown(marked, unknown),
+            "Completed, marked.",
+            "What was inferred is blue; nothing is known where it is hatched.",
+        )
+
+    def _hidden(self, camera: Camera, where: BoolArray) -> BoolArray:
+        """Of the pixels (rows, columns) `where` nothing is seen those that look into what is hidden."""
         beside = not is_single_camera(self.scans) and len(self.scans) > 1
         bounds = _inner(solid_bounds(self.after.mesh))
-        first, last = self.before.look(camera, shape), self.after.look(camera, shape)
-        hidden = passes_hidden(camera, ~first.hit, self.scans, bounds, beside_counts=beside)
-        inferred, colour = self.is_inferred(last), self.after.colour(last)
-        unknown_before, unknown_after = (hidden | inferred) & ~first.hit, hidden & ~last.hit
-        marked = mark_inferred(colour, inferred, self.after.shade(last))
-        return (
-            picture_of(mark_unknown(self.before.colour(first), unknown_before), "Measured.", where),
-            picture_of(
-                mark_unknown(colour, unknown_after), "Completed.", "With what was inferred, texture and all."
-            ),
-            picture_of(
-                mark_unknown(marked, unknown_after),
-                "Completed, marked.",
-                "What was inferred is blue; nothing is known where it is hatched.",
-            ),
-        )
+        return passes_hidden(camera, where, self.scans, bounds, beside_counts=beside)
 
 
 def _inner(bounds: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ _SURFACES = (
     "#4477aa", "#ddaa33", "#228833", "#cc6677", "#66ccee", "#aa3377", "#999933", "#117733",
     "#88ccee", "#882255", "#bbaa55", "#44aa99", "#6655aa", "#ee8866", "#77aadd", "#aaaa00",
 )  # fmt: skip
-_PNG_LEVEL = 9  # of zlib: pages are written once and carried around
+_PNG_LEVEL = 6  # of zlib: 9 takes four times as long for three percent less
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +63,9 @@ def picture_of(pixels: NDArray[Any], title: str, caption: str = "") -> Picture:
 
 def hatch(shape: tuple[int, int], period: int = 9) -> FloatArray:
     """Opacity (h, w) of diagonal stripes, with soft edges."""
-    row, column = np.mgrid[: shape[0], : shape[1]]
-    wave = np.sin(2 * np.pi * (row + column) / period)
+    wave = np.sin(2 * np.pi * np.arange(sum(shape)) / period)
     opacity: FloatArray = 0.28 + 0.72 / (1 + np.exp(-6 * (wave - 0.1)))
-    return opacity
+    return np.asarray(opacity[np.add.outer(*(np.arange(side) for side in shape))], dtype=np.float64)
 
 
 def dots(shape: tuple[int, int], period: int = 8) -> FloatArray:
