@@ -99,7 +99,7 @@ def _grid_residual(scan: RangeImage) -> float | None:
     """Median distance in pixels of the measured points from their own pixels, None where they lie on them."""
     if scan.sensor_points is None:
         return None
-    seen = scan.projection.pixels(scan.sensor_points[scan.valid])
+    seen = scan.projection.pixels(scan.points_in_sensor()[scan.valid])
     off = np.hypot(*(seen - np.argwhere(scan.valid)).T)
     return float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else None
 

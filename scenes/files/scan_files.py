@@ -278,7 +278,7 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
     return replace(
         scan,
         ranges=scan.ranges * factor,
-        sensor_points=None if scan.sensor_points is None else scan.sensor_points * factor,
+        sensor_points=None if scan.sensor_points is None else scan.points_in_sensor() * factor,
         world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
         truth=None if truth is None else replace(truth, ranges=truth.ranges * factor),

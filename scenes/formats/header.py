@@ -123,8 +123,13 @@ def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
 
 def point_warnings(points: FloatArray) -> tuple[str, ...]:
     """Return a warning of how many points (..., 3) are not finite, nothing where all are."""
-    bad = ~np.isfinite(points).all(axis=-1)
-    return (f"{int(bad.sum())} of {bad.size} points are not finite and were left out",) if bad.any() else ()
+    finite = np.isfinite(points).all(axis=-1)
+    return not_finite_warnings(int((~finite).sum()), finite.size)
+
+
+def not_finite_warnings(n_bad: int, n_points: int) -> tuple[str, ...]:
+    """Return a warning that `n_bad` of `n_points` points are not finite, nothing where none is."""
+    return (f"{n_bad} of {n_points} points are not finite and were left out",) if n_bad else ()
 
 
 def pose_from_header(header: dict[str, Any]) -> Pose:

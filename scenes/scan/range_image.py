@@ -10,14 +10,22 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, check_options, frozen_copy
 from scenes.pose import Pose
+from scenes.scan.pixels import (
+    check_same,
+    checked_colour,
+    finite_points,
+    is_beside,
+    is_return,
+    mended,
+    points_type,
+    ranges_of,
+    row_blocks,
+)
 from scenes.scan.projection import Projection
 
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
-_ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
-_OFF_RANGE = 1e-6  # relative: how far a range may be from its measured point's distance; files round both
-_MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +82,8 @@ class RangeImage:
         sRGB in 0..1. Where nothing came back it may be anything, and becomes black where it is not finite.
     sensor_points : (rows, columns, 3) float, optional
         Measured points in the sensor frame where they do not lie exactly on the projection's rays (real
-        terrestrial scans); NaN where nothing came back. A pixel without both has no return.
+        terrestrial scans); NaN where nothing came back. A pixel without both has no return. What is given
+        as float32, as many files have it, is kept so, in half the memory.
     sigma_m : float, optional
         Known standard deviation of the range noise in metres; None when unknown, 0 when noise-free.
     sensor : str
@@ -102,7 +111,7 @@ class RangeImage:
     projection: Projection
     world_from_sensor: Pose
     colour: NDArray[np.float32] | None = None
-    sensor_points: FloatArray | None = None
+    sensor_points: NDArray[np.float64] | NDArray[np.float32] | None = None
     sigma_m: float | None = None
     sensor: str = ""
     noise: str = ""
@@ -112,18 +121,16 @@ class RangeImage:
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        ranges = np.asarray(self.ranges, dtype=np.float64)
+        single = np.shape(self.ranges)
         check_options(self, sigma_m=(0.0, np.inf))
-        if ranges.shape != self.projection.shape:
-            raise InputError(f"ranges have shape {ranges.shape}, the projection {self.projection.shape}")
-        with np.errstate(invalid="ignore"):
-            ranges = np.where((ranges > 0) & (ranges <= _MOST_M), ranges, np.inf)
-        if self.truth is not None and self.truth.ranges.shape != ranges.shape:
-            raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {ranges.shape}")
-        threefold, single = (*ranges.shape, 3), ranges.shape
+        if single != self.projection.shape:
+            raise InputError(f"ranges have shape {single}, the projection {self.projection.shape}")
+        if self.truth is not None and self.truth.ranges.shape != single:
+            raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {single}")
+        threefold = (*single, 3)
         for name, dtype, shape in (
             ("colour", np.float32, threefold),
-            ("sensor_points", np.float64, threefold),
+            ("sensor_points", points_type(self.sensor_points), threefold),
             ("intensity", np.float32, single),
         ):
             array = getattr(self, name)
@@ -133,17 +140,26 @@ class RangeImage:
                 raise InputError(f"{name} has shape {np.shape(array)}, expected {shape}")
             with np.errstate(over="ignore"):
                 object.__setattr__(self, name, frozen_copy(array, dtype))
-        if self.intensity is not None and not np.isfinite(self.intensity[np.isfinite(ranges)]).all():
-            raise InputError("intensities of returns are not finite; leave them out")
-        if self.sensor_points is not None:
-            ranges[~np.isfinite(self.sensor_points).all(axis=-1)] = np.inf
-            _check_same(ranges, self.sensor_points)
-            points = np.where(np.isfinite(ranges)[..., None], self.sensor_points, np.nan)
-            object.__setattr__(self, "sensor_points", frozen_copy(points))
-        if self.colour is not None:
-            object.__setattr__(self, "colour", _checked_colour(self.colour, np.isfinite(ranges)))
-        ranges.setflags(write=False)
+        ranges, points = mended(self.ranges, np.float64, self._without_return, np.inf), self.sensor_points
         object.__setattr__(self, "ranges", ranges)
+        if self.intensity is not None and any(
+            (np.isfinite(ranges[rows]) & ~np.isfinite(self.intensity[rows])).any()
+            for rows in row_blocks(single)
+        ):
+            raise InputError("intensities of returns are not finite; leave them out")
+        if points is not None:
+            check_same(ranges, points)
+            known = mended(points, points.dtype, lambda rows, held: is_beside(ranges[rows], held), np.nan)
+            object.__setattr__(self, "sensor_points", known)
+        if self.colour is not None:
+            object.__setattr__(self, "colour", checked_colour(self.colour, ranges))
+
+    def _without_return(self, rows: slice, ranges: FloatArray) -> BoolArray:
+        """Tell which pixels of some rows brought nothing back but have a number for it."""
+        known = is_return(ranges)
+        if self.sensor_points is not None:
+            known &= finite_points(self.sensor_points[rows])
+        return np.asarray(~known & (ranges != np.inf), dtype=np.bool_)
 
     @classmethod
     def from_points(
@@ -155,9 +171,8 @@ class RangeImage:
         name: str = "scan",
     ) -> RangeImage:
         """Return the scan of sensor-frame points (rows, columns, 3); not finite = nothing came back."""
-        points = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
-        ranges = np.linalg.norm(points, axis=-1)
-        return cls(ranges, projection, world_from_sensor, colour=colour, sensor_points=points, name=name)
+        away = ranges_of(points)
+        return cls(away, projection, world_from_sensor, colour=colour, sensor_points=points, name=name)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -177,14 +192,14 @@ class RangeImage:
     def points_in_sensor(self) -> FloatArray:
         """Measured points (rows, columns, 3) in the sensor frame, NaN where nothing came back."""
         if self.sensor_points is not None:
-            return self.sensor_points
+            return np.asarray(self.sensor_points, dtype=np.float64)
         return self.projection.ray_grid().points(np.eye(3), np.zeros(3), self.ranges)
 
     def points(self) -> FloatArray:
         """Measured points (rows, columns, 3) in world coordinates, NaN where nothing came back."""
         pose = self.world_from_sensor
         if self.sensor_points is not None:
-            return pose.apply(self.sensor_points)
+            return pose.apply(self.points_in_sensor())
         return self.projection.ray_grid().points(pose.rotation, pose.translation, self.ranges)
 
     def true_points(self) -> FloatArray:
@@ -252,32 +267,3 @@ class RangeImage:
         figures += [("truth", "known: simulated")] if self.truth is not None else []
         pictures = thumbnails(self.ranges, self.colour, self.projection)
         return Card("Range image", self.name, figures, pictures=pictures).to_html()
-
-
-def _check_same(ranges: FloatArray, points: FloatArray) -> None:
-    """Raise InputError where measured points (rows, columns, 3) are not as far away as their ranges say."""
-    valid = np.isfinite(ranges)
-    with np.errstate(over="ignore"):
-        away = np.linalg.norm(points[valid], axis=-1)
-    wrong = ~(np.abs(away - ranges[valid]) <= _OFF_RANGE * ranges[valid])
-    if wrong.any():
-        raise InputError(
-            f"{np.count_nonzero(wrong)} of {len(away)} measured points are not as far away as their ranges "
-            f"say (first {away[wrong][0]:.6g} m, its range {ranges[valid][wrong][0]:.6g} m); give both alike"
-        )
-
-
-def _checked_colour(colour: NDArray[np.float32], valid: BoolArray) -> NDArray[np.float32]:
-    """Return colours that are finite and, where something came back, in 0..1."""
-    finite = np.asarray(np.isfinite(colour).all(axis=-1), dtype=np.bool_)
-    n_bad = np.count_nonzero(valid & ~finite)
-    if n_bad:
-        raise InputError(
-            f"colour of {n_bad} of {np.count_nonzero(valid)} returns is not finite; leave it out"
-        )
-    known = colour[valid]
-    if known.size and (known.min() < -_ROUNDING or known.max() > 1 + _ROUNDING):
-        found = f"{known.min():.4g}..{known.max():.4g}"
-        raise InputError(f"colour is to be in 0..1, got {found}; divide it by its largest value")
-    limited = np.clip(np.where(finite[..., None], colour, 0), 0, 1)
-    return np.asarray(frozen_copy(limited, np.float32), dtype=np.float32)

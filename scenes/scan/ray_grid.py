@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 from scenes.run.memory import in_blocks
 
 _NOWHERE = np.zeros((0, 0))
@@ -38,6 +38,12 @@ class RayGrid:
     def of_rows(self, rows: slice) -> RayGrid:
         """The rays of some rows."""
         return RayGrid(self.scale[rows], self.down[rows], self.right, self.forward)
+
+    def at(self, row: IntArray, column: IntArray) -> FloatArray:
+        """Return the unit rays (n, 3) of pixels, sensor frame."""
+        scale = self.scale[row]
+        rays = np.stack([scale * self.right[column], self.down[row], scale * self.forward[column]], axis=-1)
+        return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True), dtype=np.float64)
 
     def directions(self, rotation: FloatArray, n_threads: int | None = None) -> FloatArray:
         """Return unit rays (rows, columns, 3), turned by `rotation` (3, 3)."""

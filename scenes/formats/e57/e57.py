@@ -6,26 +6,25 @@ from __future__ import annotations
 import hashlib
 import uuid
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import InputError
 from scenes.formats.documents import parse_json
+from scenes.formats.e57.e57_grid import gridded, survey
 from scenes.formats.e57.e57_inferred import INFERRED
+from scenes.formats.e57.e57_points import point_chunks
 from scenes.formats.e57.e57_structure import check_e57
-from scenes.formats.guard import check_size, import_extra
+from scenes.formats.guard import import_extra
 from scenes.formats.header import (
     FORMAT,
-    checked_bytes,
     colour_from_bytes,
-    described,
-    point_warnings,
-    projection_from_dict,
+    not_finite_warnings,
 )
 from scenes.formats.scans.cloud import RawPoints
-from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.scan.range_image import RangeImage
@@ -73,13 +72,15 @@ class E57File:
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
-        data, pose = self._read(index), _read_pose(header)
-        points, kept = _points(data)
-        if not kept.any():
-            raise InputError(f"scan {index + 1} has no valid point")
         name = name or (f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem)
-        scan = _gridded(data, points, kept, pose, name=name, ours=_ours(_text(header, "description")))
-        return replace(scan, warnings=(*point_warnings(points), *scan.warnings))
+        chunks, ours = (
+            partial(point_chunks, self._file, self._own[index]),
+            _ours(_text(header, "description")),
+        )
+        seen = survey(chunks(places_alone=True))
+        if not seen.n_kept:
+            raise InputError(f"scan {index + 1} has no valid point")
+        return gridded(chunks, seen, _read_pose(header), name, ours)
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -89,72 +90,31 @@ class E57File:
 
         Raises InputError: damaged, or without coordinates.
         """
-        header, data = self._file.get_header(self._own[index]), self._read(index)
-        pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in data
-        points, kept = _points(data)
-        world = pose.apply(np.asarray(points[kept], dtype=np.float64))
-        colours = _colours(data, kept)
+        header = self._file.get_header(self._own[index])
+        pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in header.point_fields
+        world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
+        n_kept = n_read = n_bad = 0
+        has_colour = True
+        for chunk in point_chunks(self._file, self._own[index]):
+            part = slice(n_kept, n_kept + len(chunk.points))
+            world[part] = pose.apply(chunk.points)
+            if chunk.colour is None:
+                has_colour = False
+            else:
+                colour[part] = chunk.colour
+            n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
         return RawPoints(
-            world,
+            world[:n_kept],
             origins=pose.translation if is_one_scan else None,
-            colour=None if colours is None else checked_bytes(np.rint(colours * 255)),
-            warnings=point_warnings(points),
+            colour=colour[:n_kept] if has_colour else None,
+            warnings=not_finite_warnings(n_bad, n_read),
         )
-
-    def _read(self, index: int) -> dict[str, Any]:
-        data: dict[str, Any] = self._file.read_scan_raw(self._own[index], ignore_unsupported_fields=True)
-        return data
 
 
 def _projected(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
     return replace(scan_from_station(cloud.points, cloud.origins, name, colour), warnings=cloud.warnings)
-
-
-def _gridded(
-    data: dict[str, Any],
-    local: FloatArray,
-    kept: BoolArray,
-    pose: Pose,
-    *,
-    name: str,
-    ours: dict[str, Any] | None,
-) -> RangeImage:
-    """Sort points (n, 3) of the scanner's frame into their pixels and find the projection."""
-    points = SCANNER_FROM_SENSOR.inverse().apply(local)[kept]
-    row, column = (data[key].astype(np.int64)[kept] for key in ("rowIndex", "columnIndex"))
-    if ours is None:
-        projection, row, column = None, row - row.min(), column - column.min()
-        rows, columns = int(row.max()) + 1, int(column.max()) + 1
-    else:
-        projection = projection_from_dict(ours["projection"])
-        rows, columns = projection.shape
-    check_size(rows, columns)
-    if rows * columns > 1000 * len(points) + 1_000_000:
-        raise InputError(f"{len(points)} points in a grid of {rows} x {columns}: are its indices damaged?")
-
-    def image(values: Any, empty: float) -> Any:
-        """Values of the points in their pixels; of several returns the first is kept."""
-        if values is None:
-            return None
-        pixels = np.full((rows, columns, *values.shape[1:]), empty, values.dtype)
-        pixels[row[::-1], column[::-1]] = values[::-1]
-        return pixels
-
-    light = data.get("intensity")
-    organised = image(points, np.nan)
-    scan = organised_scan(
-        organised,
-        projection or fit_grid(organised).projection,
-        world_from_sensor=pose @ SCANNER_FROM_SENSOR,
-        colour=image(_colours(data, kept), 0),
-        name=name,
-        intensity=image(None if light is None else np.asarray(light, np.float32)[kept], 0),
-    )
-    n_more = len(points) - int(np.isfinite(organised).all(axis=-1).sum())
-    several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
-    return replace(described(scan, ours), warnings=several)
 
 
 def _ours(description: str) -> dict[str, Any] | None:
@@ -180,31 +140,6 @@ def _read_pose(header: Any) -> Pose:
     if node.isDefined("translation"):
         translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
     return Pose.from_parts(rotation, translation)
-
-
-def _points(data: dict[str, Any]) -> tuple[FloatArray, Any]:
-    """Points (n, 3) in the scanner's frame, and which of them are valid."""
-    if "cartesianX" in data:
-        points = np.stack([data[f"cartesian{axis}"] for axis in "XYZ"], axis=-1)
-        state = data.get("cartesianInvalidState")
-    elif "sphericalRange" in data:
-        reach, azimuth, elevation = (data[f"spherical{part}"] for part in ("Range", "Azimuth", "Elevation"))
-        across = reach * np.cos(elevation)
-        points = np.stack(
-            [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)], axis=-1
-        )
-        state = data.get("sphericalInvalidState")
-    else:
-        raise InputError("has neither cartesian nor spherical coordinates")
-    kept = np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
-    return points, kept if state is None else kept & (state == 0)
-
-
-def _colours(data: dict[str, Any], kept: Any) -> Any:
-    names = [f"color{name}" for name in ("Red", "Green", "Blue")]
-    if any(data.get(name) is None for name in names):
-        return None
-    return colour_from_bytes(np.stack([data[name][kept] for name in names], axis=-1))
 
 
 def content_guid(*parts: bytes) -> str:

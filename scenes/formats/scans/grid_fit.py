@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
+from scenes.scan.pixels import finite_points, mended, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
@@ -18,6 +19,7 @@ from scenes.scan.range_image import RangeImage
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 PINHOLE_LIMIT_PX = 0.5  # median residual above which an organised cloud is no pinhole image
 SPHERICAL_LIMIT_PX = 1.0
+_STEEP = np.radians(85)  # elevation beyond which an azimuth means little
 _ON_RAY_M = 1e-6  # at 1 m; a point nearer to its ideal ray than this is stored as a range alone
 
 
@@ -68,14 +70,14 @@ def fit_pinhole(points: FloatArray) -> GridFit | None:
 
     Column = fx x/z + cx and row = fy y/z + cy are fitted robustly; None where that cannot be determined.
     """
-    valid = np.isfinite(points).all(axis=-1)
-    ahead = valid & (np.nan_to_num(points[..., 2]) > 0)
+    valid = finite_points(points)
+    ahead = valid & (points[..., 2] > 0)
     if ahead.sum() < 3 or ahead.sum() < 0.9 * valid.sum():
         return None
     row, column = np.nonzero(ahead)
     if np.ptp(row) == 0 or np.ptp(column) == 0:
         return None
-    x, y, z = points[ahead].T
+    x, y, z = np.asarray(points[ahead], np.float64).T
     fx, cx = _robust_line(x / z, column.astype(np.float64))
     fy, cy = _robust_line(y / z, row.astype(np.float64))
     try:
@@ -109,47 +111,80 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     Angles of rows and columns without points are interpolated or continued linearly, and both sequences
     are made strictly monotonic.
     """
-    x, y, z = np.moveaxis(points, -1, 0)
-    across = np.hypot(x, z)
-    usable: BoolArray = np.isfinite(points).all(axis=-1) & (np.hypot(across, y) > 0)
+    usable = _usable(points)
     if usable.any(axis=0).sum() < 2 or usable.any(axis=1).sum() < 2:
         return None
-    elevation = np.where(usable, np.arctan2(-y, across), np.nan)
-    level = usable & (np.abs(elevation) < np.radians(85))  # an azimuth means little near the poles
-    azimuth = _median_azimuths(np.where(level, np.arctan2(x, z), np.nan))
-    row_elevation = _median_by_row(elevation)
+    row_elevation = np.full(len(points), np.nan)
+    for rows in row_blocks(points.shape):
+        row_elevation[rows] = _medians(_elevation(points[rows]), usable[rows])
+    azimuth = _median_azimuths(points, usable)
     if azimuth is None:
         return None
     azimuths, elevations = _monotonic(_filled(azimuth)), _monotonic(_filled(row_elevation))
     if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
         return None
-    turn = np.where(level, np.arctan2(x, z), np.nan) - azimuths
-    off_column = ((turn + np.pi) % (2 * np.pi) - np.pi) / np.median(np.abs(np.diff(azimuths)))
-    off_row = (elevation - elevations[:, None]) / np.median(np.abs(np.diff(elevations)))
-    off = np.hypot(off_column, off_row)[level]
-    return GridFit(SphericalProjection(azimuths, elevations), float(np.median(off)))
+    wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
+    off, n_level = np.empty(np.count_nonzero(usable)), 0
+    for rows in row_blocks(points.shape):
+        elevation = _elevation(points[rows])
+        off_column = _turn(_azimuth(points[rows]) - azimuths) / wide
+        off_row = (elevation - elevations[rows, None]) / high
+        found = np.hypot(off_column, off_row)[_level(elevation, usable[rows])]
+        off[n_level : n_level + len(found)] = found
+        n_level += len(found)
+    residual = float(np.median(off[:n_level], overwrite_input=True))
+    return GridFit(SphericalProjection(azimuths, elevations), residual)
 
 
-def _median_by_row(angles: FloatArray) -> FloatArray:
-    """Median of each row's finite angles, NaN for empty rows."""
-    ordered = np.sort(angles, axis=1)  # NaN last
-    count = np.isfinite(angles).sum(axis=1)
-    index = np.arange(len(angles))
-    low, high = ordered[index, np.maximum(count - 1, 0) // 2], ordered[index, count // 2 * (count > 0)]
-    median: FloatArray = np.where(count % 2 == 1, low, (low + np.where(count > 0, high, np.nan)) / 2)
-    return median
+def _usable(points: FloatArray) -> BoolArray:
+    """Tell which points (rows, columns, 3) have a direction."""
+    usable = np.empty(points.shape[:2], np.bool_)
+    for rows in row_blocks(points.shape):
+        away = points[rows] != 0
+        usable[rows] = finite_points(points[rows]) & (away[..., 0] | away[..., 1] | away[..., 2])
+    return usable
 
 
-def _median_azimuths(azimuth: FloatArray) -> FloatArray | None:
+def _elevation(points: FloatArray) -> FloatArray:
+    x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+    return np.asarray(np.arctan2(-y, np.hypot(x, z)))
+
+
+def _azimuth(points: FloatArray) -> FloatArray:
+    x, _, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+    return np.asarray(np.arctan2(x, z))
+
+
+def _turn(angles: FloatArray) -> FloatArray:
+    """The same angles within -pi..pi."""
+    return (angles + np.pi) % (2 * np.pi) - np.pi
+
+
+def _level(elevation: FloatArray, usable: BoolArray) -> BoolArray:
+    """Tell which points have an azimuth."""
+    return np.asarray(usable & (np.abs(elevation) < _STEEP), dtype=np.bool_)
+
+
+def _medians(angles: FloatArray, known: BoolArray) -> FloatArray:
+    """Median of each row's known angles, NaN for rows without."""
+    return np.array([
+        np.median(row[use]) if use.any() else np.nan for row, use in zip(angles, known, strict=True)
+    ])  # fmt: skip
+
+
+def _median_azimuths(points: FloatArray, usable: BoolArray) -> FloatArray | None:
     """Median azimuth of each column, unwrapped along the columns; NaN for empty ones."""
-    with np.errstate(invalid="ignore"):
-        east, north = np.nansum(np.sin(azimuth), axis=0), np.nansum(np.cos(azimuth), axis=0)
-    filled = np.isfinite(azimuth).any(axis=0)
+    medians = np.full(points.shape[1], np.nan)
+    for columns in row_blocks(points.shape[1::-1]):
+        part = np.ascontiguousarray(points[:, columns])
+        level, azimuth = _level(_elevation(part), usable[:, columns]), _azimuth(part)
+        with np.errstate(invalid="ignore"):
+            east, north = (np.where(level, f(azimuth), 0.0).sum(axis=0) for f in (np.sin, np.cos))
+        middle = np.arctan2(east, north)
+        medians[columns] = middle + _medians(_turn(azimuth - middle).T, level.T)
+    filled = np.isfinite(medians)
     if filled.sum() < 2:
         return None
-    middle = np.where(filled, np.arctan2(east, north), np.nan)
-    offset = (azimuth - middle + np.pi) % (2 * np.pi) - np.pi
-    medians = middle + _median_by_row(offset.T)
     medians[filled] = np.unwrap(medians[filled])
     return medians
 
@@ -189,13 +224,39 @@ def organised_scan(
     """Return the scan of sensor-frame points (rows, columns, 3), metres, NaN where nothing came back.
 
     The measured points are kept (`sensor_points`) unless every one lies within 1e-6 m, at 1 m and in
-    proportion beyond, of the projection's ray.
+    proportion beyond, of the projection's ray. Arrays that are read-only are kept, not copied.
+
+    Raises InputError: a projection of another shape.
     """
-    scan = RangeImage.from_points(points, projection, world_from_sensor, colour, name)
+    if points.shape[:2] != projection.shape:
+        raise InputError(f"points have shape {points.shape}, the projection {projection.shape}")
+    ranges = ranges_of(points)
     if intensity is not None:
-        scan = replace(scan, intensity=np.where(scan.valid, intensity, 0))
-    ideal = np.where(scan.valid, scan.ranges, np.nan)[..., None] * projection.directions()
-    off = np.linalg.norm(ideal - points, axis=-1)[scan.valid]
-    if (off <= _ON_RAY_M * np.maximum(1.0, scan.ranges[scan.valid])).all():
-        return replace(scan, sensor_points=None)
-    return scan
+        intensity = mended(
+            intensity, np.float32, lambda rows, held: (held != 0) & ~np.isfinite(ranges[rows]), 0
+        )
+    return RangeImage(
+        ranges,
+        projection,
+        world_from_sensor,
+        colour=colour,
+        sensor_points=None if _are_on_rays(points, ranges, projection) else points,
+        intensity=intensity,
+        name=name,
+    )
+
+
+def _are_on_rays(points: FloatArray, ranges: FloatArray, projection: Projection) -> bool:
+    """Tell whether all returns lie on the rays of their pixels."""
+    rays = projection.ray_grid()
+    return all(
+        lie_on_rays(points[rows], ranges[rows], rays.of_rows(rows).directions(np.eye(3)))
+        for rows in row_blocks(ranges.shape)
+    )
+
+
+def lie_on_rays(points: FloatArray, ranges: FloatArray, rays: FloatArray) -> bool:
+    """Tell whether points (..., 3) at `ranges` lie on unit rays (..., 3), so that ranges alone say all."""
+    valid = np.isfinite(ranges)
+    off = np.linalg.norm(np.where(valid, ranges, 0.0)[..., None] * rays - points, axis=-1)
+    return bool((off <= _ON_RAY_M * np.maximum(1.0, ranges))[valid].all())

@@ -43,7 +43,7 @@ def write_scan_ply(scan: RangeImage, path: Path) -> None:
         properties["intensity"] = scan.intensity.ravel()
     properties["range"] = np.where(scan.valid, scan.ranges, np.nan).ravel()
     if scan.sensor_points is not None:
-        properties |= dict(zip(_SENSOR_AXES, scan.sensor_points.reshape(-1, 3).T, strict=True))
+        properties |= dict(zip(_SENSOR_AXES, scan.points_in_sensor().reshape(-1, 3).T, strict=True))
     write_mesh_ply(path, scan.points().reshape(-1, 3), None, properties, to_comments(scan_header(scan)))
 
 
