@@ -39,6 +39,7 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/scans.py
 	$(BIN)/python benchmarks/textures.py
 	$(BIN)/python benchmarks/reports.py
+	$(BIN)/python benchmarks/e57_reading.py
 	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
