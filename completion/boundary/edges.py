@@ -13,12 +13,10 @@ from scipy.spatial import cKDTree
 
 from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.curves import Circle, Line, fit_circle
+from completion.boundary.lines import GAP, MIN_POINTS, SLACK, best_line, in_runs, line_through
 from scenes.checks import BoolArray, FloatArray
 
-_N_DIRECTIONS = 180
-_MIN_POINTS = 8  # of a run: fewer say nothing about a direction
 _MAX_EDGES = 40
-_GAP = 3.5  # steps between pixels that a run may lack
 _MIN_ARC = np.radians(30.0)
 
 
@@ -35,7 +33,8 @@ class Edge:
 
 def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
     """Return the runs of a known line along which boundary pixels lie, and which pixels (n,) those are."""
-    members = _in_runs(line, boundary, _agrees(line, boundary) & (np.linalg.norm(boundary.step, axis=1) > 0))
+    agrees = _agrees(line, boundary) & (np.linalg.norm(boundary.step, axis=1) > 0)
+    members = in_runs(np.concatenate([line.point, line.direction]), boundary.uv, boundary.step, agrees)
     return replace(_edge(line, boundary.only(members)), is_crease=True), members
 
 
@@ -56,7 +55,7 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
             agrees = _agrees(circle, boundary) & left
             edges.append(_edge(circle, boundary.only(agrees)))
             left &= ~agrees
-    while left.sum() >= _MIN_POINTS and len(edges) < _MAX_EDGES:
+    while left.sum() >= MIN_POINTS and len(edges) < _MAX_EDGES:
         found = _best_line(boundary, left)
         if found is None:
             break
@@ -68,87 +67,29 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
 
 def _best_line(boundary: BoundaryPixels, left: BoolArray) -> tuple[Line, BoolArray] | None:
     """The line that most of the points `left` agree with, in runs, and those points."""
-    vote = left.copy()
-    for _ in range(_MAX_EDGES):
-        if vote.sum() < _MIN_POINTS:
-            return None
-        line, width = _voted(boundary, vote)
-        for slack in (2.0 * width, width, 0.0, 0.0):
-            members = (_agrees(line, boundary) | (np.abs(line.across(boundary.uv)) <= slack)) & left
-            if members.sum() < _MIN_POINTS:
-                break
-            line = _line_of(boundary.only(members))
-        members = _in_runs(line, boundary, _agrees(line, boundary) & left)
-        if members.any():
-            return line, members
-        vote &= ~_agrees(line, boundary) & (np.abs(line.across(boundary.uv)) > width)
-    return None
-
-
-def _voted(boundary: BoundaryPixels, vote: BoolArray) -> tuple[Line, float]:
-    """The line with the most votes, and how wide its slot is.
-
-    Every point votes for an offset in each direction (Duda & Hart 1972).
-    """
-    uv, step = boundary.uv[vote], boundary.step[vote]
-    centre = uv.mean(axis=0)
-    angle = np.arange(_N_DIRECTIONS) * np.pi / _N_DIRECTIONS
-    normals = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
-    width = float(np.median(np.linalg.norm(step, axis=1)))
-    offset = (uv - centre) @ normals.T
-    slot = np.rint((offset - offset.min()) / width).astype(np.int64)
-    n_slots = int(slot.max()) + 2
-    count = np.bincount(
-        (slot + n_slots * np.arange(_N_DIRECTIONS)).ravel(), minlength=n_slots * _N_DIRECTIONS
-    )
-    both = count[:-1] + count[1:]  # neighbouring slots together: a line may lie on their border
-    best = int(np.argmax(both))
-    direction, place = divmod(best, n_slots)
-    middle = offset.min() + (place + 0.5) * width
-    along = np.array([np.cos(angle[direction]), np.sin(angle[direction])])
-    return Line(centre + middle * normals[direction], along), width
+    line, members = best_line(boundary.uv, boundary.step, left)
+    return (Line(line[:2], line[2:]), members) if members.any() else None
 
 
 def _line_of(boundary: BoundaryPixels) -> Line:
     """The line by least squares across it, points weighted by what a pixel's step says about them."""
-    line = _weighted_line(boundary.uv, np.ones(len(boundary.uv)))
-    for _ in range(2):
-        line = _weighted_line(boundary.uv, 1 / np.square(_slack(line, boundary)))
-    return line
-
-
-def _weighted_line(uv: FloatArray, weight: FloatArray) -> Line:
-    mean = np.average(uv, axis=0, weights=weight)
-    offset = uv - mean
-    _, vectors = np.linalg.eigh((weight[:, None] * offset).T @ offset)
-    return Line(mean, vectors[:, 1])
+    line = line_through(boundary.uv, boundary.step, np.ones(len(boundary.uv), dtype=np.bool_))
+    return Line(line[:2], line[2:])
 
 
 def _slack(curve: Line | Circle, boundary: BoundaryPixels) -> FloatArray:
     """How far (n,) points may lie from the curve: half their step across it, and a little for noise."""
     across = np.abs(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
-    return np.asarray(0.6 * across + 0.15 * np.linalg.norm(boundary.step, axis=1), dtype=np.float64)
+    size = np.linalg.norm(boundary.step, axis=1)
+    return np.asarray(SLACK[0] * across + SLACK[1] * size, dtype=np.float64)
 
 
 def _agrees(curve: Line | Circle, boundary: BoundaryPixels) -> BoolArray:
     return np.asarray(np.abs(curve.across(boundary.uv)) <= _slack(curve, boundary), dtype=np.bool_)
 
 
-def _in_runs(line: Line, boundary: BoundaryPixels, members: BoolArray) -> BoolArray:
-    """Those of the members that stand in a run of at least `_MIN_POINTS`, over three steps long."""
-    index = np.flatnonzero(members)
-    kept = np.zeros(len(members), dtype=np.bool_)
-    for run in _runs(line.along(boundary.uv[index]), _gaps(boundary.only(members))):
-        chosen = index[run]
-        if len(chosen) < _MIN_POINTS:
-            continue
-        step = float(np.median(np.linalg.norm(boundary.step[chosen], axis=1)))
-        kept[chosen] = np.ptp(line.along(boundary.uv[chosen])) > 3 * step
-    return kept
-
-
 def _gaps(boundary: BoundaryPixels) -> FloatArray:
-    return np.asarray(_GAP * np.linalg.norm(boundary.step, axis=1), dtype=np.float64)
+    return np.asarray(GAP * np.linalg.norm(boundary.step, axis=1), dtype=np.float64)
 
 
 def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
@@ -179,7 +120,7 @@ def _spans(curve: Line | Circle, boundary: BoundaryPixels) -> list[tuple[float, 
     spans = [
         (float(along[run].min()), float(along[run].max()))
         for run in _runs(along, _gaps(boundary))
-        if len(run) >= _MIN_POINTS
+        if len(run) >= MIN_POINTS
     ]
     if isinstance(curve, Circle) and len(spans) > 1:
         return _across_seam(spans, curve.length, float(_gaps(boundary).max()))
@@ -196,13 +137,13 @@ def _across_seam(spans: list[tuple[float, float]], length: float, gap: float) ->
 
 def _chains(uv: FloatArray, size: FloatArray) -> list[BoolArray]:
     """Points that hang together: no farther apart than a few steps."""
-    if len(uv) < 2 * _MIN_POINTS:
+    if len(uv) < 2 * MIN_POINTS:
         return []
-    pairs = cKDTree(uv).query_pairs(_GAP * float(np.median(size)), output_type="ndarray")
+    pairs = cKDTree(uv).query_pairs(GAP * float(np.median(size)), output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(uv), len(uv)))
     part = connected_components(graph, directed=False)[1]
     counts = np.bincount(part)
-    return [part == number for number in np.flatnonzero(counts >= 2 * _MIN_POINTS)]
+    return [part == number for number in np.flatnonzero(counts >= 2 * MIN_POINTS)]
 
 
 def _circle_of(boundary: BoundaryPixels) -> Circle | None:

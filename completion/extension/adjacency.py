@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import MultiPoint, contains_xy
+from shapely import LineString, contains_xy
 from shapely.geometry.base import BaseGeometry
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
@@ -130,26 +130,41 @@ def find_enclosing(
     door or a niche, and does not count. A point that was seen past the outline counts against the plane.
     Within `scale` metres a point counts as on the surface.
     """
-    least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
-    found = [one.n_pixels >= least and _holds(one, observations, scale) for one in surfaces]
+    stride = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // _N_BEAMS)
+    some = [(seen, np.flatnonzero(seen.valid)[::stride]) for seen in observations]
+    beams = [
+        (seen.scan.origin, seen.points.reshape(-1, 3)[pixel], seen.rays.reshape(-1, 3)[pixel])
+        for seen, pixel in some
+    ]
+    sizes = [surface.n_pixels for surface in surfaces]
+    least = _LEAST_PIXELS * sum(sizes)
+    found = [
+        size >= least and _holds(one, observations, beams, scale)
+        for one, size in zip(surfaces, sizes, strict=True)
+    ]
     return np.array(found, dtype=np.bool_)
 
 
-def _holds(merged: MergedSurface, observations: Sequence[Observation], scale: float) -> bool:
-    """Tell whether nearly all points that were not seen through a surface lie on its inner side."""
+def _holds(
+    merged: MergedSurface,
+    observations: Sequence[Observation],
+    beams: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
+    scale: float,
+) -> bool:
+    """Tell whether nearly all points that were not seen through a surface lie on its inner side.
+
+    `beams` are the origin (3,), the points (n, 3) and the rays (n, 3) of each scan, thinned.
+    """
     surface, slack = merged.fit.surface, 3 * max(scale, merged.fit.rms)
     if not isinstance(surface, Plane) and not (isinstance(surface, Cylinder) and surface.concave):
         return False
-    outline = MultiPoint(surface.to_uv(merged.points(observations))).convex_hull
-    stride = max(1, sum(int(seen.valid.sum()) for seen in observations) // _N_BEAMS)
-    n_inner = n_outer = 0
-    for seen in observations:
-        points, rays = seen.points[seen.valid][::stride], seen.rays[seen.valid][::stride]
-        inner = surface.distance(points) > -slack
-        outer = ~inner
-        if isinstance(surface, Plane):
-            outer[outer] &= ~_passes_inside(surface, outline, seen.scan.origin, rays[outer])
-        n_inner, n_outer = n_inner + int(inner.sum()), n_outer + int(outer.sum())
+    beyond = [surface.distance(points) <= -slack for _, points, _ in beams]
+    n_inner = sum(len(outer) - int(np.count_nonzero(outer)) for outer in beyond)
+    n_outer = sum(int(np.count_nonzero(outer)) for outer in beyond)
+    if isinstance(surface, Plane) and n_inner < _INNER_SHARE * (n_inner + n_outer):
+        outline = LineString(surface.to_uv(merged.points(observations))).convex_hull
+        for (origin, _, rays), outer in zip(beams, beyond, strict=True):
+            n_outer -= int(np.count_nonzero(_passes_inside(surface, outline, origin, rays[outer])))
     return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)
 
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely import MultiPoint, contains_xy
+from shapely import LineString, contains_xy
 
 from completion.boundary.continuation import ContinuedEdge
 from completion.boundary.edges import Edge
@@ -110,7 +110,7 @@ def hull_of(grid: ChartGrid, cells: BoolArray) -> BoolArray:
     rows, columns = np.nonzero(cells)
     if len(rows) < 3:
         return cells.copy()
-    outline = MultiPoint(np.column_stack([columns, rows]).astype(np.float64)[_extremes(rows)]).convex_hull
+    outline = LineString(np.column_stack([columns, rows]).astype(np.float64)[_extremes(rows)]).convex_hull
     row, column = np.mgrid[: grid.shape[0], : grid.shape[1]]
     return np.asarray(contains_xy(outline.buffer(0.5), column, row), dtype=np.bool_)
 

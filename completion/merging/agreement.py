@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.sight import Sight, look, pixel_of
 from completion.fitting.result import SurfaceFit
+from completion.merging.plane_pairs import compare_planes, density
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder, Surface
+from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
@@ -35,6 +36,8 @@ class Part:
     covariance: FloatArray  # (k, k) that, and the systematic error of surface and sensor
     points: FloatArray  # (m, 3) some of its measured points, metres
     scale: float  # standard deviation of a single one of them about its surface, metres
+    few: FloatArray  # (k, 3) of the points, those that differences are read at
+    form: Form  # its surface, for compiled loops
 
     @classmethod
     def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, systematic_m: float) -> Part:
@@ -46,7 +49,15 @@ class Part:
         gradient = fit.gradient(points)
         moment = gradient.T @ gradient / len(points)
         systematic = systematic_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
-        return cls(fit, fit.covariance + systematic, points, scale)
+        few = points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
+        return cls(
+            fit=fit,
+            covariance=fit.covariance + systematic,
+            points=points,
+            scale=scale,
+            few=few,
+            form=form_of(fit.surface),
+        )
 
     def middle(self) -> FloatArray:
         """The place (3,) on its surface nearest to the mean of its points."""
@@ -90,24 +101,35 @@ def compare(one: Part, other: Part) -> Agreement:
     parameters of this one, and so is the other's covariance. The evidence is for that against an unrelated
     surface, which lies anywhere within the size of the points, with any tilt.
     """
+    if one.form.is_curved:
+        return compare_at_points(one, other)
+    square, log_density = compare_planes(
+        one.form, other.form, one.covariance, other.covariance, _LEAST_COSINE
+    )
+    return _agreement(one, other, square, log_density)
+
+
+def compare_at_points(one: Part, other: Part) -> Agreement:
+    """Compare two parts of one kind by the least squares that `compare` solves for planes in closed form."""
     here, there = one.fit.surface, other.fit.surface
-    points = np.concatenate([_few(one.points), _few(other.points)])
+    points = np.concatenate([one.few, other.few])
     feet = points - there.distance(points)[:, None] * there.normal(points)
     facing = np.einsum("ij,ij->i", here.normal(feet), there.normal(feet))
     if float(np.median(facing)) < _LEAST_COSINE:
-        return Agreement(np.inf, -np.inf)
+        return _agreement(one, other, np.inf, -np.inf)
     basis = np.linalg.pinv(one.fit.gradient(feet))
     difference = basis @ here.distance(feet)
     carried = basis @ other.fit.gradient(feet)
     covariance = one.covariance + carried @ other.covariance @ carried.T
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = covariance / np.outer(scale, scale)
-    unit = difference / scale
-    chi2 = float(unit @ np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) @ unit)
-    _, log_det = np.linalg.slogdet(2 * np.pi * correlation + 1e-12 * np.eye(len(unit)))
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    log_density = -(chi2 + float(log_det)) / 2 - float(np.log(scale).sum())
-    return Agreement(chi2 / _CHI2[len(unit)], log_density + _log_prior_volume(here, size))
+    return _agreement(one, other, *density(difference, covariance))
+
+
+def _agreement(one: Part, other: Part, square: float, log_density: float) -> Agreement:
+    """The agreement from squared Mahalanobis distance and log density of a difference."""
+    low = np.minimum(one.few.min(axis=0), other.few.min(axis=0))
+    high = np.maximum(one.few.max(axis=0), other.few.max(axis=0))
+    volume = _log_prior_volume(one.form, float(np.linalg.norm(high - low)))
+    return Agreement(square / _CHI2[len(one.covariance)], log_density + volume)
 
 
 def lies_on(small: Part, large: Part) -> bool:
@@ -120,14 +142,10 @@ def lies_on(small: Part, large: Part) -> bool:
     return square <= 1 + slack and float(np.median(facing)) > 0.8
 
 
-def _log_prior_volume(surface: object, size: float) -> float:
+def _log_prior_volume(form: Form, size: float) -> float:
     """Logarithm of the volume of parameters that an unrelated surface near points of this size may have."""
-    lengths = 3 if isinstance(surface, Cylinder) else 1
+    lengths = 3 if form.is_curved else 1
     return lengths * float(np.log(2 * size)) + 2 * float(np.log(2 * _STEEPEST))
-
-
-def _few(points: FloatArray) -> FloatArray:
-    return points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
 
 
 def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
@@ -142,7 +160,7 @@ def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
     seen = np.zeros((len(first), len(second), _N_STEPS), dtype=np.bool_)
     crossed = np.zeros(seen.shape[:2], dtype=np.bool_)
     for sight in sights:
-        _follow(sight, form_of(surface), first, second, scale, seen, crossed)
+        _follow(sight, other.form, first, second, scale, seen, crossed)
     return _has_strip(~crossed & (seen.mean(axis=2) > _CLOSED), first, second)
 
 

@@ -9,7 +9,7 @@ import pytest
 from skimage.measure import label as slow_parts
 
 from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.merging.agreement import Part, compare, find_candidates, lies_on
+from completion.merging.agreement import Part, compare, compare_at_points, find_candidates, lies_on
 from completion.merging.pipeline import merge
 from completion.observe.observation import RangeNoise, observe
 from completion.observe.packed_surfaces import pack, unpack
@@ -151,6 +151,16 @@ def test_parts_of_one_plane_agree_and_a_step_tells_them_apart():
     assert sum(found.chi2 > 1 for found in same) <= 1
     assert sum(found.log_evidence > np.log(20) for found in same) >= 99
     assert sum(found.chi2 <= 1 for found in raised) <= 1
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_planes_compare_in_closed_form_as_by_least_squares(seed):
+    one, other = half_planes(0.02, 0.002, seed)
+    turned = Plane(other.fit.surface.point + [0.1, -0.2, 0.0], other.fit.surface.normal_direction, (1, 3, 0))
+    other = Part.of(replace(other.fit, surface=turned), other.points, other.scale, 0.001)
+    found, expected = compare(one, other), compare_at_points(one, other)
+    assert found.chi2 == pytest.approx(expected.chi2, rel=1e-7)
+    assert found.log_evidence == pytest.approx(expected.log_evidence, rel=1e-7)
 
 
 def test_agreement_is_symmetric_and_sees_the_side():
