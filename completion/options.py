@@ -70,7 +70,11 @@ class CompletionOptions:
     def rules(self) -> ExtensionRules:
         """Return what a continuation may use, and how sure it must be."""
         return ExtensionRules(
-            mode=self.mode, max_sd_m=self.max_sd_m, max_cells=self.evidence.max_cells, cues=self.cues
+            mode=self.mode,
+            max_sd_m=self.max_sd_m,
+            max_cells=self.evidence.max_cells,
+            cues=self.cues,
+            cell_m=self.evidence.cell_m,
         )
 
     def tolerance(self, n_scans: int) -> Tolerance:

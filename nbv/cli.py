@@ -153,6 +153,12 @@ def complete(
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
     ] = 0.005,
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            "--resolution", metavar="M", min=1e-4, help="Side of a cell.", show_default="the pixels'"
+        ),
+    ] = None,
     origin: Origins = None,
     edits: Annotated[
         str | None,
@@ -192,6 +198,7 @@ def complete(
         edits=edits,
         exports=wanted,
         search=texture or "auto",
+        cell_m=resolution,
     )
     run_complete(shared, request, how)
 

@@ -24,6 +24,7 @@ from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 Mode = Literal["conservative", "standard", "bold"]
 
 _FULL_TURN_ARC = np.radians(90.0)
+_MOST_CELLS = 4_000_000  # of one surface, however small they are asked for
 _RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
 _OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
@@ -205,21 +206,29 @@ def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
 
 
 def lay_grid(
-    surface: MergedSurface, extent: Extent, observations: Sequence[Observation], max_cells: int
+    surface: MergedSurface,
+    extent: Extent,
+    observations: Sequence[Observation],
+    *,
+    max_cells: int,
+    cell_m: float | None,
 ) -> ChartGrid:
     """Return a grid over the extent, its cells as small as the lower quartile of the pixels' footprints.
 
-    They are larger where there would be more than `max_cells`.
+    Or of side `cell_m`. They are larger where there would be more than `max_cells`, or 4,000,000 of a side
+    that was asked for.
     """
     footprint = np.concatenate([
         observation.scan.ranges[mask] * observation.scan.projection.pixel_angle
         for observation, mask in zip(observations, surface.masks, strict=True)
     ])  # fmt: skip
-    cell = float(np.quantile(footprint, 0.25))
+    cell, most = float(np.quantile(footprint, 0.25)), max_cells
+    if cell_m is not None:
+        cell, most = cell_m, _MOST_CELLS
     low, high = _hidden_box(extent, observations)
     low, high = low - 2 * cell, high + 2 * cell
     width = extent.chart.period if extent.full_turn else high[0] - low[0]
-    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / max_cells)))
+    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / most)))
     if np.isfinite(extent.chart.period):
         cell = min(cell, extent.chart.period / 48)
     return ChartGrid.over(extent.chart, low, high, cell, full_turn=extent.full_turn)

@@ -37,6 +37,7 @@ class ExtensionRules:
     max_sd_m: float  # predicted standard deviation up to which a surface is continued, metres
     max_cells: int  # in how many cells at most its chart is weighed
     cues: Collection[Cue] = ALL_CUES  # what is made use of
+    cell_m: float | None = None  # side of a cell, metres; None: that of the pixels
 
 
 def extend(
@@ -71,7 +72,7 @@ def extend(
     """
     # 1. Weigh: what the scans say of each cell of the chart.
     surface, edits, extent = edited.surface, edited.edits, with_ends(extent, edited.edits.ends)
-    grid = lay_grid(surface, extent, scans.observations, rules.max_cells)
+    grid = lay_grid(surface, extent, scans.observations, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)
     predicted_sd = predicted_sd.reshape(grid.shape)

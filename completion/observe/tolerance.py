@@ -9,6 +9,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, check_options
 
+SMALLEST_CELL_M = 1e-4
 FLATNESS_M = 0.001
 """How far a real surface differs from its ideal form where nothing else is said, metres."""
 
@@ -32,6 +33,9 @@ class EvidenceOptions:
     max_cells : int
         In how many cells at most a surface's chart is weighed; of large ones the cells are larger then. A
         cylinder has at least 48 cells around.
+    cell_m : float, optional
+        Side of a cell, metres, at least 0.1 mm. None takes that of the surface's pixels. A surface that would
+        have more than 4,000,000 such cells gets larger ones.
     """
 
     n_sigma: float = 4.0
@@ -39,10 +43,12 @@ class EvidenceOptions:
     registration_m: float | None = None
     max_tolerance_m: float = 0.1
     max_cells: int = 200_000
+    cell_m: float | None = None
 
     def __post_init__(self) -> None:
         lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), max_cells=(1, np.inf))
+        bounds = dict.fromkeys(lengths, (0.0, np.inf))
+        check_options(self, **bounds, max_cells=(1, np.inf), cell_m=(SMALLEST_CELL_M, np.inf))
 
     def tolerance(self, *, flatness_m: float = FLATNESS_M, registration_m: float = 0.0) -> Tolerance:
         """Return the tolerance, with these lengths in metres where the options leave them open."""

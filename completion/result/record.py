@@ -171,6 +171,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
         "n_parts": patch.source.n_parts,
         "observed_m2": patch.observed_m2,
         "hypothesised_m2": patch.hypothesised_m2,
+        "cell_m": float(np.sqrt(patch.grid.cell_area)),
         "encloses": patch.limits.encloses,
         "texture": _texture_record(completion, number),
         "user": {"actions": list(patch.verdict.actions), **asdict(surface.effect)},

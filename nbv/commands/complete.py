@@ -7,9 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
 from completion.observe.tiles import solve_plane
+from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
 from completion.result.completion import Completion, write_model
@@ -37,6 +40,7 @@ class CompleteRequest:
     edits: str | None
     exports: tuple[str, ...] = ()
     search: Literal["auto", "exact", "budget"] = "auto"
+    cell_m: float | None = None
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""
@@ -46,6 +50,7 @@ class CompleteRequest:
             max_sd_m=self.max_sd_m,
             registration_m=self.registration_m,
             texture=self.texture,
+            evidence=EvidenceOptions(cell_m=self.cell_m),
             texturing=TexturingOptions(search=self.search),
             edits=() if self.edits is None else read_edits(self.edits),
         )
@@ -71,6 +76,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
         )
+        run.warn(coarser_cells(completion, how.cell_m))
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
@@ -88,6 +94,17 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         )
         run.report(page, asked)
         run.finish(resolved, summary_of(completion), lines_of(completion, verification))
+
+
+def coarser_cells(completion: Completion, cell_m: float | None) -> list[str]:
+    """Say which surfaces have larger cells than of the side that was asked for, metres."""
+    if cell_m is None:
+        return []
+    sides = [float(np.sqrt(patch.grid.cell_area)) for patch in completion.patches]
+    larger = [f"{number} ({side:.3g} m)" for number, side in enumerate(sides, 1) if side > 1.01 * cell_m]
+    if not larger:
+        return []
+    return [f"too many cells of {cell_m:g} m; these surfaces have larger ones: {', '.join(larger)}"]
 
 
 def summary_of(completion: Completion) -> dict[str, Any]:

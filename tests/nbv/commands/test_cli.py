@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from nbv.cli import app
+from nbv.commands.complete import coarser_cells
 from nbv.report.page.page import Page
 from nbv.run import manifest
 from tests.helpers.data_paths import ROOT
@@ -370,6 +372,7 @@ def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
         "plain": plain,
         "sigma": (*plain, "--sigma", 0.01),
         "millimetres": (*plain, "--units", "mm"),
+        "coarse": (*plain, "--resolution", 0.08),
         "textured": ("--quiet",),
         "seeded": ("--quiet", "--seed", 5),
     }
@@ -378,6 +381,27 @@ def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
         succeed("complete", scan, *change, "-o", tmp_path / name)
         models.add((tmp_path / name / "completed.glb").read_bytes())
     assert len(models) == len(changes)
+
+
+def test_the_cells_and_the_search_are_told(scan, tmp_path):
+    succeed("complete", scan, "--resolution", 0.08, "--texture", "budget", "-o", tmp_path)
+    surfaces = json.loads((tmp_path / "completion.json").read_text())["surfaces"]
+    planes = [surface for surface in surfaces if surface["kind"] == "plane"]
+    assert planes
+    assert all(surface["cell_m"] == pytest.approx(0.08, rel=0.1) for surface in planes)
+    textured = [surface["texture"]["search"] for surface in surfaces if surface["texture"] is not None]
+    assert set(textured) == {"budget"}
+    both = CliRunner().invoke(app, ["complete", str(scan), "--no-texture", "--texture", "exact"])
+    assert both.exit_code == 2
+    assert "give --texture or --no-texture, not both" in both.stderr
+
+
+def test_cells_that_are_larger_than_asked_for_are_told():
+    grid = SimpleNamespace(cell_area=0.02**2)
+    completion = SimpleNamespace(patches=[SimpleNamespace(grid=grid)])
+    assert coarser_cells(completion, None) == coarser_cells(completion, 0.02) == []
+    (said,) = coarser_cells(completion, 0.001)
+    assert said == "too many cells of 0.001 m; these surfaces have larger ones: 1 (0.02 m)"
 
 
 def test_complete_in_conservative_mode_infers_less(tmp_path, sensor):
