@@ -88,8 +88,8 @@ def check_faces(array: object, n_vertices: int) -> NDArray[np.int32]:
         raise InputError(f"expected faces with shape (m, 3), got {checked.shape}")
     if not np.issubdtype(checked.dtype, np.integer):
         raise InputError(f"expected faces of integers, got {checked.dtype}")
-    bad = ((checked < 0) | (checked >= n_vertices)).any(axis=1)
-    if bad.any():
+    if checked.size and (checked.min() < 0 or checked.max() >= n_vertices):
+        bad = ((checked < 0) | (checked >= n_vertices)).any(axis=1)
         first = int(np.argmax(bad))
         raise InputError(
             f"face {first} is {checked[first].tolist()}, but there are {n_vertices} vertices "

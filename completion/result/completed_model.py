@@ -25,6 +25,7 @@ from completion.result.straightening import surface_polygon
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
 
@@ -134,6 +135,12 @@ class DerivedModel:
     owners: tuple[NDArray[np.int32], ...]  # as of `Completion`
     surfaces: tuple[DerivedSurface, ...]  # one for each completed surface
     textures: tuple[ChartTexture | None, ...]  # as of `Completion`
+    world_from_reference: Pose  # as of `Completion`
+
+    @cached_property
+    def scans(self) -> tuple[RangeImage, ...]:
+        """The scans in world coordinates."""
+        return tuple(seen.scan.transformed(self.world_from_reference) for seen in self.observations)
 
     @cached_property
     def atlas(self) -> Atlas:
@@ -163,7 +170,8 @@ class DerivedModel:
     def remainder(self) -> LabelledPoints:
         """Measured points that belong to no completed surface, with the triangles at them, working frame."""
         points = self.observed
-        return points.part((points.surface == 0)[points.faces].any(axis=1))
+        first, second, third = (points.surface == 0)[points.faces.T]
+        return points.part(first | second | third)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,7 +192,9 @@ class CompletedModel:
     def __post_init__(self) -> None:
         pairs = zip(self.patches, self.hypothesised.charts, strict=True)
         surfaces = tuple(DerivedSurface(patch, mesh) for patch, mesh in pairs)
-        derived = DerivedModel(self.observations, self.owners, surfaces, self.textures)
+        derived = DerivedModel(
+            self.observations, self.owners, surfaces, self.textures, self.world_from_reference
+        )
         object.__setattr__(self, "derived", derived)
 
     @property

@@ -165,13 +165,12 @@ class _Content:
 
     @classmethod
     def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
-        world, seen = completion.world_from_reference, completion.observations
         is_e57 = ".e57" in suffixes
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
             clouds=inferred_points(completion) if is_e57 else (),
-            scans=[one.scan.transformed(world) for one in seen if one.valid.any()] if is_e57 else (),
+            scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
 
 

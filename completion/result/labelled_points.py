@@ -142,6 +142,8 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
 
 def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
     """All parts as one mesh, in their order."""
+    if len(parts) == 1:
+        return parts[0]
     none, real, places = np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 3))
     colour, faces = places.astype(np.uint8), places.astype(np.int32)
     nothing = LabelledPoints(places, faces, none, none, real, confidence=real, colour=colour)

@@ -134,8 +134,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
 
 def scans_of(completion: Completion) -> Table:
     """A row for each scan."""
-    world = completion.world_from_reference
-    return scans_table([seen.scan.transformed(world) for seen in completion.observations])
+    return scans_table(completion.derived.scans)
 
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ _CAMERA_LIKE = np.radians(80.0)  # field of view up to which a step aside shows 
 _INFERRED = 1  # surface of inferred faces in the mesh for display
 
 
-def is_single_camera(scans: list[RangeImage]) -> bool:
+def is_single_camera(scans: Sequence[RangeImage]) -> bool:
     """Tell whether there is one scan, and that of no more than a camera would see."""
     if len(scans) != 1:
         return False
@@ -40,20 +41,19 @@ class ModelDrawings:
 
     before: MeshDrawing
     after: MeshDrawing
-    scans: list[RangeImage]
+    scans: tuple[RangeImage, ...]
 
     @classmethod
     def of(
         cls, completion: Completion, n_threads: int | None = None, *, in_colour: bool = True
     ) -> ModelDrawings:
         """Set up a completed model; without colour its shape alone is drawn, in grey."""
-        scans = [seen.scan.transformed(completion.world_from_reference) for seen in completion.observations]
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
         front = mesh.face_normals()
         kept = np.flatnonzero(mesh.face_surface != _INFERRED)
         before = MeshDrawing(part_of(mesh, kept), front[kept], n_threads)
-        return cls(before, MeshDrawing(mesh, front, n_threads), scans)
+        return cls(before, MeshDrawing(mesh, front, n_threads), completion.derived.scans)
 
     def is_inferred(self, layer: SeenFaces) -> BoolArray:
         """Return the pixels (rows, columns) that show inferred area."""

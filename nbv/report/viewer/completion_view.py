@@ -71,7 +71,7 @@ def completion_view(
     A room is looked into from outside; `camera` is where it is seen from at first.
     """
     world = completion.world_from_reference
-    scans = [seen.scan.transformed(world) for seen in completion.observations]
+    scans = completion.derived.scans
     atlas = completion.derived.atlas
     pieces = [*_surfaces(completion), _remainder(completion)]
     occluders = {0, *occluding(completion.patches)}

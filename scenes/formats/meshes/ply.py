@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
@@ -80,11 +79,9 @@ def write_mesh_ply(
     table = np.empty(len(points), dtype)
     for name, column in columns.items():
         table[name] = column
-    data = io.BytesIO()
-    data.write(_header_text(dtype, len(points), len(triangles), comments).encode("utf-8"))
-    data.write(table.tobytes())
-    data.write(_face_table(triangles).tobytes())
-    write_bytes(path, data.getvalue())
+    header = _header_text(dtype, len(points), len(triangles), comments).encode("utf-8")
+    tables = (part.view(np.uint8).data for part in (table, _face_table(triangles)))
+    write_bytes(path, header, *tables)
 
 
 def _as_column(name: str, values: NDArray[Any], n: int) -> NDArray[Any]:
