@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.documents import parse_json
 from scenes.formats.guard import import_extra
+from scenes.formats.header import scan_header
 from scenes.formats.las.las_header import check_las
 from scenes.formats.scans.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
 from scenes.run.atomic import json_text, write_bytes
@@ -22,6 +24,8 @@ from scenes.scan.range_image import RangeImage
 _STEPS_M = (1e-5, 1e-4, 1e-3, 1e-2)  # coordinates are 32-bit counts of such a step, from an offset
 _USER, _RECORD_BYTES = "unseen", 65_000  # our header goes in records of at most so many bytes
 _MOST = 65_535
+_CHUNK = 100_000  # points that are read at a time
+_COLOURS = ("red", "green", "blue")
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
 _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
@@ -32,36 +36,58 @@ def read_las_points(path: Path) -> RawPoints:
 
     Raises InputError: more points announced than can be held; laspy is not installed.
     """
-    cloud = _open(path)
-    kept = ~np.asarray(cloud.withheld, dtype=np.bool_)
-    warnings: tuple[str, ...] = ()
-    if not kept.all():
-        warnings = (f"{int((~kept).sum())} points are marked withheld and were left out",)
-    colour = _colour(cloud)
-    points = np.asarray(cloud.xyz, dtype=np.float64)[kept]
-    return RawPoints(points, colour=None if colour is None else colour[kept], warnings=warnings)
+    with _opened(path) as file:
+        n_points, n_kept = file.header.point_count, 0
+        has_colour, largest = "red" in file.header.point_format.dimension_names, 0
+        points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
+        for part in _chunks(file):
+            kept = ~np.asarray(part.withheld, dtype=np.bool_)
+            held = slice(n_kept, n_kept + int(kept.sum()))
+            points[held] = _columns(part, "xyz", np.float64)[kept]
+            if has_colour:
+                colours = _columns(part, _COLOURS, np.uint16)
+                wide[held], largest = colours[kept], max(largest, int(colours.max()))
+            n_kept = held.stop
+    n_left = n_points - n_kept
+    warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
+    colour = _narrow(wide[:n_kept], largest) if largest else None
+    return RawPoints(points[:n_kept], colour=colour, warnings=warnings)
 
 
-def _open(path: Path) -> Any:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A reader of the file; what its decoder raises inside is an InputError."""
     laspy = import_extra("laspy", "las")
     try:
         check_las(path)
-        with libraries_muted(), laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as opened:
-            return opened.read()
+        with libraries_muted():
+            opened = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs)
+        with opened:
+            yield opened
     except BaseException as error:
         if type(error).__name__ != _PANIC:
             raise
         raise InputError(f"damaged: its packed points cannot be unpacked: {error}") from error
 
 
-def _colour(cloud: Any) -> ColourArray | None:
-    """8-bit colours; None where all are black."""
-    if "red" not in cloud.point_format.dimension_names:
-        return None
-    wide = np.stack([np.asarray(cloud[name], np.uint16) for name in ("red", "green", "blue")], axis=-1)
-    if not wide.any():
-        return None
-    return (wide if wide.max() < 256 else wide >> 8).astype(np.uint8)
+def _chunks(opened: Any) -> Iterator[Any]:
+    """The points of a file that was just opened, some at a time."""
+    while True:
+        with libraries_muted():
+            part = opened.read_points(_CHUNK)
+        if not len(part):
+            return
+        yield part
+
+
+def _columns(part: Any, names: Iterable[str], kind: Any) -> Any:
+    """Some numbers (n, k) of a chunk of points."""
+    return np.stack([np.asarray(part[name], kind) for name in names], axis=-1)
+
+
+def _narrow(wide: Any, largest: int) -> ColourArray:
+    """8-bit colours of 16-bit ones, of which the largest of all tells whether they use more than 8."""
+    return np.asarray(wide if largest < 256 else wide >> 8, dtype=np.uint8)
 
 
 def read_las_scan(path: Path) -> RangeImage:
@@ -69,30 +95,34 @@ def read_las_scan(path: Path) -> RangeImage:
 
     Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
-    cloud = _open(path)
-    header = _read_header(cloud)
-    if header is None:
-        raise InputError(NO_RAYS)
+    with _opened(path) as file:
+        header = _read_header(file.header)
+        if header is None:
+            raise InputError(NO_RAYS)
+        largest = 0
+        if _COLOURS[0] in file.header.point_format.dimension_names:
+            largest = max(
+                (int(_columns(part, _COLOURS, np.uint16).max()) for part in _chunks(file)), default=0
+            )
+    with _opened(path) as file:
+        parts = (_part(part, header, largest) for part in _chunks(file))
+        return scan_of(header, file.header.point_count, parts)
+
+
+def _part(part: Any, header: Mapping[str, Any], largest: int) -> Cloud:
+    """A chunk of points whose largest colour is `largest`."""
+    row, column = (np.asarray(part[name], dtype=np.int64) for name in ("row", "column"))
     light = None
     if _SCALE in header:
-        light = (np.asarray(cloud.intensity, np.float64) * header[_SCALE]).astype(np.float32)
-    row, column = (np.asarray(cloud[name], dtype=np.int64) for name in ("row", "column"))
-    return scan_of(
-        Cloud(
-            points=np.asarray(cloud.xyz, np.float64),
-            row=row,
-            column=column,
-            header=header,
-            colour=_colour(cloud),
-            intensity=light,
-        )
-    )
+        light = (np.asarray(part["intensity"], np.float64) * header[_SCALE]).astype(np.float32)
+    colour = _narrow(_columns(part, _COLOURS, np.uint16), largest) if largest else None
+    return Cloud(_columns(part, "xyz", np.float64), row, column, colour, light)
 
 
-def _read_header(cloud: Any) -> Mapping[str, Any] | None:
+def _read_header(held: Any) -> Mapping[str, Any] | None:
     """The header that we wrote, None in files of others."""
-    parts = [vlr for vlr in cloud.header.vlrs if vlr.user_id == _USER]
-    names = set(cloud.point_format.dimension_names)
+    parts = [vlr for vlr in held.vlrs if vlr.user_id == _USER]
+    names = set(held.point_format.dimension_names)
     if not parts or not {"row", "column"} <= names:
         return None
     text = b"".join(vlr.record_data_bytes() for vlr in sorted(parts, key=lambda vlr: int(vlr.record_id)))
@@ -119,7 +149,7 @@ def write_las(scan: RangeImage, path: Path) -> None:
     header.scales = np.full(3, _step(cloud.points - header.offsets))
     for name in ("row", "column"):
         header.add_extra_dim(laspy.ExtraBytesParams(name=name, type=np.uint32))
-    told = dict(cloud.header)
+    told = scan_header(scan)
     if cloud.intensity is not None:
         told[_SCALE] = max(float(cloud.intensity.max()), 1e-30) / _MOST
     _add_records(laspy, header, json_text(told, indent=None).encode())

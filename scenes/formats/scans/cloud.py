@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,10 +15,9 @@ from scenes.formats.header import (
     colour_bytes,
     colour_from_bytes,
     described,
-    point_warnings,
+    not_finite_warnings,
     pose_from_header,
     projection_from_dict,
-    scan_header,
 )
 from scenes.formats.scans.grid_fit import organised_scan
 from scenes.scan.range_image import RangeImage
@@ -77,8 +76,6 @@ class Cloud:
         World coordinates, metres.
     row, column : (n,) int64
         The pixel of each.
-    header : mapping
-        What else is known of the scan; see `scenes.formats.header`.
     colour : (n, 3) uint8, optional
         sRGB.
     intensity : (n,) float32, optional
@@ -88,7 +85,6 @@ class Cloud:
     points: FloatArray
     row: NDArray[np.int64]
     column: NDArray[np.int64]
-    header: Mapping[str, Any]
     colour: ColourArray | None = None
     intensity: NDArray[np.float32] | None = None
 
@@ -106,41 +102,44 @@ def cloud_of(scan: RangeImage) -> Cloud:
         points=scan.points()[scan.valid],
         row=row,
         column=column,
-        header=scan_header(scan),
         colour=None if colour is None else colour[scan.valid],
         intensity=None if scan.intensity is None else scan.intensity[scan.valid],
     )
 
 
-def scan_of(cloud: Cloud) -> RangeImage:
-    """Return the scan that a cloud was made of.
+def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) -> RangeImage:
+    """Return the scan that a cloud of `n_points` with that header was made of, given part after part.
 
     Raises InputError: pixels outside the image that the header describes, or two points in one.
     """
-    header = dict(cloud.header)
-    projection, pose = projection_from_dict(header["projection"]), pose_from_header(header)
+    projection, pose = projection_from_dict(header["projection"]), pose_from_header(dict(header))
     rows, columns = projection.shape
-    if rows * columns > 1000 * len(cloud.points) + 1_000_000:
-        raise InputError(
-            f"{len(cloud.points)} points in a grid of {rows} x {columns}: is its header damaged?"
-        )
-    pixel = cloud.row * columns + cloud.column
-    inside = (cloud.row >= 0) & (cloud.row < rows) & (cloud.column >= 0) & (cloud.column < columns)
-    if not inside.all() or len(np.unique(pixel)) < len(pixel):
-        raise InputError(
-            f"its points do not each have a pixel of their own in {rows} x {columns}: was the file edited? "
-            "say where the scanner stood (--origin X,Y,Z)"
-        )
-    points = np.full((rows, columns, 3), np.nan)
-    points[cloud.row, cloud.column] = pose.inverse().apply(cloud.points)
+    if rows * columns > 1000 * n_points + 1_000_000:
+        raise InputError(f"{n_points} points in a grid of {rows} x {columns}: is its header damaged?")
+    points, seen = np.full((rows, columns, 3), np.nan), np.zeros((rows, columns), np.bool_)
     colour = light = None
-    if cloud.colour is not None:
-        colour = np.zeros((rows, columns, 3), np.float32)
-        colour[cloud.row, cloud.column] = colour_from_bytes(cloud.colour)
-    if cloud.intensity is not None:
-        light = np.zeros((rows, columns), np.float32)
-        light[cloud.row, cloud.column] = cloud.intensity
+    sensor_from_world, n_bad = pose.inverse(), 0
+    for part in parts:
+        pixel = part.row * columns + part.column
+        inside = (part.row >= 0) & (part.row < rows) & (part.column >= 0) & (part.column < columns)
+        at = part.row, part.column
+        if not inside.all() or seen[at].any() or len(np.unique(pixel)) < len(pixel):
+            raise InputError(
+                f"its points do not each have a pixel of their own in {rows} x {columns}: was the file "
+                "edited? say where the scanner stood (--origin X,Y,Z)"
+            )
+        seen[at], points[at] = True, sensor_from_world.apply(part.points)
+        n_bad += int((~np.isfinite(part.points).all(axis=1)).sum())
+        if part.colour is not None:
+            colour = np.zeros((rows, columns, 3), np.float32) if colour is None else colour
+            colour[at] = colour_from_bytes(part.colour)
+        if part.intensity is not None:
+            light = np.zeros((rows, columns), np.float32) if light is None else light
+            light[at] = part.intensity
+    for image in (points, colour, light):
+        if image is not None:
+            image.setflags(write=False)
     scan = organised_scan(
         points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
     )
-    return replace(described(scan, header), warnings=point_warnings(cloud.points))
+    return replace(described(scan, dict(header)), warnings=not_finite_warnings(n_bad, n_points))

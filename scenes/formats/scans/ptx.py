@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,18 +12,23 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.guard import check_size
-from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes, point_warnings
+from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes, not_finite_warnings
 from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.trajectory import rounded_pose
 from scenes.pose import Pose
 from scenes.run.atomic import atomic_path
+from scenes.scan.pixels import finite_points
 from scenes.scan.range_image import RangeImage
 
 _NO_INTENSITY = 0.5  # what stands for an intensity that is not known
+_WITHOUT_COLOUR, _WITH_COLOUR = 4, 7  # numbers of a point
+_CHUNK = 100_000  # points that are parsed at a time
+_SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
 _HEADER_LINES = 10  # columns, rows, 4 lines of scanner position and axes, 4 of the transform
 
 
@@ -65,22 +71,34 @@ class PtxFile:
 
         Raises InputError: without points, not rigid, or no projection explains the grid.
         """
-        pose, table = self._parse(index)
-        points = table[..., :3].copy()
-        warnings = point_warnings(points)
-        points[(points == 0).all(axis=-1)] = np.nan
-        if not np.isfinite(points).any():
+        pose, (rows, columns) = self._begin(index)
+        points, light = np.full((rows * columns, 3), np.nan), np.empty(rows * columns, np.float32)
+        colour: NDArray[np.float32] | None = None
+        n_bad, n_returns, has_light = 0, 0, False
+        for start, table in self._tables(rows * columns):
+            column, row = np.divmod(np.arange(start, start + len(table)), rows)
+            pixel, local, finite = row * columns + column, table[:, :3], finite_points(table[:, :3])
+            is_return = finite & (local != 0).any(axis=1)
+            points[pixel[is_return]] = _SENSOR_FROM_SCANNER.apply(local[is_return])
+            light[pixel] = table[:, 3]
+            if table.shape[1] == _WITH_COLOUR:
+                colour = np.empty((rows * columns, 3), np.float32) if colour is None else colour
+                colour[pixel] = colour_from_bytes(table[:, 4:])
+            n_bad, n_returns = n_bad + int((~finite).sum()), n_returns + int(is_return.sum())
+            has_light |= bool((table[:, 3] != _NO_INTENSITY).any())
+        if not n_returns:
             raise InputError(f"scan {index + 1} has no return")
-        points, light = SCANNER_FROM_SENSOR.inverse().apply(points), table[..., 3]
+        organised = points.reshape(rows, columns, 3)
         scan = organised_scan(
-            points,
-            fit_grid(points).projection,
+            organised,
+            fit_grid(organised).projection,
             world_from_sensor=pose @ SCANNER_FROM_SENSOR,
-            colour=colour_from_bytes(table[..., 4:7]) if table.shape[2] == 7 else None,
+            colour=None if colour is None else colour.reshape(rows, columns, 3),
             name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
-            intensity=None if (light == _NO_INTENSITY).all() else light,
+            intensity=light.reshape(rows, columns) if has_light else None,
         )
-        return replace(scan, warnings=warnings)
+        warnings = not_finite_warnings(n_bad, rows * columns)
+        return replace(scan, warnings=warnings) if warnings else scan
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -89,26 +107,52 @@ class PtxFile:
 
         Raises InputError: there is no such scan, or its pose is not rigid.
         """
-        pose, table = self._parse(index)
-        table = table.reshape(-1, table.shape[2])
-        table = table[(table[:, :3] != 0).any(axis=1)]
-        colour = checked_bytes(table[:, 4:7]) if table.shape[1] == 7 else None
-        return RawPoints(pose.apply(table[:, :3]), origins=pose.translation, colour=colour)
+        pose, (rows, columns) = self._begin(index)
+        world, kept = np.empty((rows * columns, 3)), np.zeros(rows * columns, np.bool_)
+        colour: ColourArray | None = None
+        for start, table in self._tables(rows * columns):
+            column, row = np.divmod(np.arange(start, start + len(table)), rows)
+            is_point = (table[:, :3] != 0).any(axis=1)
+            pixel, known = (row * columns + column)[is_point], table[is_point]
+            world[pixel], kept[pixel] = pose.apply(known[:, :3]), True
+            if table.shape[1] == _WITH_COLOUR:
+                colour = np.empty((rows * columns, 3), np.uint8) if colour is None else colour
+                colour[pixel] = checked_bytes(known[:, 4:])
+        colour = None if colour is None else colour[kept]
+        return RawPoints(world[kept], origins=pose.translation, colour=colour)
 
-    def _parse(self, index: int) -> tuple[Pose, FloatArray]:
-        """World from scanner, and the numbers (rows, columns, 4 or 7) of scan `index`."""
+    def _begin(self, index: int) -> tuple[Pose, tuple[int, int]]:
+        """World from scanner, and the rows and columns, of scan `index`, whose numbers come next."""
         if not 0 <= index < len(self):
             raise InputError(f"there is no scan {index + 1}: there are {len(self)}")
         self._file.seek(self._starts[index])
         header = self._header()
         if header is None:
             raise InputError(f"scan {index + 1} is gone: was the file changed?")
-        rows, columns = header.shape
-        pose = rounded_pose(header.transform.T)  # for row vectors: the translation is the last line
-        table = np.loadtxt(self._lines(rows * columns), dtype=np.float64, ndmin=2)
-        if table.shape[1] not in (4, 7):
-            raise InputError(f"points have {table.shape[1]} numbers; expected x y z intensity [r g b]")
-        return pose, table.reshape(columns, rows, -1).swapaxes(0, 1)
+        return rounded_pose(header.transform.T), header.shape  # for row vectors: translation is the last line
+
+    def _tables(self, n: int) -> Iterator[tuple[int, FloatArray]]:
+        """Numbers (m, 4 or 7) of the next n points, at most `_CHUNK` at a time, and the first one's index."""
+        n_numbers = 0
+        for start in range(0, n, _CHUNK):
+            n_lines = min(_CHUNK, n - start)
+            try:
+                table = np.loadtxt(self._lines(n_lines), dtype=np.float64, ndmin=2)
+            except ValueError as error:  # numpy counts from the chunk's first line
+                row = re.search(r"(?<=at row )\d+", str(error))
+                text = (
+                    str(error).replace(f"row {row[0]}", f"row {start + int(row[0])}") if row else str(error)
+                )
+                raise ValueError(text) from error
+            n_numbers = n_numbers or table.shape[1]
+            if table.shape[1] not in (_WITHOUT_COLOUR, _WITH_COLOUR):
+                raise InputError(f"points have {table.shape[1]} numbers; expected x y z intensity [r g b]")
+            if table.shape != (n_lines, n_numbers):
+                raise InputError(
+                    f"points {start + 1} to {start + n_lines} are {len(table)} lines of {table.shape[1]} "
+                    f"numbers; expected {n_lines} of {n_numbers}"
+                )
+            yield start, table
 
     def _lines(self, n: int) -> Iterator[str]:
         """The next n lines; unlike the file's own iterator this leaves it able to tell its place."""

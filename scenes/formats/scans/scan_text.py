@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.formats.documents import parse_json
-from scenes.formats.header import checked_bytes
+from scenes.formats.header import checked_bytes, scan_header
 from scenes.formats.scans.cloud import NO_RAYS, Cloud, cloud_of, scan_of
 from scenes.formats.scans.point_table import TEXT_TAG
 from scenes.run.atomic import atomic_path, to_plain
@@ -43,7 +43,7 @@ def write_scan_text(scan: RangeImage, path: Path) -> None:
     is_csv = path.suffix.lower() == ".csv"
     separator = "," if is_csv else " "
     with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"{TEXT_TAG}{json.dumps(to_plain(dict(cloud.header)), allow_nan=False)}\n")
+        file.write(f"{TEXT_TAG}{json.dumps(to_plain(scan_header(scan)), allow_nan=False)}\n")
         file.write(("" if is_csv else "# ") + separator.join(names) + "\n")
         np.savetxt(file, np.hstack(columns), fmt=forms, delimiter=separator)
 
@@ -63,16 +63,14 @@ def read_scan_text(path: Path) -> RangeImage:
     if table.shape[1] != len(names):
         raise InputError(f"its lines hold {table.shape[1]} numbers, its header names {len(names)} columns")
     column: dict[str, Any] = {name: table[:, k] for k, name in enumerate(names)}
-    return scan_of(
-        Cloud(
-            points=np.stack([column[axis] for axis in "xyz"], axis=-1),
-            row=_whole(column["row"]),
-            column=_whole(column["column"]),
-            header=parse_json(first[len(TEXT_TAG) :], dict),
-            colour=checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
-            intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
-        )
+    cloud = Cloud(
+        points=np.stack([column[axis] for axis in "xyz"], axis=-1),
+        row=_whole(column["row"]),
+        column=_whole(column["column"]),
+        colour=checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
+        intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
     )
+    return scan_of(parse_json(first[len(TEXT_TAG) :], dict), len(table), [cloud])
 
 
 def _whole(values: Any) -> Any:

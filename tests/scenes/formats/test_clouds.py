@@ -11,6 +11,7 @@ import pytest
 from scenes.checks import InputError
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scan, write_scan
+from scenes.formats.header import scan_header
 from scenes.formats.las.las import read_las_points
 from scenes.formats.scans.cloud import Cloud, cloud_of, scan_of
 from scenes.formats.scans.station import scan_from_station
@@ -120,13 +121,16 @@ def test_damaged_text_scans_are_refused(tmp_path: Path) -> None:
 
 
 def test_pixels_outside_the_image_are_refused() -> None:
-    cloud = cloud_of(example_scan(PROJECTIONS["pinhole"]))
-    moved = Cloud(cloud.points, cloud.row + 1000, cloud.column, cloud.header)
+    scan = example_scan(PROJECTIONS["pinhole"])
+    cloud, header = cloud_of(scan), scan_header(scan)
+    n_points = len(cloud.points)
     with pytest.raises(InputError, match="do not each have a pixel"):
-        scan_of(moved)
-    huge = {**cloud.header, "projection": {**cloud.header["projection"], "width": 10_000, "height": 10_000}}
+        scan_of(header, n_points, [Cloud(cloud.points, cloud.row + 1000, cloud.column)])
+    with pytest.raises(InputError, match="do not each have a pixel"):
+        scan_of(header, n_points, [cloud, cloud])
+    huge = {**header, "projection": {**header["projection"], "width": 10_000, "height": 10_000}}
     with pytest.raises(InputError, match="points in a grid of 10000 x 10000: is its header damaged"):
-        scan_of(Cloud(cloud.points, cloud.row, cloud.column, huge))
+        scan_of(huge, n_points, [cloud])
 
 
 @pytest.mark.parametrize(("high", "shift"), [(255, 0), (255 * 257, 8)], ids=["8 bits", "16 bits"])
