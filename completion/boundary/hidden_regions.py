@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,34 +59,64 @@ def divide_hidden(
 
     `hidden`, `measured`, `open_`, all (rows, columns), tell where the surface may be, is, and is not.
     """
-    index = np.arange(hidden.size).reshape(grid.shape)
-    sides = [(index[:, :-1], index[:, 1:], grid.cell[1]), (index[:-1], index[1:], grid.cell[0])]
-    if grid.wraps:
-        sides.append((index[:, -1], index[:, 0], grid.cell[1]))
-    first = np.concatenate([a.ravel() for a, _, _ in sides])
-    second = np.concatenate([b.ravel() for _, b, _ in sides])
-    length = np.concatenate([np.full(a.size, side) for a, _, side in sides])
-    flat = hidden.ravel()
-    inner = flat[first] & flat[second]
-    a, b = first[inner], second[inner]
-    edge, cost = _parted(grid, a, b, continued)
+    a, b, length = _neighbours(grid, hidden, hidden)
+    number = np.full(hidden.size, -1, np.int64)  # of each hidden cell
+    number[hidden.ravel()] = np.arange(np.count_nonzero(hidden))
+    row, column = np.nonzero(hidden)
+    u, v = grid.axes()
+    edge, cost = _parted(np.stack([u[column], v[row]], axis=1), number[a], number[b], grid, continued)
     at = edge >= 0
-    borders = Borders(a[at], b[at], edge[at], cost[at], length[inner][at])
-    region = _numbered(flat, a[~at], b[~at])
-    n_regions = int(region.max(initial=-1)) + 1
+    borders = Borders(a[at], b[at], edge[at], cost[at], length[at])
+    pairs = coo_array(
+        (np.ones(np.count_nonzero(~at), np.int8), (number[a[~at]], number[b[~at]])), (len(row),) * 2
+    )
+    n_regions, part = connected_components(pairs, directed=False)
+    region = np.full(hidden.shape, -1, np.int32)
+    region[hidden] = part
     beside = np.zeros((2, n_regions))
-    for row, what in enumerate((measured.ravel(), open_.ravel())):
-        for a, b in ((first, second), (second, first)):
-            touching = flat[a] & what[b] & ~flat[b]
-            beside[row] += np.bincount(region[a[touching]], length[touching], minlength=n_regions)
-    return HiddenRegions(region.reshape(grid.shape), n_regions, borders, beside[0], beside[1])
+    for total, what in zip(beside, (measured & ~hidden, open_ & ~hidden), strict=True):
+        inner, _, length = _neighbours(grid, hidden, what)
+        total += np.bincount(region.ravel()[inner], length, minlength=n_regions)
+        _, inner, length = _neighbours(grid, what, hidden)
+        total += np.bincount(region.ravel()[inner], length, minlength=n_regions)
+    return HiddenRegions(region, n_regions, borders, beside[0], beside[1])
+
+
+def _neighbours(
+    grid: ChartGrid, one: BoolArray, other: BoolArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """Pairs (n,) of flat neighbours, the left or upper of `one` and the other of `other`, and their sides.
+
+    Both (rows, columns) are cells; sides (n,) are in metres.
+    """
+    index = np.arange(one.size).reshape(grid.shape)
+    sides: list[tuple[Any, Any, float]] = [
+        (np.s_[:, :-1], np.s_[:, 1:], grid.cell[1]),
+        (np.s_[:-1], np.s_[1:], grid.cell[0]),
+    ]
+    if grid.wraps:
+        sides.append((np.s_[:, -1:], np.s_[:, :1], grid.cell[1]))
+    both = [one[a] & other[b] for a, b, _ in sides]
+    return (
+        np.concatenate([index[a][mask] for mask, (a, _, _) in zip(both, sides, strict=True)]),
+        np.concatenate([index[b][mask] for mask, (_, b, _) in zip(both, sides, strict=True)]),
+        np.concatenate(
+            [np.full(np.count_nonzero(mask), side) for mask, (_, _, side) in zip(both, sides, strict=True)]
+        ),
+    )
 
 
 def _parted(
-    grid: ChartGrid, first: NDArray[np.int64], second: NDArray[np.int64], continued: Sequence[ContinuedEdge]
+    centres: FloatArray,
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    grid: ChartGrid,
+    continued: Sequence[ContinuedEdge],
 ) -> tuple[NDArray[np.int32], FloatArray]:
-    """The continued edge (n,) between each pair of cells, -1 for none, and the cost (n, 2) of `Borders`."""
-    centres = grid.centres_uv().reshape(-1, 2)
+    """The continued edge (n,) between each pair of cells, -1 for none, and the cost (n, 2) of `Borders`.
+
+    The pairs (n,) index the centres (m, 2) of the hidden cells in the chart.
+    """
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
     edge = np.full(len(first), -1, np.int32)
@@ -97,15 +128,6 @@ def _parted(
         edge[parted[edge[parted] < 0]] = number
         cost[parted, np.where(side[first[parted]] == (one.side > 0), 0, 1)] = 1 - GOES_ON
     return edge, cost
-
-
-def _numbered(hidden: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Number the hidden cells (n,) by the parts that the pairs connect; -1 for other cells."""
-    number = np.full(hidden.size, -1, np.int32)
-    graph = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(hidden.size, hidden.size))
-    part = connected_components(graph, directed=False)[1]
-    number[hidden] = np.unique(part[hidden], return_inverse=True)[1]
-    return number
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +41,17 @@ class ChartGrid:
         """Area of a cell in square metres."""
         return float(self.cell[0] * self.cell[1])
 
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Chart coordinates of the cell centres: u (columns,) and v (rows,), metres."""
+        row, column = (np.arange(n, dtype=np.float64) + 0.5 for n in self.shape)
+        return self.corner[0] + column * self.cell[0], self.corner[1] + row * self.cell[1]
+
     def centres_uv(self) -> FloatArray:
         """Chart coordinates (rows, columns, 2) of the cell centres."""
-        return self.uv_of(*np.mgrid[: self.shape[0], : self.shape[1]].astype(np.float64) + 0.5)
+        uv = np.empty((*self.shape, 2))
+        u, v = self.axes()
+        uv[..., 0], uv[..., 1] = u, v[:, None]
+        return uv
 
     def uv_of(self, row: FloatArray, column: FloatArray) -> FloatArray:
         """Chart coordinates (..., 2) of fractional cells (...,); integers are corners, halves centres."""
@@ -53,15 +61,21 @@ class ChartGrid:
 
     def centres(self) -> FloatArray:
         """Points (rows * columns, 3) at the cell centres."""
-        return self.surface.from_uv(self.centres_uv().reshape(-1, 2))
+        if not isinstance(self.surface, Plane | Cylinder):
+            return self.surface.from_uv(self.centres_uv().reshape(-1, 2))
+        u, v = self.axes()  # v is straight on both
+        along = self.surface.v_direction if isinstance(self.surface, Plane) else self.surface.direction
+        base = self.surface.from_uv(np.stack([u, np.zeros(len(u))], axis=1))
+        return np.asarray((base + (v[:, None] * along)[:, None]).reshape(-1, 3))
 
     def within(self, low: FloatArray, high: FloatArray) -> BoolArray:
         """Cells (rows, columns) in the rectangle from `low` to `high` (2,), all of u if it wraps."""
-        uv = self.centres_uv()
         half = self.cell * (0.5 - 1e-6)  # cells that only touch it are outside, however they are rounded
-        axes = [1] if self.wraps else [0, 1]
-        inside = (uv >= low - half) & (uv <= high + half)
-        return np.asarray(inside[..., axes].all(axis=-1), dtype=np.bool_)
+        across, up = (
+            (centre >= low[axis] - half[axis]) & (centre <= high[axis] + half[axis])
+            for axis, centre in enumerate(self.axes())
+        )
+        return np.asarray(up[:, None] & (across | self.wraps), dtype=np.bool_)
 
     def cells_of(self, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Indices of the points (n, 3) that fall into the grid, and the flat cell that each falls into."""

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.curves import Line
 from completion.boundary.edges import find_edges
+from completion.evidence.form import Form, Triple, chart_of, form_of, plus, reach_of, triple
 from completion.merging.pipeline import MergedSurface
+from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from texture.engine.compiled import compiled
 
 _INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
 _SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
+_STRIDE = 2  # rows and columns between the beams that tell how far a surface is hidden
 
 
 def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
@@ -120,3 +124,43 @@ def _end_along(
     corners[:, axis] = (high if sign > 0 else low)[axis]
     ends = corners[:, axis] - cut.distance(chart.from_uv(corners)) / slope
     return float(ends.max() if sign > 0 else ends.min())
+
+
+def farthest_hidden(
+    chart: Plane, low: FloatArray, high: FloatArray, observations: Sequence[Observation]
+) -> FloatArray:
+    """Return the places (n, 2) farthest to each side of those where scans could not see a plane, metres.
+
+    They lie behind what was measured, between `low` and `high` (2,) of its chart; every other row and column
+    of a scan counts.
+    """
+    found, form = [np.zeros((0, 2))], form_of(chart)
+    for seen in observations:
+        origin = seen.scan.origin
+        pixel = _farthest(form, triple(origin), seen.scan.ranges, seen.rays, low, high)
+        rays = seen.rays.reshape(-1, 3)[pixel[pixel >= 0]]
+        found.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
+    return np.concatenate(found)
+
+
+@compiled
+def _farthest(
+    form: Form, origin: Triple, ranges: FloatArray, rays: FloatArray, low: FloatArray, high: FloatArray
+) -> NDArray[np.int64]:
+    """Flat pixels (4,) behind whose ranges a surface is hidden farthest to each side, -1 for none.
+
+    Every other pixel counts, if its ray meets the surface between `low` and `high` (2,) of the chart.
+    """
+    pixel, most = np.full(4, -1), np.full(4, -np.inf)
+    columns = ranges.shape[1]
+    for i in range(0, ranges.shape[0], _STRIDE):
+        for j in range(0, columns, _STRIDE):
+            ray = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+            reach = reach_of(form, origin, ray, False)
+            if np.isfinite(reach) and ranges[i, j] < reach:
+                u, v = chart_of(form, plus(origin, reach, ray))
+                if low[0] <= u <= high[0] and low[1] <= v <= high[1]:
+                    for side, far in enumerate((-u, u, -v, v)):
+                        if far > most[side]:
+                            pixel[side], most[side] = i * columns + j, far
+    return pixel

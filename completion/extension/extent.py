@@ -13,7 +13,13 @@ from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.adjacency import Adjacency, is_upright
-from completion.extension.bounds import aligned_chart, closed_sides, enclosing_cuts, facing_chart
+from completion.extension.bounds import (
+    aligned_chart,
+    closed_sides,
+    enclosing_cuts,
+    facing_chart,
+    farthest_hidden,
+)
 from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
@@ -239,12 +245,6 @@ def _hidden_box(extent: Extent, observations: Sequence[Observation]) -> tuple[Fl
     low, high = extent.window()
     if not isinstance(extent.chart, Plane):
         return low, high
-    found = [extent.own_low[None], extent.own_high[None]]
-    for seen in observations:
-        rays = seen.rays[::2, ::2].reshape(-1, 3)
-        ranges = extent.chart.ray_ranges(seen.scan.origin, rays)
-        behind = np.isfinite(ranges) & (seen.scan.ranges[::2, ::2].ravel() < ranges)
-        uv = extent.chart.to_uv(seen.scan.origin + ranges[behind, None] * rays[behind])
-        found.append(uv[((uv >= low) & (uv <= high)).all(axis=1)])
-    places = np.concatenate(found)
+    places = farthest_hidden(extent.chart, low, high, observations)
+    places = np.concatenate([extent.own_low[None], extent.own_high[None], places])
     return places.min(axis=0), places.max(axis=0)

@@ -105,14 +105,16 @@ class Patch:
         return float(self.hypothesised.sum()) * self.grid.cell_area
 
 
-def hull_of(grid: ChartGrid, cells: BoolArray) -> BoolArray:
-    """Cells (rows, columns) whose centre lies in the convex hull of the given ones."""
+def in_hull(cells: BoolArray, among: BoolArray) -> BoolArray:
+    """Cells among some (rows, columns) whose centre lies in the convex hull of `cells`, to half a cell."""
     rows, columns = np.nonzero(cells)
     if len(rows) < 3:
-        return cells.copy()
+        return cells & among
     outline = LineString(np.column_stack([columns, rows]).astype(np.float64)[_extremes(rows)]).convex_hull
-    row, column = np.mgrid[: grid.shape[0], : grid.shape[1]]
-    return np.asarray(contains_xy(outline.buffer(0.5), column, row), dtype=np.bool_)
+    result = np.zeros(cells.shape, dtype=np.bool_)
+    place = np.nonzero(among)
+    result[place] = contains_xy(outline.buffer(0.5), place[1], place[0])
+    return result
 
 
 def _extremes(rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -126,12 +128,13 @@ def provenance_of(
 ) -> NDArray[np.int8]:
     """Give each observed or hypothesised cell (rows, columns) its `Provenance`, -1 to the others."""
     result = np.full(grid.shape, -1, np.int8)
-    uv = grid.centres_uv()
-    beyond = ((uv < extent.own_low) | (uv > extent.own_high)).any(axis=-1)
+    across, up = (
+        (centre < extent.own_low[axis]) | (centre > extent.own_high[axis])
+        for axis, centre in enumerate(grid.axes())
+    )
+    beyond = up[:, None] | (across & (not extent.full_turn))
     if extent.full_turn:
-        beyond = (uv[..., 1] < extent.own_low[1]) | (uv[..., 1] > extent.own_high[1])
-        turned = (uv[..., 0] < extent.own_low[0]) | (uv[..., 0] > extent.own_high[0])
-        result[hypothesised & turned] = Provenance.FULL_TURN
+        result[hypothesised & across] = Provenance.FULL_TURN
     result[hypothesised & beyond] = Provenance.ARCHITECTURAL
     within = hypothesised & (result < 0)
     result[within] = Provenance.EDGES
@@ -139,7 +142,7 @@ def provenance_of(
     sizes = np.bincount(part.ravel(), minlength=n_parts + 1)[1:]
     if len(sizes):
         largest = part == int(np.argmax(sizes)) + 1
-        result[within & hull_of(grid, observed)] = Provenance.BETWEEN
-        result[within & hull_of(grid, largest)] = Provenance.INTERIOR
+        result[in_hull(observed, within)] = Provenance.BETWEEN
+        result[in_hull(largest, within)] = Provenance.INTERIOR
     result[observed] = Provenance.MEASURED
     return result

@@ -21,7 +21,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans, weigh
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
-from completion.extension.patch import Patch, Provenance, hull_of, provenance_of
+from completion.extension.patch import Patch, Provenance, in_hull, provenance_of
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -83,7 +83,7 @@ def extend(
     accepted = possible & edits.accepted(grid, grid.within(*extent.known_window()))
     hidden = possible & grid.within(*extent.window())
     if rules.mode == "conservative":
-        hidden &= hull_of(grid, evidence.observed)
+        hidden = in_hull(evidence.observed, hidden)
 
     # 3. Divide: continue the surface's own edges through the hidden cells, which fall into regions.
     edges = _boundary_edges(extent, boundary.recharted(surface.fit.surface, extent.chart))
@@ -167,9 +167,13 @@ def _without_openings(
 
 def _beyond_edited_ends(grid: ChartGrid, extent: Extent) -> BoolArray:
     """Cells beyond what was measured on the sides where a person set the end."""
-    uv = grid.centres_uv()
-    beyond = np.stack([uv < extent.own_low, uv > extent.own_high])  # side, row, column, axis
-    return np.asarray((beyond & extent.by_edit[:, None, None, :]).any(axis=(0, 3)), dtype=np.bool_)
+    u, v = grid.axes()
+    across, up = (
+        (extent.by_edit[0, axis] & (centre < extent.own_low[axis]))
+        | (extent.by_edit[1, axis] & (centre > extent.own_high[axis]))
+        for axis, centre in enumerate((u, v))
+    )
+    return np.asarray(up[:, None] | across, dtype=np.bool_)
 
 
 def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[Edge]:
@@ -216,8 +220,8 @@ def _trimmed(
 
 def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
     """Cells on the right side of every cut that are not hidden behind what encloses the room."""
-    centres = grid.centres()
     inside = np.ones(grid.shape, dtype=np.bool_)
+    centres = grid.centres() if extent.cuts or extent.enclosures else np.zeros((0, 3))
     for cut in extent.cuts:
         inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
     for number, plane in extent.enclosures:

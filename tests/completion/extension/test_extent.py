@@ -7,10 +7,11 @@ import pytest
 from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.extension.adjacency import Adjacency
+from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
-from completion.observe.observation import Observation, RangeNoise
+from completion.observe.observation import Observation, RangeNoise, observe
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -179,3 +180,20 @@ def test_a_cylinder_closes_around_its_back(law):
 def test_other_shapes_have_no_extent():
     with pytest.raises(TypeError, match="no extent is known for a Sphere"):
         extent_of(Sphere((0, 0, 0), 1.0), wall_points())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_farthest_hidden_places_are_those_of_the_plain_formula(seed):
+    rng, camera = np.random.default_rng(seed), PinholeProjection.from_fov(61, 40, 80)
+    scan = RangeImage(rng.uniform(1, 4, camera.shape), camera, Pose.identity(), sigma_m=0.0)
+    seen, chart = observe(scan, Pose.identity()), Plane((0.3, 0, 3), (0.2, 0.1, -1))
+    low, high = np.array([-1.2, -0.8]), np.array([1.0, 1.1])
+    rays = seen.rays[::2, ::2].reshape(-1, 3)
+    reach = chart.ray_ranges(np.zeros(3), rays)
+    behind = np.isfinite(reach) & (scan.ranges[::2, ::2].ravel() < reach)
+    uv = chart.to_uv(reach[behind, None] * rays[behind])
+    uv = uv[((uv >= low) & (uv <= high)).all(axis=1)]
+    found = farthest_hidden(chart, low, high, [seen, seen])
+    np.testing.assert_allclose(found.min(axis=0), uv.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(found.max(axis=0), uv.max(axis=0), atol=1e-12)
+    assert farthest_hidden(chart, high, low, [seen]).shape == (0, 2)
