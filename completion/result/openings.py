@@ -60,16 +60,16 @@ def find_openings(patch: Patch) -> list[Opening]:
     within = patch.is_within | solid
     openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
     rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
-    part, n_parts = ndimage.label((through | unfilled) & rest)
-    for number in range(1, n_parts + 1):
+    part, _ = ndimage.label((through | unfilled) & rest)
+    seen = np.bincount(part[through])
+    for number in 1 + np.flatnonzero(seen[1:] >= _MIN_CELLS):
         hole = part == number
-        seen = int((hole & through).sum())
-        if seen < _MIN_CELLS or not _is_closed(hole, solid, within):
+        if not _is_closed(hole, solid, within):
             continue
         outline = _outline(patch.grid, hole, patch.edges)
         if outline is not None:
             area = float(shapely.Polygon(outline).area)
-            share = min(seen / float(hole.sum()), 1.0)
+            share = min(float(seen[number] / hole.sum()), 1.0)
             openings.append(Opening(area, share, patch.grid.surface.from_uv(outline)))
     return openings
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,10 +102,9 @@ def _ring(
     if bool(shapely.is_ccw(ring)) != anticlockwise:
         uv = uv[::-1]
     points, edges = [], []
-    for k in range(len(uv)):
-        for place, edge in _stretches(patch, boundary, uv[k], uv[(k + 1) % len(uv)]):
-            points.append(place)
-            edges.append(edge)
+    for place, edge in _stretches(boundary, uv, float(patch.grid.cell.max())):
+        points.append(place)
+        edges.append(edge)
     local = patch.grid.surface.from_uv(np.array(points))
     sd = patch.source.fit.standard_deviation(local)
     for k, edge in enumerate(edges):
@@ -113,25 +113,30 @@ def _ring(
 
 
 def _stretches(
-    patch: Patch, boundary: _BoundaryCells, start: FloatArray, end: FloatArray
-) -> list[tuple[FloatArray, dict[str, Any]]]:
-    """An edge, cut where what is said of it changes: the beginning of each stretch, and what is said."""
-    n = max(int(np.ceil(np.linalg.norm(end - start) / float(patch.grid.cell.max()))), 1)
-    places = start + (np.arange(n) + 0.5)[:, None] / n * (end - start)
-    _, index = boundary.tree.query(places)
+    boundary: _BoundaryCells, corners: FloatArray, cell_m: float
+) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+    """The edges between a ring's corners (n, 2), cut where what is said of them changes.
+
+    The beginning of each stretch, and what is said; it is asked about once a cell of `cell_m` metres.
+    """
+    along = np.roll(corners, -1, axis=0) - corners
+    count = np.maximum(np.ceil(np.linalg.norm(along, axis=1) / cell_m), 1).astype(np.int64)
+    first_of, edge_of = np.cumsum(count) - count, np.repeat(np.arange(len(corners)), count)
+    share = (np.arange(len(edge_of)) - first_of[edge_of] + 0.5) / count[edge_of]
+    _, index = boundary.tree.query(corners[edge_of] + share[:, None] * along[edge_of])
     known = boundary.known
-    kinds, provenances = known.kinds[index].tolist(), known.provenances[index].tolist()
-    found = []
-    for first, last in runs_of(list(zip(kinds, provenances, strict=True)), _SHORT):
-        confidence = known.confidence[index[first : last + 1]]
-        edge = {
-            "state": "measured" if provenances[first] == "measured" else "inferred",
-            "kind": kinds[first],
-            "provenance": provenances[first],
-            "confidence": float(np.mean(confidence)),
-        }
-        found.append((start + first / n * (end - start), edge))
-    return found
+    said = list(zip(known.kinds[index].tolist(), known.provenances[index].tolist(), strict=True))
+    for k, (begin, n) in enumerate(zip(first_of.tolist(), count.tolist(), strict=True)):
+        for first, last in runs_of(said[begin : begin + n], _SHORT):
+            kind, provenance = said[begin + first]
+            confidence = known.confidence[index[begin + first : begin + last + 1]]
+            edge = {
+                "state": "measured" if provenance == "measured" else "inferred",
+                "kind": kind,
+                "provenance": provenance,
+                "confidence": float(np.mean(confidence)),
+            }
+            yield corners[k] + first / n * along[k], edge
 
 
 def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:

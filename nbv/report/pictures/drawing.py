@@ -57,28 +57,25 @@ class MeshDrawing:
 
     def look(self, camera: Camera, shape: tuple[int, int]) -> SeenFaces:
         """Return what each pixel sees."""
-        rays = camera.rays(shape).reshape(-1, 3)
-        face = np.full(len(rays), -1, np.int64)
-        points, weights, cosine = (
-            np.full((len(rays), 3), np.nan),
-            np.zeros((len(rays), 3)),
-            np.zeros(len(rays)),
-        )
-        start = np.broadcast_to(camera.origin, rays.shape).copy()
-        pending = np.arange(len(rays))
+        ways = camera.rays(shape).reshape(-1, 3)
+        n = len(ways)
+        face, cosine = np.full(n, -1, np.int64), np.zeros(n)
+        points, weights = np.full((n, 3), np.nan), np.zeros((n, 3))
+        start, pending = camera.origin[None], np.arange(n)
         for _ in range(_LAYERS):
-            hits = self._caster.first_hit(start[pending], rays[pending])
-            pending, index = pending[hits.hit], np.flatnonzero(hits.hit)
-            if not len(pending):
+            hits = self._caster.first_hit(start, ways)
+            met = np.flatnonzero(hits.hit)
+            if not len(met):
                 break
-            reached = start[pending] + rays[pending] * hits.ranges[index, None]
-            facing = -np.einsum("ij,ij->i", rays[pending], self.front[hits.face[index]])
+            pending, ways, behind = pending[met], ways[met], start if len(start) == 1 else start[met]
+            reached = behind + ways * hits.ranges[met, None]
+            facing = -np.einsum("ij,ij->i", ways, self.front[hits.face[met]])
             seen = facing > 0
-            done, from_hit = pending[seen], index[seen]
+            done, from_hit = pending[seen], met[seen]
             face[done], points[done] = hits.face[from_hit], reached[seen]
             weights[done], cosine[done] = hits.barycentric[from_hit], facing[seen]
-            start[pending] = reached + rays[pending] * 1e-4
-            pending = pending[~seen]
+            pending, ways = pending[~seen], ways[~seen]
+            start = reached[~seen] + ways * 1e-4
         return SeenFaces(
             face.reshape(shape), points.reshape(*shape, 3), weights.reshape(*shape, 3), cosine.reshape(shape)
         )
