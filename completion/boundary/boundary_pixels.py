@@ -64,10 +64,10 @@ def find_boundary_pixels(
     """
     none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
     parts = [none] + [
-        _pixels_beside(fit, mask, seen, step, tolerance)
+        _pixels_beside(fit, last, seen, step, tolerance)
         for mask, seen in zip(masks, observations, strict=True)
-        for step in _STEPS
-        if mask.any()
+        for step, last in zip(_STEPS, _last_pixels(mask), strict=True)
+        if len(last)
     ]
     return BoundaryPixels(
         np.concatenate([part.uv for part in parts]),
@@ -104,13 +104,22 @@ def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> 
     return result
 
 
+def _last_pixels(mask: BoolArray) -> list[NDArray[np.int64]]:
+    """Pixels (n, 2) of a mask whose neighbour at each of the steps is not in it, found in its box."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return [np.zeros((0, 2), np.int64)] * len(_STEPS)
+    corner = np.array([rows[0], columns[0]])
+    box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return [corner + np.argwhere(box & ~_shifted(box, step)) for step in _STEPS]
+
+
 def _pixels_beside(
-    fit: SurfaceFit, mask: BoolArray, seen: Observation, step: tuple[int, int], tolerance: Tolerance
+    fit: SurfaceFit, last: NDArray[np.int64], seen: Observation, step: tuple[int, int], tolerance: Tolerance
 ) -> BoundaryPixels:
     chart = fit.surface
-    last = np.argwhere(mask & ~_shifted(mask, step))
     beyond = last + step
-    inside = ((beyond >= 0) & (beyond < mask.shape)).all(axis=1)
+    inside = ((beyond >= 0) & (beyond < seen.scan.shape)).all(axis=1)
     kind = np.full(len(last), BoundaryKind.FRAME, np.int8)
     uv, way = chart.to_uv(seen.points[tuple(last.T)]), np.zeros((len(last), 2))
     p, q = last[inside], beyond[inside]

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.form import Form, chart_of, form_of, plus, reach_of, slope_at
+from completion.evidence.form import Form, chart_of, dot, form_of, minus, plus, reach_of, slope_at
 from completion.evidence.sight import Eye, along_ray, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
+_ROUNDING = 1 - 1e-9  # of lengths that are compared beforehand
 _LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are noisy
 
 
@@ -71,11 +72,14 @@ def _count_beams(
 ) -> None:
     """Add to each cell (rows, columns) the beams that went through it, by unit rays (pixels, 3)."""
     rows, columns = count.shape
+    height = dot(minus(eye.origin, form.point), form.axis)
     for pixel in range(ranges.size):
         measured = ranges[pixel]
         if not np.isfinite(measured):
             continue
         ray = rays[pixel, 0], rays[pixel, 1], rays[pixel, 2]
+        if not form.is_curved and _ROUNDING * abs(height) > -np.sign(height) * dot(ray, form.axis) * measured:
+            continue  # it ends before the plane
         for from_within in (False, True):
             reach = reach_of(form, eye.origin, ray, from_within)
             if not reach < measured:

@@ -225,8 +225,8 @@ def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
     for cut in extent.cuts:
         inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
     for number, plane in extent.enclosures:
-        behind = (plane.distance(centres) < 0).reshape(grid.shape)
-        inside &= ~(behind & (evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
+        hidden = np.flatnonzero((evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
+        inside.ravel()[hidden] &= plane.distance(centres[hidden]) >= 0
     return inside
 
 

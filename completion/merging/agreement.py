@@ -155,13 +155,32 @@ def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
     where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
     most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
     """
-    surface, scale = other.fit.surface, max(one.scale, other.scale)
-    first, second = _ends(surface, one.points, other.points)
+    first, second = _ends(other.fit.surface, one.points, other.points)
+    n = min(_STRIP, len(first), len(second))
+    near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
+    near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
+    closed, is_known = (
+        np.zeros((len(first), len(second)), dtype=np.bool_),
+        np.zeros(len(first), dtype=np.bool_),
+    )
+    for end, beside in enumerate(near_first):
+        new = np.unique(np.append(beside, end))
+        new = new[~is_known[new]]
+        closed[new], is_known[new] = _closed(one, other, first[new], second, sights), True
+        if (closed[beside].all(axis=0) & closed[end, near_second].all(axis=1)).any():
+            return True
+    return False
+
+
+def _closed(
+    one: Part, other: Part, first: FloatArray, second: FloatArray, sights: Sequence[Sight]
+) -> BoolArray:
+    """Tell which bridges (n, m) between ends (n, 2) and (m, 2) are closed."""
     seen = np.zeros((len(first), len(second), _N_STEPS), dtype=np.bool_)
-    crossed = np.zeros(seen.shape[:2], dtype=np.bool_)
+    crossed, scale = np.zeros(seen.shape[:2], dtype=np.bool_), max(one.scale, other.scale)
     for sight in sights:
         _follow(sight, other.form, first, second, scale, seen, crossed)
-    return _has_strip(~crossed & (seen.mean(axis=2) > _CLOSED), first, second)
+    return np.asarray(~crossed & (seen.mean(axis=2) > _CLOSED), dtype=np.bool_)
 
 
 @compiled
@@ -208,15 +227,3 @@ def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
         return uv
     rest = order[half:]
     return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
-
-
-def _has_strip(closed: BoolArray, first: FloatArray, second: FloatArray) -> bool:
-    """Tell whether some closed bridge has closed neighbours: from the ends next to its own."""
-    if not closed.any():
-        return False
-    n = min(_STRIP, *closed.shape)
-    near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
-    near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
-    along_first = closed[near_first].all(axis=1)  # the same end in the second part
-    along_second = closed[:, near_second].all(axis=2)
-    return bool((along_first & along_second).any())
