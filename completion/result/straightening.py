@@ -12,9 +12,9 @@ import shapely
 
 from completion.boundary.curves import Line, meeting_line
 from completion.boundary.meshing import ChartMesh
-from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from scenes.checks import BoolArray, FloatArray
+from completion.result.cell_polygons import polygons_of_cells
+from scenes.checks import FloatArray
 
 _REACH = 3.0  # cells between an outline and the edge that it follows
 _MEETING = 10.0  # the same where it meets another surface
@@ -44,11 +44,11 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
     areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
     covered = np.bincount(mesh.face_cell, areas, patch.observed.size).reshape(grid.shape)
     whole = patch.observed | (covered > (1 - 1e-6) * grid.cell_area)
-    cut = shapely.polygons(corners[~whole.ravel()[mesh.face_cell]])
+    cut = mesh.cells[mesh.faces[~whole.ravel()[mesh.face_cell]]]
+    area = shapely.transform(polygons_of_cells(whole, cut), lambda xy: grid.uv_of(xy[:, 1], xy[:, 0]))
     size, least = float(grid.cell.max()), _LEAST_CELLS * grid.cell_area
-    parts = [shapely.set_precision(part, size * 1e-4) for part in (*_of_cells(grid, whole), *cut)]
     guides, straight = guides_of(patch), []
-    for part in _without_small(shapely.union_all(parts, grid_size=size * 1e-4), least):
+    for part in _without_small(area, least):
         straight += _without_small(straightened(part, guides, size), least)
     return shapely.union_all(straight)
 
@@ -58,15 +58,6 @@ def _without_small(area: Any, least_m2: float) -> list[Any]:
     kept = [part for part in polygon_parts(area) if part.area >= least_m2]
     holes = [[hole for hole in part.interiors if shapely.Polygon(hole).area >= least_m2] for part in kept]
     return [shapely.Polygon(part.exterior, large) for part, large in zip(kept, holes, strict=True)]
-
-
-def _of_cells(grid: ChartGrid, cells: BoolArray) -> list[Any]:
-    """The cells as polygons of the chart, their sides those of the cells; none without cells."""
-    step = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (row, low), (_, high) = (np.argwhere(sign * step > 0).T.astype(np.float64) for sign in (1, -1))
-    if not len(row):
-        return []
-    return [shapely.coverage_union_all(shapely.box(*grid.uv_of(row, low).T, *grid.uv_of(row + 1, high).T))]
 
 
 def polygon_parts(area: Any) -> list[Any]:
