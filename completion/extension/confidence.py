@@ -16,6 +16,7 @@ from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
+from texture.engine.compiled import compiled
 
 
 class Onward(IntEnum):
@@ -32,6 +33,12 @@ class Onward(IntEnum):
     OBJECT_BEYOND = 4
     CYLINDER = 5
 
+
+_WALL_WITHIN, _WALL_TO_END, _WALL_BEYOND = map(
+    int, (Onward.WALL_WITHIN, Onward.WALL_TO_END, Onward.WALL_BEYOND)
+)
+_OBJECT_WITHIN, _OBJECT_BEYOND = int(Onward.OBJECT_WITHIN), int(Onward.OBJECT_BEYOND)
+_LEAST_SIZE = 1e-9  # of a measured rectangle, metres
 
 PERSISTENCE: FloatArray = np.array([
     [0.998, 5.0],
@@ -110,17 +117,36 @@ def _onward(
     nothing = np.zeros(len(uv))
     if isinstance(extent.chart, Cylinder):
         return np.full(len(uv), Onward.CYLINDER, np.int8), near, nothing
-    size = np.maximum(extent.own_high - extent.own_low, 1e-9)
-    past = np.stack([extent.own_low - uv, uv - extent.own_high])  # side, place, axis
-    is_out = (past > 0).any(axis=(0, 2))
-    beyond = (np.maximum(past, 0.0) / size).max(axis=(0, 2))
-    end_probability = np.where(past > 0, extent.end_probability[:, None, :], 1.0).min(axis=(0, 2))
-    if not extent.encloses:
-        onward = np.where(is_out, Onward.OBJECT_BEYOND, Onward.OBJECT_WITHIN)
-        return onward.astype(np.int8), np.where(is_out, beyond, near), np.where(is_out, end_probability, 0.0)
-    to_end = is_out & (end_probability > 0)
-    onward = np.select([to_end, is_out], [Onward.WALL_TO_END, Onward.WALL_BEYOND], Onward.WALL_WITHIN)
-    return onward.astype(np.int8), np.where(is_out & ~to_end, beyond, near), nothing
+    own = np.array([extent.own_low, extent.own_high])
+    return onward_on_plane(uv, near, own, extent.end_probability, extent.encloses)
+
+
+@compiled
+def onward_on_plane(
+    uv: FloatArray, near: FloatArray, own: FloatArray, end_probability: FloatArray, encloses: bool
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
+    """`_onward` on a plane with the measured rectangle `own` (2, 2), whose sides go on to ends (2, 2)."""
+    n = len(uv)
+    onward, distance, to_end = np.empty(n, np.int8), near.copy(), np.zeros(n)
+    for i in range(n):
+        is_out, beyond, certain = False, 0.0, 1.0
+        for axis in range(2):
+            size = max(own[1, axis] - own[0, axis], _LEAST_SIZE)
+            for side in range(2):
+                past = own[0, axis] - uv[i, axis] if side == 0 else uv[i, axis] - own[1, axis]
+                if past > 0.0:
+                    is_out = True
+                    beyond = max(beyond, past / size)
+                    certain = min(certain, end_probability[side, axis])
+        if not is_out:
+            onward[i] = _WALL_WITHIN if encloses else _OBJECT_WITHIN
+        elif not encloses:
+            onward[i], distance[i], to_end[i] = _OBJECT_BEYOND, beyond, certain
+        elif certain > 0.0:
+            onward[i] = _WALL_TO_END
+        else:
+            onward[i], distance[i] = _WALL_BEYOND, beyond
+    return onward, distance, to_end
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:
