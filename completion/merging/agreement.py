@@ -25,6 +25,7 @@ _FEW = 24  # points of a part that differences are read at
 _N_ENDS = 40  # points of either part that bridges start from
 _N_STEPS = 24
 _STRIP = 3  # neighbouring bridges that make a strip
+_BLOCKS = (1, 4, 13)  # ends after which a strip is looked for
 _CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
 
 
@@ -37,6 +38,7 @@ class Part:
     points: FloatArray  # (m, 3) some of its measured points, metres
     scale: float  # standard deviation of a single one of them about its surface, metres
     few: FloatArray  # (k, 3) of the points, those that differences are read at
+    box: FloatArray  # (2, 3) least and greatest coordinates of these
     form: Form  # its surface, for compiled loops
 
     @classmethod
@@ -56,6 +58,7 @@ class Part:
             points=points,
             scale=scale,
             few=few,
+            box=np.stack([few.min(axis=0), few.max(axis=0)]),
             form=form_of(fit.surface),
         )
 
@@ -126,9 +129,8 @@ def compare_at_points(one: Part, other: Part) -> Agreement:
 
 def _agreement(one: Part, other: Part, square: float, log_density: float) -> Agreement:
     """The agreement from squared Mahalanobis distance and log density of a difference."""
-    low = np.minimum(one.few.min(axis=0), other.few.min(axis=0))
-    high = np.maximum(one.few.max(axis=0), other.few.max(axis=0))
-    volume = _log_prior_volume(one.form, float(np.linalg.norm(high - low)))
+    size = np.maximum(one.box[1], other.box[1]) - np.minimum(one.box[0], other.box[0])
+    volume = _log_prior_volume(one.form, float(np.sqrt(size @ size)))
     return Agreement(square / _CHI2[len(one.covariance)], log_density + volume)
 
 
@@ -159,15 +161,15 @@ def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
     n = min(_STRIP, len(first), len(second))
     near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
     near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
-    closed, is_known = (
-        np.zeros((len(first), len(second)), dtype=np.bool_),
-        np.zeros(len(first), dtype=np.bool_),
-    )
-    for end, beside in enumerate(near_first):
-        new = np.unique(np.append(beside, end))
+    closed = np.zeros((len(first), len(second)), dtype=np.bool_)
+    is_known = np.zeros(len(first), dtype=np.bool_)
+    for ends in np.split(np.arange(len(first)), _BLOCKS):
+        new = np.unique(np.append(near_first[ends], ends))
         new = new[~is_known[new]]
         closed[new], is_known[new] = _closed(one, other, first[new], second, sights), True
-        if (closed[beside].all(axis=0) & closed[end, near_second].all(axis=1)).any():
+        along_first = closed[near_first[ends]].all(axis=1)  # the same end in the second part
+        along_second = closed[ends][:, near_second].all(axis=2)
+        if (along_first & along_second).any():
             return True
     return False
 

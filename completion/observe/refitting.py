@@ -153,12 +153,13 @@ def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flat
     """Normal equations of every surface, in one pass over each set of beams."""
     n = len(surfaces)
     matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
+    charts: dict[bytes, FloatArray] = {}  # by where beams start
     for beam in beams:
-        charts = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
-        _add_rays(
-            beam.label, charts, beam.ranges, beam.rays, beam.sigma, flatness_m, _LEAST_SLOPE, matrix, vector,
-            sums,
-        )  # fmt: skip
+        start = beam.origin.tobytes()
+        if start not in charts:
+            charts[start] = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
+        some = beam.label, charts[start], beam.ranges, beam.rays, beam.sigma
+        _add_rays(*some, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
     matrix += np.tril(matrix, -1).transpose(0, 2, 1)
     size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
     return [
