@@ -72,14 +72,24 @@ def _count_beams(
 ) -> None:
     """Add to each cell (rows, columns) the beams that went through it, by unit rays (pixels, 3)."""
     rows, columns = count.shape
-    height = dot(minus(eye.origin, form.point), form.axis)
+    height, foot = dot(minus(eye.origin, form.point), form.axis), chart_of(form, eye.origin)
+    left, low = corner[0] - foot[0] - size[0], corner[1] - foot[1] - size[1]
+    right, high = left + (columns + 2) * size[0], low + (rows + 2) * size[1]
     for pixel in range(ranges.size):
         measured = ranges[pixel]
         if not np.isfinite(measured):
             continue
         ray = rays[pixel, 0], rays[pixel, 1], rays[pixel, 2]
-        if not form.is_curved and _ROUNDING * abs(height) > -np.sign(height) * dot(ray, form.axis) * measured:
-            continue  # it ends before the plane
+        if not form.is_curved:
+            # Leave out, before dividing, beams that end before the plane or miss the chart by a cell.
+            toward = -np.sign(height) * dot(ray, form.axis)
+            across, up = abs(height) * dot(ray, form.first), abs(height) * dot(ray, form.second)
+            if (
+                _ROUNDING * abs(height) > toward * measured
+                or not toward * left <= across <= toward * right
+                or not toward * low <= up <= toward * high
+            ):
+                continue
         for from_within in (False, True):
             reach = reach_of(form, eye.origin, ray, from_within)
             if not reach < measured:
