@@ -20,6 +20,7 @@ _REACH = 3.0  # cells between an outline and the edge that it follows
 _MEETING = 10.0  # the same where it meets another surface
 _BEYOND = 2.0  # cells by which an outline may follow an edge past where it was seen
 _ROUGH = 1.0  # cells that an outline may be off its polygon
+_STRAIGHT = 1e-6  # cells that a place between two corners is off their line
 _LEAST_CELLS = 9  # of a part or a hole
 _PARALLEL = float(np.sin(np.radians(10.0)))
 
@@ -88,11 +89,13 @@ def guides_of(patch: Patch) -> list[Guide]:
 def straightened(polygon: Any, guides: Sequence[Guide], cell_m: float) -> Any:
     """Return a shapely polygon of the chart, its sides laid on the guides where these run beside it.
 
-    What follows none is straightened to within a cell of `cell_m` metres.
+    What follows none is straightened to within a cell of `cell_m` metres. Places along a straight side are
+    dropped before what was folded is put right: there they would become slivers.
     """
     dense = shapely.segmentize(polygon, cell_m)
     laid = shapely.transform(dense, lambda uv: _on_guides(uv, guides)) if guides else dense
-    return shapely.make_valid(laid).simplify(_ROUGH * cell_m)
+    corners = laid.simplify(_STRAIGHT * cell_m, preserve_topology=False)
+    return shapely.make_valid(corners).simplify(_ROUGH * cell_m)
 
 
 def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:

@@ -13,6 +13,7 @@ from shapely import Polygon
 from completion.boundary.curves import Line
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from completion.result.cell_polygons import polygons_of_cells
 from completion.result.polygons import polygons_record
 from completion.result.record import inferred_points, model_parts
 from completion.result.straightening import Guide, straightened
@@ -229,3 +230,18 @@ def test_a_saw_along_a_guide_becomes_its_line():
     assert straightened(polygon, [], 0.02).area == pytest.approx(polygon.area, rel=0.02)
     parallel = Guide(Line(np.array([0.0, 1.06]), np.array([1.0, 0.001])), everywhere, 0.1)
     assert straightened(polygon, [top, parallel], 0.02).is_valid
+
+
+def test_a_side_that_folds_on_its_guide_leaves_no_slivers():
+    """Cells with a ragged end beside a slanted line: moved onto it, their corners go back and forth."""
+    rng = np.random.default_rng(0)
+    rows, columns = 120, 90
+    line = Line(np.array([0.0, 1.6]), np.array([np.cos(0.3), np.sin(0.3)]))
+    end = np.array([line.at(np.array(0.02 * k / np.cos(0.3)))[1] for k in range(columns)]) / 0.02
+    cells = np.arange(rows)[:, None] < np.rint(end + rng.uniform(-2, 2, columns))
+    polygon = shapely.transform(polygons_of_cells(cells, np.zeros((0, 3, 2))).geoms[0], lambda xy: 0.02 * xy)
+    guide = Guide(line, np.array([[-np.inf, np.inf]]), 0.1)
+    found = straightened(polygon, [guide], 0.02)
+    assert found.is_valid
+    assert found.area == pytest.approx(polygon.area, rel=0.01)
+    assert len(shapely.get_coordinates(found)) <= 12
