@@ -129,14 +129,15 @@ def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArra
         u, v = u + uv[index[k], 0], v + uv[index[k], 1]
         size[k] = np.sqrt(step[index[k], 0] ** 2 + step[index[k], 1] ** 2)
     u, v, width = u / len(index), v / len(index), np.median(size)
-    offset = np.empty((_N_DIRECTIONS, len(index)))
+    right, up = uv[index, 0] - u, uv[index, 1] - v
+    offset, low, high = np.empty((_N_DIRECTIONS, len(index))), np.inf, -np.inf
     for turn in range(_N_DIRECTIONS):
         angle = turn * np.pi / _N_DIRECTIONS
         sine, cosine = np.sin(angle), np.cos(angle)
         for k in range(len(index)):
-            offset[turn, k] = cosine * (uv[index[k], 1] - v) - sine * (uv[index[k], 0] - u)
-    low = offset.min()
-    n_slots = int(np.rint((offset.max() - low) / width)) + 2
+            offset[turn, k] = cosine * up[k] - sine * right[k]
+            low, high = min(low, offset[turn, k]), max(high, offset[turn, k])
+    n_slots = int(np.rint((high - low) / width)) + 2
     most, best, place = -1, 0, 0
     count: NDArray[np.int64] = np.zeros(n_slots + 1, np.int64)
     for turn in range(_N_DIRECTIONS):
