@@ -103,7 +103,7 @@ def complete(
         seen = Scans(tuple(observations), tuple(number_pixels(surfaces, observations)), tolerance)
 
         # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
-        boundaries = [find_boundary_pixels(one.fit, one.masks, observations, tolerance) for one in surfaces]
+        boundaries = [find_boundary_pixels(one.fit, one.pixels, observations, tolerance) for one in surfaces]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
         # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
@@ -158,8 +158,8 @@ def number_pixels(
     """Number each scan's pixels (rows, columns) by the surface that they belong to, from 1; 0 for none."""
     owners = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
     for number, surface in enumerate(surfaces, start=1):
-        for owner, mask in zip(owners, surface.masks, strict=True):
-            owner[mask] = number
+        for owner, pixels in zip(owners, surface.pixels, strict=True):
+            owner.ravel()[pixels.flat] = number
     return owners
 
 

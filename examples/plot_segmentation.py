@@ -54,7 +54,7 @@ def rows(surfaces: list[MergedSurface], labels: np.ndarray | None) -> Iterator[s
         radius = f"{1e3 * shape.radius:.1f}" if isinstance(shape, Cylinder) else ""
         shares = ""
         if labels is not None:
-            label, count = np.unique(labels[one.masks[0]], return_counts=True)
+            label, count = np.unique(one.pixels[0].pick(labels), return_counts=True)
             named = zip(label.tolist(), count / count.sum(), strict=True)
             shares = ", ".join(f"{100 * share:.0f} % on {k}" for k, share in named if share >= 0.01)
         cells = [number, shape.kind, radius, one.n_parts, one.n_pixels, f"{1e3 * one.fit.rms:.2f}", shares]
@@ -65,7 +65,7 @@ def draw(scan: RangeImage, surfaces: list[MergedSurface], labels: np.ndarray | N
     """Write the picture of one scan."""
     found = np.zeros(scan.shape, int)
     for number, one in enumerate(surfaces, start=1):
-        found[one.masks[0]] = number
+        found[one.pixels[0].mask] = number
     colours = np.random.default_rng(8).uniform(0.25, 1, (max(found.max(), 99) + 1, 3))
     colours[0] = 0
     depth = np.repeat(1 / np.maximum(scan.ranges, 0.3)[..., None] * 0.3, 3, axis=2)
@@ -77,7 +77,7 @@ def draw(scan: RangeImage, surfaces: list[MergedSurface], labels: np.ndarray | N
         ax.imshow(image)
         ax.axis("off")
     for number, one in enumerate(surfaces, start=1):
-        depths = distance_transform_cdt(one.masks[0])
+        depths = distance_transform_cdt(one.pixels[0].mask)
         row, column = np.unravel_index(int(depths.argmax()), depths.shape)
         shape = one.fit.surface
         name = f"r {1e3 * shape.radius:.0f}" if isinstance(shape, Cylinder) else str(number)

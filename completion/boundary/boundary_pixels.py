@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
+from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -54,9 +55,9 @@ class BoundaryPixels:
 
 
 def find_boundary_pixels(
-    fit: SurfaceFit, masks: Sequence[BoolArray], observations: Sequence[Observation], tolerance: Tolerance
+    fit: SurfaceFit, pixels: Sequence[PixelSet], observations: Sequence[Observation], tolerance: Tolerance
 ) -> BoundaryPixels:
-    """Classify every boundary pixel of a surface, in all scans, whose pixels `masks` (rows, columns) tell.
+    """Classify every boundary pixel of a surface, in all scans, from its pixels.
 
     A range is compared with the surface's own along the neighbouring ray, never with the range of the last
     pixel: a fixed step in range would fire at grazing incidence. Places are in the chart of the fit's
@@ -65,8 +66,9 @@ def find_boundary_pixels(
     none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
     parts = [none] + [
         _pixels_beside(fit, last, seen, step, tolerance)
-        for mask, seen in zip(masks, observations, strict=True)
-        for step, last in zip(_STEPS, _last_pixels(mask), strict=True)
+        for held, seen in zip(pixels, observations, strict=True)
+        if len(held)
+        for step, last in zip(_STEPS, _last_pixels(held.mask), strict=True)
         if len(last)
     ]
     return BoundaryPixels(

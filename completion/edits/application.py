@@ -13,6 +13,7 @@ from shapely import Polygon
 from completion.edits.edit import Anchor, Edit, SurfaceEdits, Wish, outline_uv
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
+from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import refit
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
@@ -91,8 +92,8 @@ def apply_edits(
 
 def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
     """The measured point (3,) of a surface that lies deepest inside it, working frame."""
-    largest = int(np.argmax([np.count_nonzero(mask) for mask in surface.masks]))
-    inside = np.pad(surface.masks[largest].astype(np.uint8), 1)
+    largest = int(np.argmax([len(pixels) for pixels in surface.pixels]))
+    inside = np.pad(surface.pixels[largest].mask.astype(np.uint8), 1)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
     return np.asarray(observations[largest].points[row, column], dtype=np.float64)
@@ -123,11 +124,12 @@ def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> Edited
     if len(parts) < 2:
         raise InputError(f"{edit.source}: all that it names is one surface already")
     largest = max((part.surface for part in parts), key=lambda surface: surface.n_pixels)
-    masks = tuple(
-        np.logical_or.reduce(several) for several in zip(*(part.surface.masks for part in parts), strict=True)
+    pixels = tuple(
+        PixelSet.union(several, several[0].shape)
+        for several in zip(*(part.surface.pixels for part in parts), strict=True)
     )
     n_parts = sum(part.surface.n_parts for part in parts)
-    surface = _refitted(MergedSurface(largest.fit, masks, n_parts), edit, place)
+    surface = _refitted(MergedSurface(largest.fit, pixels, n_parts), edit, place)
     several_edits = [part.edits for part in parts]
     actions = tuple(action for edits in several_edits for action in edits.actions)
     points = surface.points(place.observations)
@@ -148,17 +150,17 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
     cut = _cut(whole.surface, edit, place)
     parts = []
     for side in (cut, cut.flipped()):
-        masks = tuple(
-            mask & (side.distance(np.nan_to_num(seen.points)) > 0)
-            for mask, seen in zip(whole.surface.masks, place.observations, strict=True)
+        pixels = tuple(
+            replace(held, flat=held.flat[side.distance(held.pick(seen.points)) > 0])
+            for held, seen in zip(whole.surface.pixels, place.observations, strict=True)
         )
-        n_pixels = sum(int(mask.sum()) for mask in masks)
+        n_pixels = sum(map(len, pixels))
         if n_pixels < _FEWEST:
             raise InputError(
                 f"{edit.source}: only {n_pixels} of {whole.surface.n_pixels} measured pixels lie on one side "
                 f"of it; a part takes {_FEWEST}"
             )
-        part = _refitted(MergedSurface(whole.surface.fit, masks, 1), edit, place)
+        part = _refitted(MergedSurface(whole.surface.fit, pixels, 1), edit, place)
         edits = whole.edits
         noted = replace(edits, actions=(*edits.actions, "split"), ends=(*edits.ends, side))
         parts.append(EditedSurface(part, noted))
@@ -166,7 +168,7 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
 
 
 def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurface:
-    labels = [mask.astype(np.int32) for mask in surface.masks]
+    labels = [pixels.mask.astype(np.int32) for pixels in surface.pixels]
     (fit,) = refit([surface.fit.surface], place.observations, labels, place.flatness_m, n_rounds=2)
     if fit is None:
         kind = surface.fit.surface.kind

@@ -225,8 +225,8 @@ def lay_grid(
     that was asked for.
     """
     footprint = np.concatenate([
-        observation.scan.ranges[mask] * observation.scan.projection.pixel_angle
-        for observation, mask in zip(observations, surface.masks, strict=True)
+        pixels.pick(observation.scan.ranges) * observation.scan.projection.pixel_angle
+        for observation, pixels in zip(observations, surface.pixels, strict=True)
     ])  # fmt: skip
     cell, most = float(np.quantile(footprint, 0.25)), max_cells
     if cell_m is not None:

@@ -14,10 +14,11 @@ from completion.evidence.sight import Sight, sight_of
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Agreement, Part, compare, find_candidates, gap_is_hidden, lies_on
 from completion.observe.observation import Beams, Observation
+from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import improve, refit
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
@@ -33,24 +34,24 @@ class MergedSurface:
     ----------
     fit : SurfaceFit
         Fit to all its points, covariance inflated for correlated residuals; working frame.
-    masks : tuple of (rows, columns) bool
+    pixels : tuple of PixelSet
         Its pixels in each scan.
     n_parts : int
         How many regions were joined.
     """
 
     fit: SurfaceFit
-    masks: tuple[BoolArray, ...]
+    pixels: tuple[PixelSet, ...]
     n_parts: int
 
     @property
     def n_pixels(self) -> int:
         """Pixels in all scans together."""
-        return int(sum(np.count_nonzero(mask) for mask in self.masks))
+        return sum(map(len, self.pixels))
 
     def points(self, observations: Sequence[Observation]) -> FloatArray:
         """Its measured points (n, 3) in the working frame."""
-        return np.concatenate([o.points[mask] for o, mask in zip(observations, self.masks, strict=True)])
+        return np.concatenate([p.pick(o.points) for o, p in zip(observations, self.pixels, strict=True)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,7 @@ def merge(
 
 
 def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
-    pixel = np.flatnonzero(region.mask)
+    pixel = region.pixels.flat.astype(np.int64)
     n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
     points = observation.points.reshape(-1, 3)[pixel]
@@ -198,19 +199,20 @@ def _merged(
     labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
     for number, several in enumerate(joined, start=1):
         for one in several:
-            labels[one.scan][one.region.mask] = number
+            labels[one.scan].ravel()[one.region.pixels.flat] = number
     starts = [max(several, key=lambda one: one.n_pixels).region.fit for several in joined]
     fits = refit([fit.surface for fit in starts], observations, labels, tolerance.flatness_m, n_rounds=2)
     surfaces = [
-        MergedSurface(start if fit is None else fit, _masks(several, observations), len(several))
+        MergedSurface(start if fit is None else fit, _pixels(several, observations), len(several))
         for several, start, fit in zip(joined, starts, fits, strict=True)
     ]
     single = [several[0] for several in members if len(several) == 1]
-    return surfaces + [MergedSurface(one.region.fit, _masks([one], observations), 1) for one in single]
+    return surfaces + [MergedSurface(one.region.fit, _pixels([one], observations), 1) for one in single]
 
 
-def _masks(parts: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[BoolArray, ...]:
-    masks = tuple(np.zeros(observation.scan.shape, dtype=np.bool_) for observation in observations)
-    for one in parts:
-        masks[one.scan][one.region.mask] = True
-    return masks
+def _pixels(parts: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[PixelSet, ...]:
+    """The pixels of some parts in each scan."""
+    return tuple(
+        PixelSet.union([one.region.pixels for one in parts if one.scan == number], observation.scan.shape)
+        for number, observation in enumerate(observations)
+    )

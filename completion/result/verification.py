@@ -115,7 +115,7 @@ def verify(
 
 def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int:
     """Number, from 1, of the surface in `completion`, of more scans, with most of its pixels; 0 for none."""
-    own = completion.owners[0][surface.patch.source.masks[0]]
+    own = surface.patch.source.pixels[0].pick(completion.owners[0])
     return int(np.argmax(np.bincount(own))) if len(own) else 0
 
 

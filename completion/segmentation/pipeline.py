@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import pack
+from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import improve, refit
 from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, solve_plane, spread_over_pixels, tile_side
 from completion.segmentation.absorbing import absorb, sharpen_creases
@@ -48,7 +49,8 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
     fits = refit(surfaces, [observation], [labels], options.flatness_m)
-    return [Region(fit, labels == number) for number, fit in enumerate(fits, start=1) if fit is not None]
+    each = PixelSet.by_label(labels, len(fits))
+    return [Region(fit, pixels) for fit, pixels in zip(fits, each, strict=True) if fit is not None]
 
 
 def _grow(

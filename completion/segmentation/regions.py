@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import unpack
+from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import FLATNESS_M
-from scenes.checks import BoolArray, FloatArray, check_options
+from scenes.checks import FloatArray, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
 from texture.engine.compiled import compiled
 
@@ -62,12 +63,7 @@ class Region:
     """A connected part of a scan that lies on one surface."""
 
     fit: SurfaceFit  # its surface, in the working frame
-    mask: BoolArray  # (rows, columns) its pixels
-
-    @property
-    def n_pixels(self) -> int:
-        """How many pixels it has."""
-        return int(np.count_nonzero(self.mask))
+    pixels: PixelSet
 
 
 def observed_arc(cylinder: Cylinder, points: FloatArray) -> float:

@@ -73,8 +73,8 @@ def footprint(
 def _texel_size(patch: Patch, observations: Sequence[Observation]) -> float:
     """The quartile of the sizes of the surface's pixels, metres."""
     sizes = []
-    for observation, mask in zip(observations, patch.source.masks, strict=True):
-        points = observation.points[mask]
+    for observation, pixels in zip(observations, patch.source.pixels, strict=True):
+        points = pixels.pick(observation.points)
         sizes.append(footprint(observation, points, patch.grid.surface.normal(points))[0])
     return float(np.quantile(np.concatenate(sizes), 0.25))
 
@@ -117,7 +117,7 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
     image, length = np.zeros((*shape, 3), np.uint8), np.full(shape, np.inf)
     known, pure = np.zeros((2, *shape), dtype=np.bool_)
     observed, scan_of = raster.of_cells(patch.observed), raster.of_cells(patch.evidence.scan)
-    for index, (observation, mask) in enumerate(zip(observations, patch.source.masks, strict=True)):
+    for index, (observation, pixels) in enumerate(zip(observations, patch.source.pixels, strict=True)):
         here = observed & (scan_of == index)
         if observation.scan.colour is None or not here.any():
             continue
@@ -126,7 +126,7 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
         inside = np.isfinite(position).all(axis=1)
         here[here] = inside
         points, position = points[inside], position[inside]
-        counts = mask.copy()
+        mask, counts = pixels.mask, pixels.mask
         counts.ravel()[patch.evidence.pixel[patch.observed & (patch.evidence.scan == index)]] = True
         image[here] = _interpolate(
             observation.scan.colour, counts, position, raster.of_cells(patch.evidence.pixel)[here]

@@ -91,7 +91,7 @@ def labels_of(masks: list[NDArray[np.bool_]], shape: tuple[int, int]) -> NDArray
 
 def judged(name: str, frame: Frame, found: list[MergedSurface]) -> Judgement:
     """Score the surfaces found in a frame, at 80 % overlap."""
-    labels = labels_of([surface.masks[0] for surface in found], frame.faces.shape)
+    labels = labels_of([surface.pixels[0].mask for surface in found], frame.faces.shape)
     score = score_regions(frame.faces, labels, min_pixels=LEAST_PIXELS)
     angles, radii, wrong = [], [], 0
     for face, region in score.correct:

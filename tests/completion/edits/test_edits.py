@@ -166,8 +166,9 @@ def test_a_split_surface_is_two_that_end_at_the_cut_and_merging_them_gives_the_w
     whole = wall.patches[surface_at(wall, MEASURED)]
     left, right = (surface_at(found, (x, 0.9, 3.0)) for x in (0.0, 1.0))
     parts = [found.patches[number].source for number in (left, right)]
-    assert not (parts[0].masks[0] & parts[1].masks[0]).any()
-    np.testing.assert_array_equal(parts[0].masks[0] | parts[1].masks[0], whole.source.masks[0])
+    assert not (parts[0].pixels[0].mask & parts[1].pixels[0].mask).any()
+    both = parts[0].pixels[0].mask | parts[1].pixels[0].mask
+    np.testing.assert_array_equal(both, whole.source.pixels[0].mask)
     assert vertices_of(found, left)[:, 0].max() == pytest.approx(0.33, abs=1e-9)
     assert vertices_of(found, right)[:, 0].min() == pytest.approx(0.33, abs=1e-9)
     rim_cells = 3.9 / float(whole.grid.cell.max())  # around the board's shadow
@@ -177,7 +178,7 @@ def test_a_split_surface_is_two_that_end_at_the_cut_and_merging_them_gives_the_w
 
     merge = Edit(action="merge", surfaces=((0.0, 0.9, 3.0), (1.0, 0.9, 3.0)))
     again = patch_at(edited(wall_scan, split, merge), MEASURED)
-    np.testing.assert_array_equal(again.source.masks[0], whole.source.masks[0])
+    np.testing.assert_array_equal(again.source.pixels[0].mask, whole.source.pixels[0].mask)
     assert again.verdict.ends == ()
     assert again.hypothesised_m2 == pytest.approx(whole.hypothesised_m2, rel=1e-3)
     assert set(np.unique(again.provenance)) <= {-1, Provenance.MEASURED, Provenance.INTERIOR, Provenance.USER}
@@ -189,8 +190,8 @@ def test_merged_surfaces_are_one_fit_to_both_masks(room):
     found = edited(scan, Edit(action="merge", surfaces=(room.anchor(5), room.anchor(9))))  # parallel, apart
     assert len(found.patches) == len(room.patches) - 1
     (joined,) = (patch for patch in found.patches if patch.verdict.is_joined)
-    mask = one.source.masks[0] | other.source.masks[0]
-    np.testing.assert_array_equal(joined.source.masks[0], mask)
+    mask = one.source.pixels[0].mask | other.source.pixels[0].mask
+    np.testing.assert_array_equal(joined.source.pixels[0].mask, mask)
     start = max(one.source, other.source, key=lambda source: source.n_pixels).fit.surface
     (oracle,) = refit([start], room.observations, [mask.astype(np.int32)], 0.001, n_rounds=2)
     assert surfaces_close(joined.source.fit.surface, oracle.surface, angle=1e-9, length=1e-9)
@@ -365,8 +366,8 @@ def test_edits_that_fit_nothing_are_refused(edit, words, wall_scan):
 def test_a_part_that_determines_no_surface_is_refused():
     scan = example("two_occluders", pixels=120)
     base = completed("two_occluders", pixels=120)
-    row = np.flatnonzero(base.patches[0].source.masks[0].any(axis=1))[-1]
-    points = base.observations[0].points[row][base.patches[0].source.masks[0][row]]
+    row = np.flatnonzero(base.patches[0].source.pixels[0].mask.any(axis=1))[-1]
+    points = base.observations[0].points[row][base.patches[0].source.pixels[0].mask[row]]
     world = base.world_from_reference.apply(points)
     middle, normal = world.mean(axis=0), base.world_from_reference.apply(points - [0, 1e-4, 0])[0] - world[0]
     cut = Plane(middle, np.cross(np.cross(normal, world[-1] - world[0]), world[-1] - world[0]))

@@ -12,6 +12,7 @@ from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation, RangeNoise, observe
+from completion.observe.pixel_set import PixelSet
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -42,8 +43,10 @@ def extent_of(surface, points, *, others=(), enclosing=(), standing=0.0, meets=(
     none = np.zeros_like(first)
     size = 5 if isinstance(surface, Cylinder) else 3
     fit = SurfaceFit(surface, 0.001, np.zeros((size, size)) if cov is None else cov, len(points))
-    merged = [MergedSurface(fit, (first,), 1)]
-    merged += [MergedSurface(SurfaceFit(one, 0.001, np.zeros((3, 3)), N), (none,), 1) for one in others]
+    merged = [MergedSurface(fit, (PixelSet.of(first),), 1)]
+    merged += [
+        MergedSurface(SurfaceFit(one, 0.001, np.zeros((3, 3)), N), (PixelSet.of(none),), 1) for one in others
+    ]
     n = len(merged)
     encloses, met = np.zeros(n, dtype=np.bool_), np.zeros((n, n), dtype=np.bool_)
     encloses[list(enclosing)], met[0, list(meets)] = True, True

@@ -34,7 +34,7 @@ class Labelled:
 
     def shares(self, surface: MergedSurface) -> dict[int, float]:
         """The share of a surface's pixels in each label, no return left out."""
-        labels, count = np.unique(self.labels[surface.masks[0]], return_counts=True)
+        labels, count = np.unique(surface.pixels[0].pick(self.labels), return_counts=True)
         return {int(label): n / count.sum() for label, n in zip(labels, count, strict=True) if label}
 
     def on(self, label: int) -> list[MergedSurface]:
@@ -67,7 +67,7 @@ def test_the_table_is_one_surface_around_and_behind_what_stands_on_it(name):
     found = labelled(name)
     (table,) = found.on(1)
     is_table = (found.labels > 0) & (found.labels < 10)
-    assert table.masks[0][is_table].mean() > 0.99
+    assert table.pixels[0].mask[is_table].mean() > 0.99
     assert sum(share for label, share in found.shares(table).items() if label >= 10) < 0.006
 
 
@@ -88,7 +88,7 @@ def test_surfaces_keep_to_one_object(name):
 @pytest.mark.parametrize("name", SCANS)
 def test_nearly_all_of_what_is_labelled_is_explained(name):
     found = labelled(name)
-    explained = np.logical_or.reduce([surface.masks[0] for surface in found.surfaces])
+    explained = np.logical_or.reduce([surface.pixels[0].mask for surface in found.surfaces])
     assert explained[found.labels > 0].mean() > 0.99
     for label in np.unique(found.labels[found.labels > 0]):
         assert explained[found.labels == label].mean() > 0.9

@@ -244,7 +244,7 @@ def test_same_bytes_from_two_threads_at_once():
         surfaces = merge(
             [observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance()
         )
-        return b"".join(s.masks[0].tobytes() + s.fit.covariance.tobytes() for s in surfaces)
+        return b"".join(s.pixels[0].flat.tobytes() + s.fit.covariance.tobytes() for s in surfaces)
 
     alone = [found(scan) for scan in scans]
     with ThreadPoolExecutor(2) as pool:

@@ -58,7 +58,7 @@ def test_regions_of_a_noise_free_scan_are_the_true_surfaces():
     kinds = [region.fit.surface.kind for region in regions]
     assert kinds.count("cylinder") >= 2
     for region in regions:
-        labels, count = np.unique(scan.truth.surface[region.mask], return_counts=True)
+        labels, count = np.unique(region.pixels.pick(scan.truth.surface), return_counts=True)
         surface = truth.surfaces[labels[np.argmax(count)]]
         same = [
             np.abs(surface.distance(observed(scan).points[scan.truth.surface == i])).max() < 1e-3
@@ -72,7 +72,7 @@ def test_regions_of_a_noise_free_scan_are_the_true_surfaces():
 
 def test_each_pixel_belongs_to_one_region_at_most():
     regions = segment(observed(example("chair_before_wall")), SegmentationOptions())
-    assert np.sum([region.mask for region in regions], axis=0).max() == 1
+    assert np.sum([region.pixels.mask for region in regions], axis=0).max() == 1
 
 
 def test_a_plane_is_no_cylinder_even_with_noise():
@@ -153,7 +153,7 @@ def test_segmentation_moves_with_the_world():
         segment(observe(moved, moved.world_from_sensor.inverse()), SegmentationOptions()),
         strict=True,
     ):
-        assert np.array_equal(one.mask, other.mask)
+        assert np.array_equal(one.pixels.flat, other.pixels.flat)
         assert surfaces_close(one.fit.surface, other.fit.surface, angle=1e-8, length=1e-8)
 
 
@@ -167,7 +167,7 @@ def test_rounding_of_the_ranges_moves_no_pixel(name, noise):
     for _ in range(3):
         rounded = replace(scan, ranges=scan.ranges * (1 + 1e-13 * rng.normal(size=scan.shape)))
         for one, other in zip(usual, merged(observed(rounded)), strict=True):
-            assert np.array_equal(one.masks[0], other.masks[0])
+            assert np.array_equal(one.pixels[0].flat, other.pixels[0].flat)
             assert surfaces_close(one.fit.surface, other.fit.surface, angle=1e-9, length=1e-9)
 
 
