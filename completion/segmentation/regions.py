@@ -65,6 +65,11 @@ class Region:
     fit: SurfaceFit  # its surface, in the working frame
     pixels: PixelSet
 
+    @property
+    def n_pixels(self) -> int:
+        """How many pixels it has."""
+        return len(self.pixels)
+
 
 def observed_arc(cylinder: Cylinder, points: FloatArray) -> float:
     """Return the angle in radians that points (n, 3) cover around the axis: a turn less the largest gap."""
