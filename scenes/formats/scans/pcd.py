@@ -29,6 +29,7 @@ from scenes.formats.scans.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.file_limits import check_limit, check_unpacked
+from scenes.scan.pixels import finite_points, points_type
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
@@ -76,8 +77,9 @@ def _organised(
     missing = {"x", "y", "z"} - set(values.dtype.names)
     if missing:
         raise InputError(f"has points with fields {values.dtype.names}, expected x, y, z for {shape}")
-    points = _columns(values, "xyz").astype(np.float64).reshape(*shape, 3)
-    points[~np.isfinite(points).all(axis=-1) | (points == 0).all(axis=-1)] = np.nan
+    held = _columns(values, "xyz")
+    points = held.astype(points_type(held), copy=False).reshape(*shape, 3)
+    points[~finite_points(points) | (points == 0).all(axis=-1)] = np.nan
     colour = _unpack_colour(values, shape)
     light = [values[field].reshape(shape) for field in _INTENSITIES if field in values.dtype.names]
     pose, ours = _viewpoint(cloud.metadata.viewpoint), from_comments(header.comments)
