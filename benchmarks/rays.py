@@ -157,7 +157,7 @@ def ours(work: Workload, n_threads: int) -> Iterator[tuple[str, str, Job]]:
         name = f"unseen {backend}"
 
         def first_faces(part: slice, caster: RayCaster = caster) -> int:
-            return caster._embree.first_faces(work.viewpoint, tiles[part], 0, True, faces[part])
+            return caster._embree.first_faces(work.viewpoint, tiles[part], 0, None, faces[part])
 
         yield "primary", f"{name}, faces alone", lambda c=caster, f=first_faces: c._in_chunks(N, 1 << 15, f)
         yield "primary", f"{name}, first_hit", lambda c=caster: c.first_hit(work.viewpoint, work.image)
@@ -165,7 +165,7 @@ def ours(work: Workload, n_threads: int) -> Iterator[tuple[str, str, Job]]:
             yield (
                 order,
                 name,
-                lambda c=caster, p=points, o=order: c.blocked(work.viewpoint, p, coherent=o == "Morton"),
+                lambda c=caster, p=points: c.blocked(work.viewpoint, p),
             )
 
 

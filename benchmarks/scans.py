@@ -48,7 +48,7 @@ def jobs(n_threads: int) -> dict[str, Callable[[], object]]:
 
     def packets(part: slice) -> int:
         ways = work.image.reshape(-1, 3)[part]
-        return caster._embree.first_faces(work.viewpoint, ways, SIDE, True, face[part])
+        return caster._embree.first_faces(work.viewpoint, ways, SIDE, None, face[part])
 
     def scan() -> object:
         taken = scan_scene(

@@ -89,14 +89,13 @@ class Block:
     mesh: SharedArrays
     samples: SharedArrays
     tolerance_m: float
-    in_morton_order: bool
     limits: SightLimits
     positions: FloatArray
 
 
 def look(block: Block, n_threads: int | None) -> list[tuple[NDArray[np.int64], FloatArray]]:
     """Return for each position of a block the samples (m,) that it sees, and their cosines (m,)."""
-    samples = _samples(block.samples, block.tolerance_m, block.in_morton_order)
+    samples = _samples(block.samples, block.tolerance_m)
     seen = visible_from_positions(
         _caster(block.mesh), block.positions, samples, block.limits, n_threads=n_threads
     )
@@ -114,9 +113,9 @@ def _caster(mesh: SharedArrays) -> RayCaster:
 
 
 @lru_cache(maxsize=_KEPT)
-def _samples(samples: SharedArrays, tolerance_m: float, in_morton_order: bool) -> SurfaceSamples:
+def _samples(samples: SharedArrays, tolerance_m: float) -> SurfaceSamples:
     arrays: dict[str, Any] = samples.mapped()
-    return SurfaceSamples(**arrays, tolerance_m=tolerance_m, in_morton_order=in_morton_order)
+    return SurfaceSamples(**arrays, tolerance_m=tolerance_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +147,6 @@ class RemoteVisibility:
                 mesh=scene,
                 samples=seen,
                 tolerance_m=samples.tolerance_m,
-                in_morton_order=samples.in_morton_order,
                 limits=limits,
                 positions=positions[start : start + _BLOCK],
             )
@@ -182,5 +180,5 @@ def remote_visibility(
 
 def _key(block: Block) -> str:
     """Return what tells equal blocks: the hashes of what they look at, the limits, and the positions."""
-    text = repr((block.mesh, block.samples, block.tolerance_m, block.in_morton_order, block.limits))
+    text = repr((block.mesh, block.samples, block.tolerance_m, block.limits))
     return hashlib.sha256(text.encode() + block.positions.tobytes()).hexdigest()

@@ -80,7 +80,7 @@ class World:
 
         The rays are those of an image (rows, columns, 3), or of beams one after the other (n, 3).
         """
-        hits = self.caster.first_hit(origins, directions, coherent=True).flat()
+        hits = self.caster.first_hit(origins, directions).flat()
         seen = hits.hit
         if self.partner is None:
             return hits, seen

@@ -32,8 +32,6 @@ class SurfaceSamples:
         Face and surface it lies on.
     tolerance_m : float
         A line of sight may end this far before the point, metres: for given patches that lie on rims.
-    in_morton_order : bool
-        Whether neighbours in the list are neighbours in space; makes visibility faster and changes nothing.
     extent_m : float
         Longest side of their bounding box, metres.
     """
@@ -44,7 +42,6 @@ class SurfaceSamples:
     face: NDArray[np.int32]
     surface: NDArray[np.int32]
     tolerance_m: float = 0.0
-    in_morton_order: bool = False
     extent_m: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -90,7 +87,8 @@ def sample_surface(
     """Sample a mesh so that every sample stands for about `spacing_m` squared.
 
     Within a face the points follow a low-discrepancy sequence, strictly inside: rays aimed at edges leak.
-    Samples are sorted along a Morton curve, which makes visibility tests of many samples coherent.
+    Samples are sorted along a Morton curve: rays to neighbours in the list go nearly the same way, which is
+    faster.
 
     Parameters
     ----------
@@ -120,7 +118,7 @@ def sample_surface(
     order = morton_order(points)
     face, points = face[order], points[order]
     normals, surface = mesh.face_normals()[face], mesh.face_surface[face]
-    return SurfaceSamples(points, normals, share[face], face, surface, in_morton_order=True)
+    return SurfaceSamples(points, normals, share[face], face, surface)
 
 
 def _samples_a_face(

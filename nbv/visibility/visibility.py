@@ -31,9 +31,6 @@ Progress = Callable[[str, int, int], None]
 BYTES_A_SAMPLE = 120  # that a look from one position at all samples takes: indices, distances, cosines, ends
 
 _LIFT = 1e-6  # of the distance, or of the mesh's extent where that is larger: Embree works in float32
-_RAYS_A_FACE = (
-    0.25  # from here on neighbouring rays meet the same faces; where packets were seen to gain by it
-)
 
 
 def lines_of_sight(
@@ -56,8 +53,7 @@ def lines_of_sight(
     if not len(among):
         return among, distance
     ends = lifted(*here, among, distance, cosine, _LIFT, samples.extent_m, samples.tolerance_m)
-    coherent = samples.in_morton_order and len(ends) >= _RAYS_A_FACE * caster.n_faces
-    seen = ~caster.blocked(ends, position[None], coherent=coherent)
+    seen = ~caster.blocked(ends, position[None])
     return among[seen], np.abs(cosine[seen])
 
 

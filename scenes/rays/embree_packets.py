@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.local_mesh import LocalMesh
-from scenes.rays.packet_kernels import compile_for
+from scenes.rays.packet_kernels import SPREAD, compile_for
 
 _VERSION_MAJOR, _NATIVE_WIDTHS = 1, {16: 34, 8: 33}  # RTCDeviceProperty
 _NO_CACHE = "tessellation_cache_size=0"  # for subdivision surfaces, which we have none of: 128 MB a device
@@ -99,6 +99,7 @@ class PacketScene:
         self._intersect = address(library, f"rtcIntersect{self.width}")
         self._occluded = address(library, f"rtcOccluded{self.width}")
         self._arguments = [_Arguments(flags, 0xFFFFFFFF) for flags in (0, _COHERENT)]
+        self._apart = _apart(mesh)
         library.rtcSetSceneFlags(scene, _ROBUST)
         if len(mesh.faces):
             _attach(library, device, scene, vertices, faces)
@@ -110,7 +111,7 @@ class PacketScene:
         origins: FloatArray,
         directions: FloatArray,
         columns: int,
-        coherent: bool,
+        coherent: bool | None,
         face: NDArray[np.int32],
     ) -> int:
         """Write the first face (n,) that each ray hits, -1 for none; return how many rays were usable.
@@ -121,26 +122,44 @@ class PacketScene:
             World coordinates, metres; directions of any length.
         columns : int
             Of the image that the rays form; 0 when they form none.
-        coherent : bool
-            Whether consecutive rays, or an image's neighbours, go nearly the same way. It pays then and only
-            then; the result does not depend on it.
+        coherent : bool, optional
+            Whether the rays of a packet go nearly the same way; each packet is looked at when not given.
         face : (n,) int32
             Written.
         """
-        arguments = ctypes.addressof(self._arguments[coherent])
         n_usable = self._kernels.first_faces(
-            self._intersect, self._scene, arguments, self._centre, origins, directions, columns, face
+            self._intersect,
+            self._scene,
+            *self._how(coherent),
+            self._centre,
+            origins,
+            directions,
+            columns,
+            face,
         )
         check_device(self._library, self._device, "casting rays")
         return n_usable
 
-    def any_hits(self, origins: FloatArray, targets: FloatArray, coherent: bool, blocked: BoolArray) -> None:
+    def _how(self, coherent: bool | None) -> tuple[int, int, float]:
+        """Addresses of the arguments for other and for coherent packets, and how far apart origins may be."""
+        plain, together = (ctypes.addressof(one) for one in self._arguments)
+        if coherent is not None:
+            plain = together = together if coherent else plain
+        return plain, together, self._apart
+
+    def any_hits(
+        self, origins: FloatArray, targets: FloatArray, coherent: bool | None, blocked: BoolArray
+    ) -> None:
         """Write to `blocked` (n,) whether a face lies between origins and targets, (n, 3) or (1, 3) each."""
-        arguments = ctypes.addressof(self._arguments[coherent])
         self._kernels.any_hits(
-            self._occluded, self._scene, arguments, self._centre, origins, targets, blocked
+            self._occluded, self._scene, *self._how(coherent), self._centre, origins, targets, blocked
         )
         check_device(self._library, self._device, "casting rays")
+
+
+def _apart(mesh: LocalMesh) -> float:
+    """How far apart the origins of coherent rays may be, metres, squared."""
+    return float((SPREAD * np.linalg.norm(mesh.vertices.max(axis=0, initial=0.0))) ** 2)
 
 
 def _padded(rows: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.generic]:

@@ -38,7 +38,7 @@ class SingleScene:
         origins: FloatArray,
         directions: FloatArray,
         _columns: int,
-        _coherent: bool,
+        _coherent: bool | None,
         face: NDArray[np.int32],
     ) -> int:
         """Write the first face (n,) that each ray (n, 3) hits; as `PacketScene.first_faces`."""
@@ -48,7 +48,9 @@ class SingleScene:
             face[rays.which] = self._scene.run(rays.origins, rays.directions)
         return len(rays.which)
 
-    def any_hits(self, origins: FloatArray, targets: FloatArray, _coherent: bool, blocked: BoolArray) -> None:
+    def any_hits(
+        self, origins: FloatArray, targets: FloatArray, _coherent: bool | None, blocked: BoolArray
+    ) -> None:
         """Write whether a face lies between origins and targets (n, 3); as `PacketScene.any_hits`."""
         with np.errstate(all="ignore"):
             local, way = origins - self._centre, targets - origins

@@ -19,6 +19,7 @@ from scenes.checks import FloatArray, InputError, IntArray
 from scenes.rays import embree_packets, embree_single, ray_kernels, raycast
 from scenes.rays.embree_packets import EmbreeError, PacketScene, check_device, load_library
 from scenes.rays.local_mesh import LocalMesh
+from scenes.rays.packet_kernels import SPREAD, _is_coherent
 from scenes.rays.raycast import Backend, Hits, RayCaster
 from tests.helpers import ray_oracle
 from tests.helpers.strategies import law, seeds
@@ -81,8 +82,33 @@ def test_both_backends_hit_the_same() -> None:
 def test_coherence_changes_no_hit(backend: Backend) -> None:
     caster = RayCaster(*MESH, backend=backend)
     assert_agree(caster.first_hit(ORIGINS, ALONG, coherent=True), caster.first_hit(ORIGINS, ALONG), 10)
+    assert_agree(caster.first_hit(ORIGINS, ALONG, coherent=False), caster.first_hit(ORIGINS, ALONG), 10)
     ends = ORIGINS[:1] + ALONG
-    assert (caster.blocked(ORIGINS[:1], ends, coherent=True) == caster.blocked(ORIGINS[:1], ends)).all()
+    for coherent in (True, False):
+        found = caster.blocked(ORIGINS[:1], ends, coherent=coherent)
+        assert (found == caster.blocked(ORIGINS[:1], ends)).all()
+
+
+def test_coherent_packets_are_told_by_their_rays() -> None:
+    width, size = 16, 4.0
+
+    def told(origins: FloatArray, directions: FloatArray) -> bool:
+        packet = np.full((8, width), np.nan, np.float32)
+        packet[:3, : len(origins)], packet[4:7, : len(directions)] = origins.T, directions.T
+        return bool(_is_coherent(packet.reshape(-1), width, (SPREAD * size) ** 2))
+
+    rng = np.random.default_rng(0)
+    one, ahead = np.zeros((width, 3)), np.tile([0.0, 0.0, 1.0], (width, 1))
+    turned = ahead.copy()
+    for angle, is_coherent in ((0.9 * SPREAD, True), (1.1 * SPREAD, False)):
+        turned[7] = [np.sin(angle), 0, np.cos(angle)]
+        assert told(one, turned) == is_coherent
+        assert told(one[:9], turned[:9]) == is_coherent  # lanes without a ray do not count
+    moved = one.copy()
+    for share, is_coherent in ((0.9, True), (1.1, False)):
+        moved[5] = [0, share * SPREAD * size, 0]
+        assert told(moved, ahead) == is_coherent
+    assert not told(one, rng.normal(size=(width, 3)))
 
 
 @pytest.mark.parametrize("n", [1, 2, 15, 16, 17, 31, 33, (1 << 15) + 1])
