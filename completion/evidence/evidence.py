@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.form import Form, form_of
+from completion.evidence.form import Form, dot, form_of, minus
 from completion.evidence.free_space import free_cells
+from completion.evidence.reach import Reach, is_beyond, reach_of
 from completion.evidence.sight import Sight, look, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
@@ -24,6 +25,8 @@ from texture.engine.compiled import compiled
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
 _MISSED_PIXELS = 0.5  # how far a cylinder's limb is from a ray that may miss it
 _LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
+_BLOCK = 16  # cells: side of the blocks that are held against a scan together
+_ROUNDING_M = 1e-9
 _NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
@@ -57,7 +60,8 @@ class Evidence:
     scan : (rows, columns) int32
         The scan it belongs to, -1 elsewhere.
     occluder : (rows, columns) int32
-        Number of the surface that stands before each occluded cell, 0 for none known.
+        Number of the surface that stands before each occluded cell, by the last scan that says so; 0 for none
+        known.
     through : (rows, columns) bool
         Cells that some beam seems to have passed: the pixel at their centre measured farther. That is too
         little for a veto, but the surface is not hidden there.
@@ -102,6 +106,10 @@ class Scans:
     observations: tuple[Observation, ...]  # the scans, working frame
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
+    reach: tuple[Reach, ...] = field(init=False)  # of each scan
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "reach", tuple(map(reach_of, self.observations)))
 
 
 def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:
@@ -120,8 +128,9 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     """
     found = _Found.of(grid.centres(), predicted_sd)
     form = form_of(grid.surface)
-    for number, (seen, owners) in enumerate(zip(scans.observations, scans.owners, strict=True)):
-        _hold(sight_of(seen, scans.tolerance), form, owners.ravel(), owner, number, found)
+    for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
+        sight, owners = sight_of(scans.observations[number], scans.tolerance), scans.owners[number].ravel()
+        _hold(sight, form, scans.reach[number], grid.shape, owners, owner, number, found)
     observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.
@@ -138,7 +147,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         own=own,
         pixel=found.pixel.reshape(grid.shape),
         scan=found.scan.reshape(grid.shape),
-        occluder=found.occluder.reshape(grid.shape),
+        occluder=np.maximum(found.occluder, 0).reshape(grid.shape),
         through=found.through.reshape(grid.shape) & ~observed,
         limb=found.limb.reshape(grid.shape) & ~observed,
     )
@@ -155,7 +164,7 @@ class _Found(NamedTuple):
     pixel: NDArray[np.int64]
     scan: NDArray[np.int32]
     footprint: FloatArray  # of that pixel, times a constant
-    occluder: NDArray[np.int32]
+    occluder: NDArray[np.int32]  # -1 while no scan says that the cell is occluded
     through: BoolArray
     limb: BoolArray
 
@@ -173,7 +182,7 @@ class _Found(NamedTuple):
             pixel=np.full(n, -1, np.int64),
             scan=np.full(n, -1, np.int32),
             footprint=np.full(n, np.inf),
-            occluder=np.zeros(n, np.int32),
+            occluder=np.full(n, -1, np.int32),
             through=through,
             limb=limb,
         )
@@ -181,14 +190,74 @@ class _Found(NamedTuple):
 
 @compiled
 def _hold(
-    sight: Sight, form: Form, owners: NDArray[np.int32], owner: int, number: int, found: _Found
+    sight: Sight,
+    form: Form,
+    reach: Reach,
+    shape: tuple[int, int],
+    owners: NDArray[np.int32],
+    owner: int,
+    number: int,
+    found: _Found,
 ) -> None:
-    """Hold each cell's centre against the pixel of one scan that sees it; `owners` are its (pixels,)."""
+    """Hold the cells of a grid of `shape` against one scan, block by block; `owners` are its (pixels,).
+
+    A block that is hidden already, and that the scan did not get to, has nothing to learn from it.
+    """
+    rows, columns = shape
+    for top in range(0, rows, _BLOCK):
+        for left in range(0, columns, _BLOCK):
+            bottom, right = min(top + _BLOCK, rows), min(left + _BLOCK, columns)
+            if not _is_settled(sight, form, reach, columns, (top, bottom), (left, right), found):
+                for row in range(top, bottom):
+                    _hold_cells(
+                        sight, form, row * columns + left, row * columns + right, owners, owner, number, found
+                    )
+
+
+@compiled
+def _is_settled(
+    sight: Sight,
+    form: Form,
+    reach: Reach,
+    columns: int,
+    rows: tuple[int, int],
+    across: tuple[int, int],
+    found: _Found,
+) -> bool:
+    """Tell whether all cells of a block of a plane are hidden or more, and beyond what a scan measured."""
+    if form.is_curved:
+        return False
+    sd = 0.0
+    for row in range(rows[0], rows[1]):
+        for cell in range(row * columns + across[0], row * columns + across[1]):
+            if found.labels[cell] < _OCCLUDED or found.occluder[cell] < 0:
+                return False
+            sd = max(sd, found.predicted_sd[cell])
+    first, last = rows[0] * columns + across[0], (rows[1] - 1) * columns + across[1] - 1
+    a, b = found.centres[first], found.centres[last]  # opposite corners of a rectangle
+    middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2
+    radius = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2) / 2
+    height = dot(minus(sight.eye.origin, form.point), form.axis)
+    return is_beyond(sight.eye, sight.angles, reach, middle, radius + _ROUNDING_M, height, sd)
+
+
+@compiled
+def _hold_cells(
+    sight: Sight,
+    form: Form,
+    first: int,
+    end: int,
+    owners: NDArray[np.int32],
+    owner: int,
+    number: int,
+    found: _Found,
+) -> None:
+    """Hold the centres of cells `first`..`end` against the pixels of one scan that see them."""
     centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
     own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
     occluder, through, at_limb = found.occluder, found.through, found.limb
     eye, ranges, sigma = sight.eye, sight.ranges, sight.sigma
-    for cell in range(labels.size):
+    for cell in range(first, end):
         place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
         pixel = pixel_of(eye, sight.angles, place)
         if pixel < 0:
@@ -199,7 +268,8 @@ def _hold(
         if said.behind > said.allowed:
             # 1. Something stands before the cell.
             label = _OCCLUDED
-            occluder[cell] = owners[pixel]
+            if occluder[cell] < 0:
+                occluder[cell] = owners[pixel]
         elif said.behind >= -said.allowed:
             # 2. It is measured by the surface's own pixels, or surely by pixels of no surface. Of several
             #    keep the one with the smallest footprint.
@@ -209,7 +279,7 @@ def _hold(
             own[cell] |= is_own
             observed[cell] |= is_measured
             footprint = said.distance * said.distance / max(said.cosine, _LEAST_COSINE)
-            if is_measured and footprint < footprints[cell]:
+            if is_measured and footprint <= footprints[cell]:
                 footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
 
         # 3. Note cells that beams seem to have passed, and those too oblique to tell.
