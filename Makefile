@@ -41,6 +41,7 @@ bench: .venv/bench
 	$(BIN)/python benchmarks/reports.py
 	$(BIN)/python benchmarks/e57_reading.py
 	$(BIN)/python -m benchmarks.saving
+	$(BIN)/python -m benchmarks.stations
 	$(BIN)/python benchmarks/cluster.py
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 
