@@ -156,7 +156,7 @@ def complete(
     resolution: Annotated[
         float | None,
         typer.Option(
-            "--resolution", metavar="M", min=1e-4, help="Side of a cell.", show_default="the pixels'"
+            "--resolution", metavar="M", min=1e-4, max=1.0, help="Side of a cell.", show_default="the pixels'"
         ),
     ] = None,
     origin: Origins = None,

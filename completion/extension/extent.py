@@ -30,7 +30,7 @@ from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 Mode = Literal["conservative", "standard", "bold"]
 
 _FULL_TURN_ARC = np.radians(90.0)
-_MOST_CELLS = 4_000_000  # of one surface, however small they are asked for
+_MOST_CELLS = 1_000_000  # of one surface, however small they are asked for
 _RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
 _OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
@@ -221,7 +221,7 @@ def lay_grid(
 ) -> ChartGrid:
     """Return a grid over the extent, its cells as small as the lower quartile of the pixels' footprints.
 
-    Or of side `cell_m`. They are larger where there would be more than `max_cells`, or 4,000,000 of a side
+    Or of side `cell_m`. They are larger where there would be more than `max_cells`, or 1,000,000 of a side
     that was asked for.
     """
     footprint = np.concatenate([

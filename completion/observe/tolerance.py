@@ -9,7 +9,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, check_options
 
-SMALLEST_CELL_M = 1e-4
+SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
 FLATNESS_M = 0.001
 """How far a real surface differs from its ideal form where nothing else is said, metres."""
 
@@ -34,8 +34,8 @@ class EvidenceOptions:
         In how many cells at most a surface's chart is weighed; of large ones the cells are larger then. A
         cylinder has at least 48 cells around.
     cell_m : float, optional
-        Side of a cell, metres, at least 0.1 mm. None takes that of the surface's pixels. A surface that would
-        have more than 4,000,000 such cells gets larger ones.
+        Side of a cell, 0.0001 to 1 m. None takes that of the surface's pixels. A surface that would have more
+        than 1,000,000 such cells gets larger ones.
     """
 
     n_sigma: float = 4.0
@@ -48,7 +48,7 @@ class EvidenceOptions:
     def __post_init__(self) -> None:
         lengths = ("n_sigma", "flatness_m", "registration_m", "max_tolerance_m")
         bounds = dict.fromkeys(lengths, (0.0, np.inf))
-        check_options(self, **bounds, max_cells=(1, np.inf), cell_m=(SMALLEST_CELL_M, np.inf))
+        check_options(self, **bounds, max_cells=(1, np.inf), cell_m=(SMALLEST_CELL_M, LARGEST_CELL_M))
 
     def tolerance(self, *, flatness_m: float = FLATNESS_M, registration_m: float = 0.0) -> Tolerance:
         """Return the tolerance, with these lengths in metres where the options leave them open."""

@@ -12,10 +12,12 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from completion.observe.tolerance import EvidenceOptions
 from nbv.cli import app
 from nbv.commands.complete import coarser_cells
 from nbv.report.page.page import Page
 from nbv.run import manifest
+from scenes.checks import InputError
 from tests.helpers.data_paths import ROOT
 
 TINY = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 70.0\nwidth = 72\nheight = 72\n'
@@ -394,6 +396,15 @@ def test_the_cells_and_the_search_are_told(scan, tmp_path):
     both = CliRunner().invoke(app, ["complete", str(scan), "--no-texture", "--texture", "exact"])
     assert both.exit_code == 2
     assert "give --texture or --no-texture, not both" in both.stderr
+
+
+@pytest.mark.parametrize("side", ["nan", "inf", "0", "-1", "2", "1e-9"])
+def test_sides_of_cells_that_make_no_sense_are_refused(side, tmp_path):
+    said = CliRunner().invoke(app, ["complete", "a.npz", "--resolution", side, "-o", str(tmp_path / "out")])
+    assert said.exit_code in (1, 2)
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="cell_m must be between"):
+        EvidenceOptions(cell_m=float(side))
 
 
 def test_cells_that_are_larger_than_asked_for_are_told():
