@@ -86,10 +86,9 @@ def complete(
         raise InputError("nothing to complete: give at least one scan")
     seed = int(np.random.default_rng(rng).integers(2**63))
     tolerance, world_from_reference = options.tolerance(len(scans)), scans[0].world_from_sensor
-    reference_from_world = world_from_reference.inverse()
     with _Steps.over(scans, n_threads, progress, journal) as steps:
         observations = steps.each(
-            "noise and normals", lambda scan: observe(scan, reference_from_world, options.sigma_m), scans
+            "noise and normals", lambda scan: observe(scan, world_from_reference, options.sigma_m), scans
         )
 
         # 2. Segment: cut each scan into regions on planes and cylinders.
@@ -170,7 +169,7 @@ def _audited(mesh: LabelledPoints, scans: Scans, n_threads: int | None, tell: Pr
         mesh.faces,
         mesh.sd,
         [one.scan for one in scans.observations],
-        [one.sigma for one in scans.observations],
+        [one.noise for one in scans.observations],
         tolerance=scans.tolerance,
         n_threads=n_threads,
     )

@@ -33,7 +33,7 @@ LABELLED = [f"range/mOSD/learn{k}.pcd" for k in (0, 17, 25, 29, 33, 39)]
 
 def find_surfaces(scan: RangeImage) -> list[MergedSurface]:
     """Segment a scan and join what is one surface, as `complete` does."""
-    seen = observe(scan, scan.world_from_sensor.inverse())
+    seen = observe(scan, scan.world_from_sensor)
     return merge([seen], [segment(seen, SegmentationOptions())], EvidenceOptions().tolerance())
 
 

@@ -109,7 +109,8 @@ def tunnel() -> tuple[Completion, int, RangeImage | None]:
     seen = RangeImage(ranges, camera, Pose.identity(), colour=colour)
     board = np.s_[90:300, 150:240]
     nearer, painted = ranges.copy(), colour.copy()
-    sigma = float(np.nanmedian(observe(seen, Pose.identity()).sigma[board]))  # it is measured like the rest
+    noise = observe(seen, Pose.identity()).noise
+    sigma = float(np.median(noise.deviation(seen.ranges[board])))  # it is measured like the rest
     away = 0.6 * float(ranges[board].min())
     nearer[board] = away / camera.directions()[board][..., 2]
     nearer[board] += np.random.default_rng(0).normal(0, sigma, nearer[board].shape)

@@ -123,9 +123,9 @@ def _pixels_beside(
     beyond = last + step
     inside = ((beyond >= 0) & (beyond < seen.scan.shape)).all(axis=1)
     kind = np.full(len(last), BoundaryKind.FRAME, np.int8)
-    uv, way = chart.to_uv(seen.points[tuple(last.T)]), np.zeros((len(last), 2))
+    uv, way = chart.to_uv(seen.points_at(_flat(last, seen))), np.zeros((len(last), 2))
     p, q = last[inside], beyond[inside]
-    ray_p, ray_q = seen.rays[tuple(p.T)], seen.rays[tuple(q.T)]
+    ray_p, ray_q = seen.rays_at(_flat(p, seen)), seen.rays_at(_flat(q, seen))
     origin = seen.scan.origin
     here, there = chart.ray_ranges(origin, ray_p), chart.ray_ranges(origin, ray_q)
     meets = np.isfinite(here) & np.isfinite(there)
@@ -152,7 +152,7 @@ def _kinds(
     tolerance: Tolerance,
 ) -> NDArray[np.int8]:
     """What the beams of `pixel` (n, 2) say of a surface that their rays meet at the range `expected` (n,)."""
-    measured, sigma = seen.scan.ranges[tuple(pixel.T)], np.nan_to_num(seen.sigma[tuple(pixel.T)])
+    measured, sigma = seen.scan.ranges[tuple(pixel.T)], seen.sigma_at(_flat(pixel, seen))
     cosine = np.abs(np.einsum("ij,ij->i", rays, fit.surface.normal(points)))
     allowed = tolerance.along_ray(sigma, fit.standard_deviation(points), cosine)
     beyond = measured - np.where(np.isfinite(expected), expected, 0.0)
@@ -162,6 +162,11 @@ def _kinds(
         BoundaryKind.CONTIGUOUS,
     )
     return np.where(np.isfinite(measured), kind, BoundaryKind.NO_RETURN).astype(np.int8)
+
+
+def _flat(pixel: NDArray[np.int64], seen: Observation) -> NDArray[np.int64]:
+    """Flat numbers (n,) of pixels (n, 2)."""
+    return np.asarray(pixel[:, 0] * seen.scan.shape[1] + pixel[:, 1], dtype=np.int64)
 
 
 def _shifted(mask: BoolArray, step: tuple[int, int]) -> BoolArray:

@@ -96,7 +96,7 @@ def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) ->
     inside = np.pad(surface.pixels[largest].mask.astype(np.uint8), 1)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    return np.asarray(observations[largest].points[row, column], dtype=np.float64)
+    return np.asarray(observations[largest].points_at(np.array([row * depth.shape[1] + column]))[0])
 
 
 def _find(edited: Sequence[EditedSurface], anchor: Anchor, edit: Edit, place: _Place) -> int:
@@ -151,7 +151,7 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
     parts = []
     for side in (cut, cut.flipped()):
         pixels = tuple(
-            replace(held, flat=held.flat[side.distance(held.pick(seen.points)) > 0])
+            replace(held, flat=held.flat[side.distance(seen.points_at(held.flat)) > 0])
             for held, seen in zip(whole.surface.pixels, place.observations, strict=True)
         )
         n_pixels = sum(map(len, pixels))

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.form import Form, dot, form_of, minus
+from completion.evidence.form import Form, form_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, is_beyond, reach_of
 from completion.evidence.sight import Sight, look, pixel_of, sight_of
 from completion.observe.observation import Observation
+from completion.observe.rays import deviation_at
 from completion.observe.tolerance import Tolerance
+from completion.observe.triple import dot, minus
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
@@ -256,13 +258,14 @@ def _hold_cells(
     centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
     own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
     occluder, through, at_limb = found.occluder, found.through, found.limb
-    eye, ranges, sigma = sight.eye, sight.ranges, sight.sigma
+    eye, ranges = sight.eye, sight.ranges
     for cell in range(first, end):
         place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
         pixel = pixel_of(eye, sight.angles, place)
         if pixel < 0:
             continue
-        said = look(eye, form, place, predicted_sd[cell], (ranges[pixel], sigma[pixel]))
+        measured = ranges[pixel]
+        said = look(eye, form, place, predicted_sd[cell], (measured, deviation_at(sight.noise, measured)))
         is_sure = said.allowed <= eye.max_m
         label = _NO_RETURN  # free space is claimed by the beams themselves: a cell's centre is not its beam
         if said.behind > said.allowed:
@@ -284,7 +287,7 @@ def _hold_cells(
 
         # 3. Note cells that beams seem to have passed, and those too oblique to tell.
         limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
-        if np.isfinite(ranges[pixel]) and said.behind < -said.allowed and is_sure:
+        if np.isfinite(measured) and said.behind < -said.allowed and is_sure:
             through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
         at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 

@@ -3,18 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, ParamSpec, TypeAlias, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from scenes.checks import FloatArray
+from completion.observe.triple import Triple, dot, minus, plus, triple
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-
-P = ParamSpec("P")
-R = TypeVar("R")
-Triple: TypeAlias = tuple[float, float, float]
+from texture.engine.compiled import inlined
 
 _LEAST_APPROACH = 1e-12  # cosine below which a ray runs along a plane
 _LEAST_SQUARE = 1e-18  # of the sine between a ray and an axis
@@ -55,39 +50,6 @@ def form_of(surface: Surface) -> Form:
         radius=surface.radius,
         outward=-1.0 if surface.concave else 1.0,
     )
-
-
-def triple(vector: FloatArray) -> Triple:
-    """Return a vector (3,) as three numbers."""
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function whose code becomes part of the compiled loops that call it.
-
-    A call would count references to the arrays of what it is given, which takes ten times as long.
-    """
-    made: Callable[P, R] = njit(nogil=True, error_model="numpy", forceinline=True)(function)
-    return made
-
-
-@inlined
-def dot(a: Triple, b: Triple) -> float:
-    """Inner product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def minus(a: Triple, b: Triple) -> Triple:
-    """Difference."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inlined
-def plus(a: Triple, length: float, b: Triple) -> Triple:
-    """The place at so many lengths of `b` from `a`."""
-    return a[0] + length * b[0], a[1] + length * b[1], a[2] + length * b[2]
 
 
 @inlined

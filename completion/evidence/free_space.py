@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.form import Form, chart_of, dot, form_of, minus, plus, reach_of, slope_at
-from completion.evidence.sight import Eye, along_ray, sight_of
+from completion.evidence.form import Form, chart_of, form_of, reach_of, slope_at
+from completion.evidence.sight import Sight, along_ray, sight_of
 from completion.observe.observation import Observation
+from completion.observe.rays import deviation_at, ray_at
 from completion.observe.tolerance import Tolerance
+from completion.observe.triple import dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
@@ -36,19 +38,7 @@ def free_cells(
         predicted_sd.reshape(grid.shape),
     )
     for seen in observations:
-        sight = sight_of(seen, tolerance)
-        _count_beams(
-            sight.eye,
-            form,
-            sight.ranges,
-            sight.sigma,
-            seen.rays.reshape(-1, 3),
-            corner,
-            cell,
-            grid.wraps,
-            sd,
-            count,
-        )
+        _count_beams(sight_of(seen, tolerance), form, corner, cell, grid.wraps, sd, count)
     vetoed = count > 0
     if any(seen.is_noisy for seen in observations):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
@@ -59,19 +49,17 @@ def free_cells(
 
 @compiled
 def _count_beams(
-    eye: Eye,
+    sight: Sight,
     form: Form,
-    ranges: FloatArray,
-    sigma: FloatArray,
-    rays: FloatArray,
     corner: tuple[float, float],
     size: tuple[float, float],
     wraps: bool,
     predicted_sd: FloatArray,
     count: NDArray[np.int32],
 ) -> None:
-    """Add to each cell (rows, columns) the beams that went through it, by unit rays (pixels, 3)."""
+    """Add to each cell (rows, columns) the beams that went through it."""
     rows, columns = count.shape
+    eye, ranges, width = sight.eye, sight.ranges, sight.eye.shape[1]
     height, foot = dot(minus(eye.origin, form.point), form.axis), chart_of(form, eye.origin)
     left, low = corner[0] - foot[0] - size[0], corner[1] - foot[1] - size[1]
     right, high = left + (columns + 2) * size[0], low + (rows + 2) * size[1]
@@ -79,7 +67,7 @@ def _count_beams(
         measured = ranges[pixel]
         if not np.isfinite(measured):
             continue
-        ray = rays[pixel, 0], rays[pixel, 1], rays[pixel, 2]
+        ray = ray_at(sight.rays, pixel // width, pixel % width)
         if not form.is_curved:
             # Leave out, before dividing, beams that end before the plane or miss the chart by a cell.
             toward = -np.sign(height) * dot(ray, form.axis)
@@ -101,7 +89,7 @@ def _count_beams(
                 continue
             row, column = int(down), int(across) % columns
             cosine = abs(slope_at(form, place, ray))
-            allowed = along_ray(eye, sigma[pixel], predicted_sd[row, column], cosine)
+            allowed = along_ray(eye, deviation_at(sight.noise, measured), predicted_sd[row, column], cosine)
             if measured - reach > allowed and allowed <= eye.max_m:
                 count[row, column] += 1
 

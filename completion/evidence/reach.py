@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.evidence.form import Triple, dot, inlined
 from completion.evidence.sight import Eye, along_ray
 from completion.observe.observation import Observation
+from completion.observe.rays import deviations
+from completion.observe.triple import Triple, dot
 from scenes.checks import FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _TILE = 16  # pixels: side of the parts
 _NOTHING_M = -1e9  # the farthest range where none was measured, metres
@@ -36,7 +37,9 @@ def reach_of(seen: Observation) -> Reach:
         return np.asarray(parts.max(axis=(1, 3)), dtype=np.float64)
 
     far = np.where(np.isfinite(seen.scan.ranges), seen.scan.ranges, _NOTHING_M)
-    return Reach(largest(far, _NOTHING_M), largest(np.nan_to_num(seen.sigma), 0.0))
+    farthest = largest(far, _NOTHING_M)
+    sigma = deviations(seen.noise.numbers(), np.maximum(farthest, 0.0).ravel())  # grows with the range
+    return Reach(farthest, sigma.reshape(farthest.shape))
 
 
 @compiled

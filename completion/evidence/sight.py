@@ -7,11 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.evidence.form import Form, Triple, dot, inlined, minus, slope_at, triple
+from completion.evidence.form import Form, slope_at
 from completion.observe.observation import Observation
+from completion.observe.rays import Noise, Rays
 from completion.observe.tolerance import Tolerance
+from completion.observe.triple import Triple, dot, minus, triple
 from scenes.checks import FloatArray
 from scenes.scan.projection import PinholeProjection, SphericalProjection
+from texture.engine.compiled import inlined
 
 _LEAST_COSINE = 1e-3  # of incidence that tolerances are reckoned with
 _LEAST_M = 1e-12  # from the sensor
@@ -41,7 +44,8 @@ class Sight(NamedTuple):
     eye: Eye
     angles: FloatArray  # (rows + columns,) elevations and azimuths of a turning scanner, radians
     ranges: FloatArray  # (pixels,) metres
-    sigma: FloatArray  # (pixels,) their standard deviations
+    noise: Noise  # their standard deviations
+    rays: Rays
 
 
 class Look(NamedTuple):
@@ -78,7 +82,7 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
         registration_m=tolerance.registration_m,
         max_m=tolerance.max_m,
     )
-    return Sight(eye, angles, scan.ranges.ravel(), observation.sigma.ravel())
+    return Sight(eye, angles, scan.ranges.ravel(), observation.noise.numbers(), observation.rays)
 
 
 @inlined
@@ -101,8 +105,7 @@ def look(eye: Eye, form: Form, place: Triple, sd: float, beam: tuple[float, floa
     safe = max(cosine, _LEAST_COSINE)
     tangent = np.sqrt(max(1.0 - safe * safe, 0.0)) / safe
     oblique = distance * eye.pixel_angle * tangent / 2
-    sigma = 0.0 if np.isnan(beam[1]) else beam[1]
-    return Look(distance, cosine, distance - beam[0], along_ray(eye, sigma, sd, cosine) + oblique)
+    return Look(distance, cosine, distance - beam[0], along_ray(eye, beam[1], sd, cosine) + oblique)
 
 
 @inlined

@@ -43,11 +43,8 @@ def find_adjacency(
     Surfaces are in the working frame, the boundary pixels of each in its own chart.
     """
     observations, flatness_m = scans.observations, scans.tolerance.flatness_m
-    scales = [np.hypot(seen.sigma, flatness_m) for seen in observations]  # of ranges about an ideal surface
-    known = np.concatenate([scale[np.isfinite(scale)] for scale in scales])
-    typical = float(np.median(known)) if len(known) else 0.0
-    encloses = find_enclosing(surfaces, observations, typical)
-    meets = _meets(scans.owners, surfaces, observations, scales)
+    encloses = find_enclosing(surfaces, observations, flatness_m)
+    meets = _meets(scans.owners, surfaces, observations, flatness_m)
     return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets))
 
 
@@ -96,20 +93,22 @@ def _meets(
     owners: Sequence[NDArray[np.int32]],
     surfaces: Sequence[MergedSurface],
     observations: Sequence[Observation],
-    scales: Sequence[FloatArray],
+    flatness_m: float,
 ) -> BoolArray:
     """Pairs (n, n) of surfaces with neighbouring pixels that lie on both."""
     n = len(surfaces)
     meetings = np.zeros((n + 1, n + 1), np.int64)
-    for owner, observation, scale in zip(owners, observations, scales, strict=True):
+    for owner, observation in zip(owners, observations, strict=True):
         for step in ((0, 2), (2, 0)):
             a = owner[: owner.shape[0] - step[0], : owner.shape[1] - step[1]]
             b = owner[step[0] :, step[1] :]
             rows, columns = np.nonzero((a != b) & (a > 0) & (b > 0))
             first, second = a[rows, columns], b[rows, columns]
-            p = observation.points[rows, columns]
-            q = observation.points[rows + step[0], columns + step[1]]
-            slack = 3 * scale[rows, columns] + 2 * np.linalg.norm(p - q, axis=1)
+            pixel = rows * owner.shape[1] + columns
+            p = observation.points_at(pixel)
+            q = observation.points_at(pixel + step[0] * owner.shape[1] + step[1])
+            scale = np.hypot(observation.sigma_at(pixel), flatness_m)
+            slack = 3 * scale + 2 * np.linalg.norm(p - q, axis=1)
             for i, j in {(int(i), int(j)) for i, j in zip(first, second, strict=True)}:
                 pair = (first == i) & (second == j)
                 near = np.abs(surfaces[j - 1].fit.surface.distance(p[pair])) <= slack[pair]
@@ -122,20 +121,19 @@ def _meets(
 
 
 def find_enclosing(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], scale: float
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float
 ) -> BoolArray:
     """Tell which surfaces (n,) have nearly all measured points on their inner side: walls, floors, vaults.
 
     A point that was seen through a plane, inside the outline of its measured part, lies behind a window, a
     door or a niche, and does not count. A point that was seen past the outline counts against the plane.
-    Within `scale` metres a point counts as on the surface.
+    Points count as on the surface within noise and `flatness_m`, metres, by which surfaces stray.
     """
     stride = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // _N_BEAMS)
     some = [(seen, np.flatnonzero(seen.valid)[::stride]) for seen in observations]
-    beams = [
-        (seen.scan.origin, seen.points.reshape(-1, 3)[pixel], seen.rays.reshape(-1, 3)[pixel])
-        for seen, pixel in some
-    ]
+    sigmas = np.concatenate([seen.sigma_at(pixel) for seen, pixel in some])
+    scale = float(np.median(np.hypot(sigmas, flatness_m))) if len(sigmas) else 0.0
+    beams = [(seen.scan.origin, seen.points_at(pixel), seen.rays_at(pixel)) for seen, pixel in some]
     sizes = [surface.n_pixels for surface in surfaces]
     least = _LEAST_PIXELS * sum(sizes)
     found = [

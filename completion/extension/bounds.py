@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.curves import Line
 from completion.boundary.edges import find_edges
-from completion.evidence.form import Form, Triple, chart_of, form_of, plus, reach_of, triple
+from completion.evidence.form import Form, chart_of, form_of, reach_of
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
+from completion.observe.rays import Rays, ray_at
+from completion.observe.triple import plus
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled
@@ -136,16 +138,15 @@ def farthest_hidden(
     """
     found, form = [np.zeros((0, 2))], form_of(chart)
     for seen in observations:
-        origin = seen.scan.origin
-        pixel = _farthest(form, triple(origin), seen.scan.ranges, seen.rays, low, high)
-        rays = seen.rays.reshape(-1, 3)[pixel[pixel >= 0]]
+        origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, low, high)
+        rays = seen.rays_at(pixel[pixel >= 0])
         found.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
     return np.concatenate(found)
 
 
 @compiled
 def _farthest(
-    form: Form, origin: Triple, ranges: FloatArray, rays: FloatArray, low: FloatArray, high: FloatArray
+    form: Form, ranges: FloatArray, rays: Rays, low: FloatArray, high: FloatArray
 ) -> NDArray[np.int64]:
     """Flat pixels (4,) behind whose ranges a surface is hidden farthest to each side, -1 for none.
 
@@ -155,10 +156,10 @@ def _farthest(
     columns = ranges.shape[1]
     for i in range(0, ranges.shape[0], _STRIDE):
         for j in range(0, columns, _STRIDE):
-            ray = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
-            reach = reach_of(form, origin, ray, False)
+            ray = ray_at(rays, i, j)
+            reach = reach_of(form, rays.origin, ray, False)
             if np.isfinite(reach) and ranges[i, j] < reach:
-                u, v = chart_of(form, plus(origin, reach, ray))
+                u, v = chart_of(form, plus(rays.origin, reach, ray))
                 if low[0] <= u <= high[0] and low[1] <= v <= high[1]:
                     for side, far in enumerate((-u, u, -v, v)):
                         if far > most[side]:

@@ -13,6 +13,7 @@ from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.sight import Sight, look, pixel_of
 from completion.fitting.result import SurfaceFit
 from completion.merging.plane_pairs import compare_planes, density
+from completion.observe.rays import deviation_at
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
@@ -196,7 +197,7 @@ def _follow(
     crossed: BoolArray,
 ) -> None:
     """Hold every step (n, m, steps) of the bridges between ends (n, 2) and (m, 2) against a scan."""
-    eye, ranges, sigma, n_steps = sight.eye, sight.ranges, sight.sigma, seen.shape[2]
+    eye, ranges, n_steps = sight.eye, sight.ranges, seen.shape[2]
     for i in range(len(first)):
         for j in range(len(second)):
             across, up = second[j, 0] - first[i, 0], second[j, 1] - first[i, 1]
@@ -207,7 +208,8 @@ def _follow(
                 place = place_of(form, first[i, 0] + along * across, first[i, 1] + along * up)
                 pixel = pixel_of(eye, sight.angles, place)
                 if pixel >= 0 and np.isfinite(ranges[pixel]):
-                    said = look(eye, form, place, sd, (ranges[pixel], sigma[pixel]))
+                    measured = ranges[pixel]
+                    said = look(eye, form, place, sd, (measured, deviation_at(sight.noise, measured)))
                     crossed[i, j] = said.behind < -said.allowed
                     seen[i, j, k] |= said.behind >= -said.allowed
 

@@ -51,7 +51,7 @@ class MergedSurface:
 
     def points(self, observations: Sequence[Observation]) -> FloatArray:
         """Its measured points (n, 3) in the working frame."""
-        return np.concatenate([p.pick(o.points) for o, p in zip(observations, self.pixels, strict=True)])
+        return np.concatenate([o.points_at(p.flat) for o, p in zip(observations, self.pixels, strict=True)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,14 +116,14 @@ def merge(
 
 
 def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
-    pixel = region.pixels.flat.astype(np.int64)
+    pixel = region.pixels.flat
     n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
-    points = observation.points.reshape(-1, 3)[pixel]
+    points = observation.points_at(pixel)
     distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
     systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
     systematic = float(np.hypot(systematic, tolerance.registration_m))
-    scale = float(np.hypot(observation.sigma.ravel()[pixel].mean(), tolerance.flatness_m))
+    scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
     part = Part.of(region.fit, points, scale, systematic)
     beams = Beams.at(observation, pixel)
     return _ScanRegion(scan, region, part, n_pixels, systematic_m=systematic, beams=beams)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.evidence.form import Form, dot, minus
+from completion.evidence.form import Form
+from completion.observe.triple import dot, minus
 from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
 

@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import gammaincinv
 
+from completion.observe.rays import Noise, Rays, deviations, pick_points, pick_rays, rays_of
 from completion.observe.tiles import cut_tiles
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 
@@ -56,19 +57,29 @@ class RangeNoise:
         return _WINDOW if self.quadratic_per_m * reach**2 > self.constant_m else 1
 
     def deviation(self, ranges: FloatArray) -> FloatArray:
-        """Expected error (n,) of single ranges (n,) to a flat wall, metres: noise and typical bias."""
-        return self.sigma(ranges) + self.bias(ranges) / 2
+        """Expected error (n,) of single ranges (n,) to a flat wall, metres: noise and typical bias.
+
+        0 where nothing came back.
+        """
+        return deviations(self.numbers(), ranges)
+
+    def numbers(self, bulge: float = 0.0) -> Noise:
+        """Return the expected error of single ranges to a flat wall for compiled loops: noise, typical bias.
+
+        And `bulge` times the range, by which what is not quite flat strays.
+        """
+        return Noise(self.constant_m, bulge, self.quadratic_per_m)
 
 
-def estimate_noise(scan: RangeImage, rays: FloatArray) -> RangeNoise:
-    """Estimate the range noise from the roughness of a scan's tiles along its unit rays (rows, columns, 3).
+def estimate_noise(scan: RangeImage) -> RangeNoise:
+    """Estimate the range noise from the roughness of a scan's tiles.
 
     By range: tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile,
     corrected to the mean of flat tiles. Depths that come in steps add a twelfth of the step's square, which
     tiles inside one step cannot show. The variances are fitted by a constant and a fourth-power term, both at
     least zero.
     """
-    tiles = cut_tiles(scan.ranges, rays, np.ones(scan.shape), 0.0, _TILE)
+    tiles = cut_tiles(scan.ranges, rays_of(scan), Noise(1.0, 0.0, 0.0), 0.0, _TILE)
     usable = np.isfinite(tiles.misfit)
     if usable.sum() * _TILE**2 < 100:
         return RangeNoise(0.0, 0.0)
@@ -113,19 +124,15 @@ class Observation:
     ----------
     scan : RangeImage
         The scan, its pose relative to the working frame.
-    points, rays : (rows, columns, 3) float
-        Measured points (NaN where nothing came back) and unit viewing rays.
-    sigma : (rows, columns) float
-        What each range may stray by from a flat surface (`RangeNoise.deviation`), metres.
     noise : RangeNoise
-        The model behind `sigma`.
+        Its range noise.
+    rays : Rays
+        Its rays, for compiled loops.
     """
 
     scan: RangeImage
-    points: FloatArray
-    rays: FloatArray
-    sigma: FloatArray
     noise: RangeNoise
+    rays: Rays
 
     @property
     def is_noisy(self) -> bool:
@@ -137,61 +144,74 @@ class Observation:
         """Where something came back, (rows, columns)."""
         return self.scan.valid
 
+    def points_at(self, pixels: IntArray) -> FloatArray:
+        """Measured points (n, 3) of flat pixels (n,), metres; NaN where nothing came back."""
+        out = np.empty((len(pixels), 3))
+        pick_points(self.rays, self.scan.ranges, np.asarray(pixels, dtype=np.int64), out)
+        return out
 
-def observe(scan: RangeImage, reference_from_world: Pose, sigma_m: float | None = None) -> Observation:
-    """Prepare `scan` in the frame that `reference_from_world` leads to.
+    def rays_at(self, pixels: IntArray) -> FloatArray:
+        """Unit viewing rays (n, 3) of flat pixels (n,)."""
+        out = np.empty((len(pixels), 3))
+        pick_rays(self.rays, np.asarray(pixels, dtype=np.int64), out)
+        return out
+
+    def sigma_at(self, pixels: IntArray) -> FloatArray:
+        """What ranges of flat pixels (n,) may stray by from a flat surface, metres; 0 for no return."""
+        return self.noise.deviation(self.scan.ranges.ravel()[pixels])
+
+
+def observe(scan: RangeImage, world_from_reference: Pose, sigma_m: float | None = None) -> Observation:
+    """Prepare `scan` in the frame that `world_from_reference` leads out of.
 
     Parameters
     ----------
     scan : RangeImage
         The scan as read.
-    reference_from_world : Pose
-        Motion into the working frame.
+    world_from_reference : Pose
+        Motion out of the working frame; that of a scan at this very pose is its sensor frame, to the bit.
     sigma_m : float, optional
         Range noise in metres; when None, the scan's own `sigma_m` or, without one, an estimate from the
         scan: the roughness of small tiles, most of which are flat.
     """
-    moved = scan.transformed(reference_from_world)
-    rays = moved.rays()
-    reach = np.where(moved.valid, moved.ranges, np.nan)
-    points: FloatArray = moved.origin + reach[..., None] * rays
+    pose, own = Pose.identity(), scan.world_from_sensor
+    if not np.array_equal(own.matrix, world_from_reference.matrix):
+        pose = world_from_reference.inverse() @ own
+    moved = replace(scan, world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
-    noise = estimate_noise(moved, rays) if known is None else RangeNoise(float(known), 0.0)
-    return Observation(moved, points, rays, noise.deviation(reach), noise)
+    noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
+    return Observation(moved, noise, rays_of(moved))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
     """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none."""
 
-    origin: FloatArray  # (3,) where they start, metres
+    rays: Rays  # of the scan
+    noise: Noise  # of its ranges
+    ranges: FloatArray  # (rows, columns) metres
+    pixel: NDArray[np.int32]  # (n,) flat pixel of each
     label: NDArray[np.int32]  # (n,) surface of each
-    ranges: FloatArray  # (n,) metres
-    sigma: FloatArray  # (n,) their standard deviations, metres
-    rays: FloatArray  # (n, 3) unit directions
 
     @classmethod
     def of(cls, observation: Observation, label: NDArray[np.int32]) -> Beams:
         """All beams of a scan, from labels (rows, columns)."""
-        scan, rays = observation.scan, observation.rays.reshape(-1, 3)
-        return cls(scan.origin, label.ravel(), scan.ranges.ravel(), observation.sigma.ravel(), rays)
+        return cls._chosen(observation, np.arange(label.size, dtype=np.int32), label.ravel())
 
     @classmethod
-    def at(cls, observation: Observation, pixel: NDArray[np.int64]) -> Beams:
+    def at(cls, observation: Observation, pixel: NDArray[np.int32]) -> Beams:
         """The beams of flat pixels (n,), all of one surface, the first."""
-        scan, rays = observation.scan, observation.rays.reshape(-1, 3)[pixel]
-        ones, ranges = np.ones(len(pixel), np.int32), scan.ranges.ravel()[pixel]
-        return cls(scan.origin, ones, ranges, observation.sigma.ravel()[pixel], rays)
+        return cls._chosen(observation, pixel, np.ones(len(pixel), np.int32))
+
+    @classmethod
+    def _chosen(cls, seen: Observation, pixel: NDArray[np.int32], label: NDArray[np.int32]) -> Beams:
+        return cls(seen.rays, seen.noise.numbers(), seen.scan.ranges, pixel, label)
 
     def thinned(self, step: int) -> Beams:
         """Every step-th beam."""
-        return self._only(slice(None, None, step))
+        return replace(self, pixel=self.pixel[::step], label=self.label[::step])
 
     def of_surfaces(self, numbers: NDArray[np.int64]) -> Beams:
         """Return all beams that met the surfaces of these numbers (k,), from 1."""
-        return self._only(np.flatnonzero(np.isin(self.label, numbers)))
-
-    def _only(self, chosen: slice | NDArray[np.int64]) -> Beams:
-        return Beams(
-            self.origin, self.label[chosen], self.ranges[chosen], self.sigma[chosen], self.rays[chosen]
-        )
+        chosen = np.flatnonzero(np.isin(self.label, numbers))
+        return replace(self, pixel=self.pixel[chosen], label=self.label[chosen])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
+from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled
@@ -120,9 +121,8 @@ def residual_correlation(
         models = np.array(
             [np.full(9, np.nan) if surface is None else pack(surface, scan.origin) for surface in surfaces]
         ).reshape(n, 9)
-        _block_means(
-            label, models, scan.ranges, observation.rays, observation.sigma, flatness_m, _BLOCK, sums
-        )
+        noise = observation.noise.numbers()
+        _block_means(label, models, scan.ranges, observation.rays, noise, flatness_m, _BLOCK, sums)
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = (sums[:, 0] / sums[:, 1]) / (sums[:, 2] / sums[:, 3])
         total = sums.sum(axis=0)
@@ -136,8 +136,8 @@ def _block_means(
     labels: NDArray[np.int32],
     models: FloatArray,
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     side: int,
     sums: FloatArray,
@@ -156,11 +156,12 @@ def _block_means(
                     label = labels[i, j] - 1
                     if label < 0:
                         continue
-                    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+                    x, y, z = ray_at(rays, i, j)
                     gap, cosine = gap_to(models, label, x, y, z, ranges[i, j], normal)
                     if not cosine > 0.0:
                         continue
-                    residual = gap / np.sqrt(sigma[i, j] ** 2 * cosine * cosine + flat * flat + 1e-30)
+                    sigma = deviation_at(noise, ranges[i, j])
+                    residual = gap / np.sqrt(sigma * sigma * cosine * cosine + flat * flat + 1e-30)
                     if count[label] == 0:
                         present[n_present] = label
                         n_present += 1

@@ -13,6 +13,8 @@ from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import residual_correlation
+from completion.observe.rays import Noise, Rays, deviation_at, ray_at
+from completion.observe.triple import Triple
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled
@@ -153,12 +155,13 @@ def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flat
     """Normal equations of every surface, in one pass over each set of beams."""
     n = len(surfaces)
     matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
-    charts: dict[bytes, FloatArray] = {}  # by where beams start
+    charts: dict[Triple, FloatArray] = {}  # by where beams start
     for beam in beams:
-        start = beam.origin.tobytes()
-        if start not in charts:
-            charts[start] = np.array([_chart(surface, beam.origin) for surface in surfaces]).reshape(n, 14)
-        some = beam.label, charts[start], beam.ranges, beam.rays, beam.sigma
+        origin = beam.rays.origin
+        if origin not in charts:
+            start = np.array(origin)
+            charts[origin] = np.array([_chart(surface, start) for surface in surfaces]).reshape(n, 14)
+        some = beam.pixel, beam.label, charts[origin], beam.ranges, beam.rays, beam.noise
         _add_rays(*some, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
     matrix += np.tril(matrix, -1).transpose(0, 2, 1)
     size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
@@ -182,11 +185,12 @@ def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
 
 @compiled
 def _add_rays(
+    pixels: NDArray[np.int32],
     labels: NDArray[np.int32],
     charts: FloatArray,
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     least: float,
     matrix: FloatArray,
@@ -194,12 +198,14 @@ def _add_rays(
     sums: FloatArray,
 ) -> None:
     """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many."""
-    row = np.zeros(5)
+    terms = np.zeros(5)
     for i in range(labels.size):
         label = labels[i] - 1
         if label < 0 or charts[label, 0] < 0.0:
             continue
-        ex, ey, ez = rays[i, 0], rays[i, 1], rays[i, 2]
+        row, column = pixels[i] // ranges.shape[1], pixels[i] % ranges.shape[1]
+        measured = ranges[row, column]
+        ex, ey, ez = ray_at(rays, row, column)
         dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez
         dy = charts[label, 7] * ex + charts[label, 8] * ey + charts[label, 9] * ez
         dz = charts[label, 10] * ex + charts[label, 11] * ey + charts[label, 12] * ez
@@ -224,8 +230,8 @@ def _add_rays(
             slope = u * dx + v * dy
             if abs(slope) < least:
                 continue
-        error = ranges[i] - reach
-        weight = 1.0 / (sigma[i] * sigma[i] * slope * slope + flat * flat + 1e-30)
+        error, sigma = measured - reach, deviation_at(noise, measured)
+        weight = 1.0 / (sigma * sigma * slope * slope + flat * flat + 1e-30)
         gap = error * slope
         sums[label, 0] += weight * gap * gap
         sums[label, 1] += gap * gap
@@ -242,9 +248,9 @@ def _add_rays(
             matrix[label, 2, 1] += wv * u
             matrix[label, 2, 2] += wv * v
             continue
-        row[0], row[1], row[2], row[3], row[4] = u, v, z * u, z * v, 1.0
+        terms[0], terms[1], terms[2], terms[3], terms[4] = u, v, z * u, z * v, 1.0
         for a in range(5):
-            weighted = weight * row[a]
+            weighted = weight * terms[a]
             vector[label, a] += weighted * gap
             for b in range(a + 1):
-                matrix[label, a, b] += weighted * row[b]
+                matrix[label, a, b] += weighted * terms[b]

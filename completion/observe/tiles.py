@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.rays import Noise, Rays, deviation_at, deviations, ray_at
+from completion.observe.triple import dot, minus
 from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
 
@@ -42,15 +44,14 @@ class Tiles:
         return int(self.count.shape[0]), int(self.count.shape[1])
 
 
-def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_m: float, side: int) -> Tiles:
+def cut_tiles(ranges: FloatArray, rays: Rays, noise: Noise, flatness_m: float, side: int) -> Tiles:
     """Cut an image into tiles of `side` pixels and fit a plane to each.
 
-    Ranges (rows, columns), metres, are inf where nothing came back; `rays` (rows, columns, 3) are unit rays
-    and `sigma` (rows, columns) the ranges' standard deviations; a surface may stray from its ideal form by
-    `flatness_m` along its normal.
+    Ranges (rows, columns), metres, are inf where nothing came back; a surface may stray from its ideal form
+    by `flatness_m` along its normal.
     """
-    count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, sigma, flatness_m, side)
-    normal_sd = scale / _narrowest(rays, side)  # as if the noise were one step across the tile
+    count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, noise, flatness_m, side)
+    normal_sd = scale / _narrowest(rays, ranges.shape, side)  # as if the noise were one step across the tile
     return Tiles(
         side=side,
         count=count,
@@ -66,36 +67,34 @@ def cut_tiles(ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness_
 
 
 @compiled
-def _narrowest(rays: FloatArray, side: int) -> FloatArray:
+def _narrowest(rays: Rays, shape: tuple[int, int], side: int) -> FloatArray:
     """Angle (rows, columns) across each tile where it is narrowest, as near a panorama's pole."""
-    rows, columns = rays.shape[:2]
+    rows, columns = shape
     step = max(side - 1, 1)
     result = np.empty(((rows + side - 1) // side, (columns + side - 1) // side))
     for i in range(result.shape[0]):
         for j in range(result.shape[1]):
             top, left = i * side, j * side
             bottom, right = min(top + step, rows - 1), min(left + step, columns - 1)
-            down, across = 0.0, 0.0
-            for k in range(3):
-                down += (rays[bottom, left, k] - rays[top, left, k]) ** 2
-                across += (rays[top, right, k] - rays[top, left, k]) ** 2
-            result[i, j] = max(np.sqrt(min(down, across)) * side / step, 1e-12)
+            corner = ray_at(rays, top, left)
+            down, across = minus(ray_at(rays, bottom, left), corner), minus(ray_at(rays, top, right), corner)
+            result[i, j] = max(np.sqrt(min(dot(down, down), dot(across, across))) * side / step, 1e-12)
     return result
 
 
-def tile_side(ranges: FloatArray, sigma: FloatArray, spacing: float) -> int:
+def tile_side(ranges: FloatArray, noise: Noise, spacing: float) -> int:
     """Return the side in pixels of tiles whose normals are good to about 3 degrees at the median range.
 
-    Ranges and their standard deviations `sigma` are (rows, columns), metres, inf or NaN where nothing came
-    back; `spacing` is the angle between pixels, radians.
+    Ranges are (rows, columns), metres, inf where nothing came back; `spacing` is the angle between pixels,
+    radians.
     """
-    some, spread = ranges[::_EVERY, ::_EVERY], sigma[::_EVERY, ::_EVERY]
-    valid = np.isfinite(some) & np.isfinite(spread)
-    if not valid.any():
+    some = ranges[::_EVERY, ::_EVERY]
+    some = some[np.isfinite(some)]
+    if not len(some):
         return LEAST_TILE
-    footprint = float(np.median(some[valid])) * spacing
-    noise = float(np.median(spread[valid]))
-    side = np.ceil(np.sqrt(noise * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
+    footprint = float(np.median(some)) * spacing
+    spread = float(np.median(deviations(noise, some)))
+    side = np.ceil(np.sqrt(spread * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
     return int(np.clip(side, LEAST_TILE, MOST_TILE))
 
 
@@ -139,7 +138,7 @@ def solve_plane(a: FloatArray, b: FloatArray, w: FloatArray) -> bool:
 
 @compiled
 def _fit_tiles(
-    ranges: FloatArray, rays: FloatArray, sigma: FloatArray, flatness: float, side: int
+    ranges: FloatArray, rays: Rays, noise: Noise, flatness: float, side: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Pixels, sums, plane, misfit, centre and noise by range of every tile."""
     rows, columns = (ranges.shape[0] + side - 1) // side, (ranges.shape[1] + side - 1) // side
@@ -160,8 +159,9 @@ def _fit_tiles(
                     r = ranges[i, j]
                     if not np.isfinite(r):
                         continue
-                    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
-                    s2 = sigma[i, j] * sigma[i, j] + flatness * flatness
+                    x, y, z = ray_at(rays, i, j)
+                    sigma = deviation_at(noise, r)
+                    s2 = sigma * sigma + flatness * flatness
                     weight = r * r * r * r / s2
                     axx += weight * x * x
                     axy += weight * x * y
@@ -193,8 +193,10 @@ def _fit_tiles(
                     r = ranges[i, j]
                     if not np.isfinite(r):
                         continue
-                    s2 = sigma[i, j] * sigma[i, j] + flatness * flatness
-                    inverse = w[0] * rays[i, j, 0] + w[1] * rays[i, j, 1] + w[2] * rays[i, j, 2]
+                    x, y, z = ray_at(rays, i, j)
+                    sigma = deviation_at(noise, r)
+                    s2 = sigma * sigma + flatness * flatness
+                    inverse = w[0] * x + w[1] * y + w[2] * z
                     gap = r * r * (1.0 / r - inverse)
                     cost += gap * gap / s2
             size = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.observation import RangeNoise
 from completion.observe.tolerance import Tolerance
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
@@ -43,7 +44,7 @@ def audit(
     faces: NDArray[np.int32],
     vertex_sd: FloatArray,
     scans: Sequence[RangeImage],
-    sigmas: Sequence[FloatArray],
+    noises: Sequence[RangeNoise],
     *,
     tolerance: Tolerance,
     n_threads: int | None = None,
@@ -63,8 +64,8 @@ def audit(
         Predicted standard deviation at the vertices, metres.
     scans : sequence of RangeImage
         All scans.
-    sigmas : sequence of (rows, columns) float
-        Range noise of each, metres.
+    noises : sequence of RangeNoise
+        Range noise of each.
     tolerance : Tolerance
         Along the ray; a beam whose tolerance exceeds `max_m` says nothing.
     n_threads : int, optional
@@ -75,16 +76,17 @@ def audit(
     caster = RayCaster(vertices, faces, n_threads)
     beams = np.zeros(len(faces), np.int64)
     n_beams, noisy = 0, False
-    for scan, sigma in zip(scans, sigmas, strict=True):
+    for scan, noise in zip(scans, noises, strict=True):
         returned = scan.valid
-        noisy |= bool(np.any(sigma[returned] > 0))
+        noisy |= bool(noise.constant_m > 0 or noise.quadratic_per_m > 0)
         hits = caster.first_hit(scan.origin[None], scan.rays()[returned], coherent=True)
         n_beams += int(returned.sum())
         met = np.flatnonzero(hits.hit)
         face = hits.face[met]
         sd = vertex_sd[faces[face]].max(axis=1)
-        allowed = tolerance.along_ray(sigma[returned][met], sd, hits.incidence_cosine[met])
-        past = scan.ranges[returned][met] - hits.ranges[met]
+        measured = scan.ranges[returned][met]
+        allowed = tolerance.along_ray(noise.deviation(measured), sd, hits.incidence_cosine[met])
+        past = measured - hits.ranges[met]
         through = (past > allowed) & (allowed <= tolerance.max_m)
         beams += np.bincount(face[through], minlength=len(faces))
     convicted = beams > 0

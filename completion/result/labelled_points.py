@@ -121,8 +121,10 @@ def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[
 
 def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     footprint = np.where(seen.valid, seen.scan.ranges, 0.0) * seen.scan.projection.pixel_angle
-    sigma = np.where(seen.valid, seen.sigma, 0.0)
-    faces = mesh_range_image(seen.points, seen.valid, 6 * footprint + 6 * sigma, seen.scan.origin)
+    every = np.arange(seen.valid.size)
+    points, sigma = seen.points_at(every), seen.sigma_at(every).reshape(footprint.shape)
+    allowed = 6 * footprint + 6 * sigma
+    faces = mesh_range_image(points.reshape(*sigma.shape, 3), seen.valid, allowed, seen.scan.origin)
     used = np.flatnonzero(seen.valid.ravel())
     number = np.full(seen.valid.size, -1, np.int32)
     number[used] = np.arange(len(used), dtype=np.int32)
@@ -130,7 +132,7 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     if seen.scan.colour is not None:
         colour = np.rint(np.clip(seen.scan.colour.reshape(-1, 3)[used], 0, 1) * 255).astype(np.uint8)
     return LabelledPoints(
-        vertices=seen.points.reshape(-1, 3)[used],
+        vertices=points[used],
         faces=number[faces],
         surface=owner.ravel()[used],
         provenance=np.full(len(used), Provenance.MEASURED, np.int32),

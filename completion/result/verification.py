@@ -102,9 +102,8 @@ def verify(
     """
     if not others:
         raise InputError("nothing to verify with: give at least one other scan")
-    reference_from_world = completion.world_from_reference.inverse()
     tolerance = (options or EvidenceOptions()).tolerance(registration_m=registration_m)
-    observations = [observe(scan, reference_from_world, sigma_m) for scan in others]
+    observations = [observe(scan, completion.world_from_reference, sigma_m) for scan in others]
     return Verification(
         tuple(
             SurfaceVerification(patch, completion.anchor(number), _findings(patch, observations, tolerance))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import gap_to
+from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -43,7 +44,7 @@ def absorb(
     enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
     sums = _distances(
         labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays,
-        observation.sigma, options.flatness_m, options.n_sigma,
+        observation.noise.numbers(), options.flatness_m, options.n_sigma,
     )  # fmt: skip
     goes_to = np.arange(n + 1)
     for i in np.flatnonzero(enclosed).tolist():
@@ -88,8 +89,8 @@ def _distances(
     models: FloatArray,
     host: NDArray[np.int64],
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     n_sigma: float,
 ) -> FloatArray:
@@ -101,7 +102,9 @@ def _distances(
             own = labels[i, j] - 1
             if own < 0 or host[own] < 0:
                 continue
-            x, y, z, r, s = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2], ranges[i, j], sigma[i, j]
+            x, y, z = ray_at(rays, i, j)
+            r = ranges[i, j]
+            s = deviation_at(noise, r)
             gap, cosine = gap_to(models, host[own], x, y, z, r, normal)
             variance = s * s * cosine * cosine + flat * flat
             sums[own, 0] += 1.0
@@ -148,8 +151,10 @@ def _sharpen(
     low, high = np.maximum(pixel.min(axis=0) - width, 0), pixel.max(axis=0) + width + 1
     frame = (slice(low[0], high[0]), slice(low[1], high[1]))
     own: BoolArray = labels[frame] == label
-    reach = {int(j): _reach(models[j], seen.rays[frame], _FARTHEST * float(ranges.max())) for j in beside}
-    measured, sigma = seen.scan.ranges[frame][own], seen.sigma[frame][own]
+    flat = np.arange(labels.size, dtype=np.int64).reshape(labels.shape)[frame]
+    rays = seen.rays_at(flat.ravel()).reshape(*flat.shape, 3)
+    reach = {int(j): _reach(models[j], rays, _FARTHEST * float(ranges.max())) for j in beside}
+    measured, sigma = seen.scan.ranges[frame][own], seen.sigma_at(flat[own])
     allowed = 1 + 3 * np.sqrt(2 * width**2 / len(pixel))  # a window's ranges count as one
     found = [
         (float(np.mean(np.square((measured - crease[own]) / sigma))), pair)

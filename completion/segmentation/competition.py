@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import gap_to
+from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.observe.tiles import Tiles
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
@@ -46,8 +47,8 @@ def compete(
     """
     result = labels.copy()
     _settle(
-        result, models, observation.scan.ranges, observation.rays, observation.sigma, tiles.flatness_m,
-        tiles.plane, tiles.misfit, tiles.normal_sd, tiles.side, options.n_sigma,
+        result, models, observation.scan.ranges, observation.rays, observation.noise.numbers(),
+        tiles.flatness_m, tiles.plane, tiles.misfit, tiles.normal_sd, tiles.side, options.n_sigma,
         np.radians(options.max_angle_deg), _MOST_VISITS,
     )  # fmt: skip
     return result
@@ -58,8 +59,8 @@ def _settle(
     labels: NDArray[np.int32],
     models: FloatArray,
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     plane: FloatArray,
     misfit: FloatArray,
@@ -77,9 +78,10 @@ def _settle(
         for j in range(columns):
             if labels[i, j] == 0:
                 continue
-            x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+            x, y, z = ray_at(rays, i, j)
             gap, cosine = gap_to(models, labels[i, j] - 1, x, y, z, ranges[i, j], normal)
-            variance = sigma[i, j] * sigma[i, j] * cosine * cosine + flat * flat + 1e-30
+            sigma = deviation_at(noise, ranges[i, j])
+            variance = sigma * sigma * cosine * cosine + flat * flat + 1e-30
             if not (cosine > 0.0 and gap * gap <= limit * variance):
                 labels[i, j] = 0
     near, tally = np.empty(9, np.int32), np.empty(9, np.int32)
@@ -107,8 +109,8 @@ def _settle(
         waiting[i, j] = False
         visits[i, j] += 1
         best = _best_label(
-            labels, models, i, j, ranges[i, j], rays, sigma[i, j], flat, plane, misfit, normal_sd, side,
-            max_angle, limit, near, tally, normal,
+            labels, models, i, j, ranges[i, j], rays, deviation_at(noise, ranges[i, j]), flat, plane,
+            misfit, normal_sd, side, max_angle, limit, near, tally, normal,
         )  # fmt: skip
         if best == labels[i, j]:
             continue
@@ -128,7 +130,7 @@ def _best_label(
     i: int,
     j: int,
     r: float,
-    rays: FloatArray,
+    rays: Rays,
     s: float,
     flat: float,
     plane: FloatArray,
@@ -158,7 +160,7 @@ def _best_label(
                 near[n_near], tally[n_near] = label, 0
                 n_near += 1
             tally[index] += 1
-    x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+    x, y, z = ray_at(rays, i, j)
     ti, tj = i // side, j // side
     best, least = 0, np.inf
     for index in range(own == 0, n_near):

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from completion.fitting.charts.chart import axis_frame
 from completion.observe.observation import Beams, Observation
 from completion.observe.packed_surfaces import pack
+from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.observe.refitting import improve
 from completion.observe.tiles import Tiles
+from completion.observe.triple import Triple
 from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from scenes.checks import BoolArray, FloatArray
@@ -47,7 +49,7 @@ def bending_cylinder(
     frame = axis_frame(normal)
     reach = float(np.sqrt(np.mean(np.square((centres - centre) @ frame[:2].T)))) + 1e-12
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_BEND)))
-    arguments = (where, tiles.side, step, tiles.ranges, observation.rays, observation.sigma,
+    arguments = (where, tiles.side, step, tiles.ranges, observation.rays, observation.noise.numbers(),
                  tiles.flatness_m, centre, frame / reach)  # fmt: skip
     matrix, vector = _quadratic_sums(*arguments)
     try:
@@ -147,9 +149,9 @@ def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams
 
 
 @compiled
-def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) -> NDArray[np.int64]:
+def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) -> NDArray[np.int32]:
     """Flat numbers of every step-th measured pixel of the tiles along rows and columns."""
-    result = np.empty(len(where) * side * side, np.int64)
+    result = np.empty(len(where) * side * side, np.int32)
     n = 0
     for index in range(len(where)):
         for i in range(where[index, 0] * side, min((where[index, 0] + 1) * side, ranges.shape[0])):
@@ -162,7 +164,7 @@ def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) 
 
 @compiled
 def _term(
-    point_ray: FloatArray,
+    ray: Triple,
     r: float,
     s: float,
     flat: float,
@@ -171,11 +173,11 @@ def _term(
     row: FloatArray,
 ) -> tuple[float, float]:
     """Write the basis of a pixel; return its height and weight."""
-    x, y, z = r * point_ray[0] - centre[0], r * point_ray[1] - centre[1], r * point_ray[2] - centre[2]
+    x, y, z = r * ray[0] - centre[0], r * ray[1] - centre[1], r * ray[2] - centre[2]
     u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
     v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
     height = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
-    cosine = frame[2, 0] * point_ray[0] + frame[2, 1] * point_ray[1] + frame[2, 2] * point_ray[2]
+    cosine = frame[2, 0] * ray[0] + frame[2, 1] * ray[1] + frame[2, 2] * ray[2]
     unit2 = frame[2, 0] ** 2 + frame[2, 1] ** 2 + frame[2, 2] ** 2
     row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v
     return height, 1.0 / (s * s * cosine * cosine + flat * flat * unit2 + 1e-30)
@@ -187,8 +189,8 @@ def _quadratic_sums(
     side: int,
     step: int,
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     centre: FloatArray,
     frame: FloatArray,
@@ -200,7 +202,9 @@ def _quadratic_sums(
             for j in range(where[index, 1] * side, min((where[index, 1] + 1) * side, ranges.shape[1]), step):
                 if not np.isfinite(ranges[i, j]):
                     continue
-                height, weight = _term(rays[i, j], ranges[i, j], sigma[i, j], flat, centre, frame, row)
+                r = ranges[i, j]
+                ray, sigma = ray_at(rays, i, j), deviation_at(noise, r)
+                height, weight = _term(ray, r, sigma, flat, centre, frame, row)
                 for a in range(6):
                     vector[a] += weight * row[a] * height
                     for b in range(a + 1):
@@ -217,8 +221,8 @@ def _residual_variance(
     side: int,
     step: int,
     ranges: FloatArray,
-    rays: FloatArray,
-    sigma: FloatArray,
+    rays: Rays,
+    noise: Noise,
     flat: float,
     centre: FloatArray,
     frame: FloatArray,
@@ -233,7 +237,9 @@ def _residual_variance(
             for j in range(where[index, 1] * side, min((where[index, 1] + 1) * side, ranges.shape[1]), step):
                 if not np.isfinite(ranges[i, j]):
                     continue
-                height, weight = _term(rays[i, j], ranges[i, j], sigma[i, j], flat, centre, frame, row)
+                r = ranges[i, j]
+                ray, sigma = ray_at(rays, i, j), deviation_at(noise, r)
+                height, weight = _term(ray, r, sigma, flat, centre, frame, row)
                 residual = height
                 for a in range(6):
                     residual -= row[a] * solution[a]

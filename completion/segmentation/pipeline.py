@@ -58,16 +58,16 @@ def _grow(
 ) -> tuple[NDArray[np.int32], FloatArray, Tiles]:
     """Labels of the pixels, from 1, and the packed surfaces, by coarse tiles and then by finer ones."""
     scan, spacing = observation.scan, observation.scan.projection.pixel_angle
-    side = tile_side(scan.ranges, observation.sigma, spacing)
-    sigma = np.sqrt(np.square(observation.sigma) + np.square(_BULGE * spacing * scan.ranges))
+    side = tile_side(scan.ranges, observation.noise.numbers(), spacing)
+    noise = observation.noise.numbers(bulge=_BULGE * spacing)
     labels, models = np.zeros(scan.shape, np.int32), np.zeros((0, 9))
-    tiles = cut_tiles(scan.ranges, observation.rays, sigma, options.flatness_m, side)
+    tiles = cut_tiles(scan.ranges, observation.rays, noise, options.flatness_m, side)
     fine = tiles
     for thorough in (False, True):
         if thorough:
             left = np.where(labels == 0, scan.ranges, np.inf)
             half = max(LEAST_TILE, side // 2)
-            fine = cut_tiles(left, observation.rays, sigma, options.flatness_m, half)
+            fine = cut_tiles(left, observation.rays, noise, options.flatness_m, half)
         clusters = find_clusters(fine, observation, options, thorough=thorough)
         labels = _numbered(labels, clusters, fine, len(models))
         models = np.concatenate([models, *(cluster.model[None] for cluster in clusters)])

@@ -12,7 +12,9 @@ from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import unpack
 from completion.observe.pixel_set import PixelSet
+from completion.observe.rays import Rays, ray_at
 from completion.observe.tolerance import FLATNESS_M
+from completion.observe.triple import plus
 from scenes.checks import FloatArray, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
 from texture.engine.compiled import compiled
@@ -89,7 +91,9 @@ def split_parts(
     part of each pixel (rows, columns), from 1, largest first, and the surface of each part, working frame.
     """
     parts, n_parts = number_parts(labels)
-    count, core, model, centre = _part_sums(parts, labels, observation.points, n_parts + 1)
+    count, core, model, centre = _part_sums(
+        parts, labels, observation.rays, observation.scan.ranges, n_parts + 1
+    )
     kept = (count >= options.min_pixels) & (core > 0)
     kept[0] = False
     order = np.flatnonzero(kept)
@@ -152,7 +156,7 @@ def number_parts(labels: NDArray[np.int32]) -> tuple[NDArray[np.int32], int]:
 
 @compiled
 def _part_sums(
-    parts: NDArray[np.int32], labels: NDArray[np.int32], points: FloatArray, n: int
+    parts: NDArray[np.int32], labels: NDArray[np.int32], rays: Rays, ranges: FloatArray, n: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """Of each part: pixels, whether a pixel has it all around, its label, and the mean of every 8th point."""
     count, core = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -166,9 +170,9 @@ def _part_sums(
             count[part] += 1
             if count[part] & 7 == 1:
                 model[part] = labels[i, j]
-                centre[part, 0] += points[i, j, 0]
-                centre[part, 1] += points[i, j, 1]
-                centre[part, 2] += points[i, j, 2]
+                place = plus(rays.origin, ranges[i, j], ray_at(rays, i, j))
+                for axis in range(3):
+                    centre[part, axis] += place[axis]
                 sampled[part] += 1
             if core[part] == 0 and 0 < i < rows - 1 and 0 < j < columns - 1:
                 whole = True

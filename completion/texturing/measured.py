@@ -74,7 +74,7 @@ def _texel_size(patch: Patch, observations: Sequence[Observation]) -> float:
     """The quartile of the sizes of the surface's pixels, metres."""
     sizes = []
     for observation, pixels in zip(observations, patch.source.pixels, strict=True):
-        points = pixels.pick(observation.points)
+        points = observation.points_at(pixels.flat)
         sizes.append(footprint(observation, points, patch.grid.surface.normal(points))[0])
     return float(np.quantile(np.concatenate(sizes), 0.25))
 

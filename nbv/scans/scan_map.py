@@ -118,7 +118,7 @@ def with_known_noise(scan: RangeImage) -> RangeImage:
     """Return the scan with `sigma_m`; an unknown one is estimated from the roughness at the median range."""
     if scan.sigma_m is not None or not scan.valid.any():
         return scan
-    noise = estimate_noise(scan, scan.rays())
+    noise = estimate_noise(scan)
     return replace(scan, sigma_m=float(noise.sigma(np.array([np.median(scan.ranges[scan.valid])]))[0]))
 
 

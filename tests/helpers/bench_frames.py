@@ -74,7 +74,7 @@ def surfaces(name: str) -> list[dict]:
 
 
 def prepared(frame: Frame) -> Observation:
-    return observe(frame.scan, frame.scan.world_from_sensor.inverse())
+    return observe(frame.scan, frame.scan.world_from_sensor)
 
 
 def segmented(observation: Observation) -> list[MergedSurface]:

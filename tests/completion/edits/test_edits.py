@@ -367,7 +367,7 @@ def test_a_part_that_determines_no_surface_is_refused():
     scan = example("two_occluders", pixels=120)
     base = completed("two_occluders", pixels=120)
     row = np.flatnonzero(base.patches[0].source.pixels[0].mask.any(axis=1))[-1]
-    points = base.observations[0].points[row][base.patches[0].source.pixels[0].mask[row]]
+    points = base.observations[0].scan.points()[row][base.patches[0].source.pixels[0].mask[row]]
     world = base.world_from_reference.apply(points)
     middle, normal = world.mean(axis=0), base.world_from_reference.apply(points - [0, 1e-4, 0])[0] - world[0]
     cut = Plane(middle, np.cross(np.cross(normal, world[-1] - world[0]), world[-1] - world[0]))

@@ -11,7 +11,7 @@ from completion.evidence.evidence import Label, Scans, weigh
 from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.sight import look, sight_of
-from completion.observe.observation import observe
+from completion.observe.observation import RangeNoise, observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.result.audit import audit
 from scenes.pose import Pose
@@ -34,7 +34,8 @@ EXACT = np.zeros(GRID.shape[0] * GRID.shape[1])
 def evidence(*scans: RangeImage, options: EvidenceOptions = EvidenceOptions()):  # noqa: B008
     observations = [observe(scan, Pose.identity()) for scan in scans]
     owners = [
-        np.where(np.abs(seen.points[..., 2] - 3) < 0.01, 1, 2).astype(np.int32) for seen in observations
+        np.where(np.abs(seen.scan.points()[..., 2] - 3) < 0.01, 1, 2).astype(np.int32)
+        for seen in observations
     ]
     return weigh(GRID, EXACT, Scans(tuple(observations), tuple(owners), options.tolerance()), 1)
 
@@ -205,8 +206,8 @@ def test_no_cells_give_an_empty_mesh():
 
 def test_range_image_mesh_has_no_triangle_across_a_jump():
     seen = observe(SCAN, Pose.identity())
-    faces = mesh_range_image(seen.points, seen.valid, np.where(seen.valid, 0.1, 0.0), seen.scan.origin)
-    depths = seen.points.reshape(-1, 3)[faces][..., 2]
+    faces = mesh_range_image(seen.scan.points(), seen.valid, np.where(seen.valid, 0.1, 0.0), seen.scan.origin)
+    depths = seen.scan.points().reshape(-1, 3)[faces][..., 2]
     assert np.ptp(depths, axis=1).max() < 1e-9
     assert len(faces) > 2 * 0.8 * seen.valid.sum()
 
@@ -233,8 +234,8 @@ def test_range_image_mesh_faces_its_sensor(fy):
     ranges = np.random.default_rng(0).uniform(2.9, 3.1, camera.shape)
     pose = Pose.looking_at((1.0, 2.0, 3.0), (4.0, 2.0, 1.0))
     seen = observe(RangeImage(ranges, camera, pose), Pose.identity())
-    faces = mesh_range_image(seen.points, seen.valid, np.full(camera.shape, 9.0), seen.scan.origin)
-    a, b, c = (seen.points.reshape(-1, 3)[faces[:, corner]] for corner in range(3))
+    faces = mesh_range_image(seen.scan.points(), seen.valid, np.full(camera.shape, 9.0), seen.scan.origin)
+    a, b, c = (seen.scan.points().reshape(-1, 3)[faces[:, corner]] for corner in range(3))
     towards = np.einsum("ij,ij->i", np.cross(b - a, c - a), seen.scan.origin - a)
     assert len(faces) == 2 * 59 * 49
     assert (towards > 0).mean() > 0.8  # steep steps between noisy pixels may face aside
@@ -246,7 +247,7 @@ def planted(depth: float, sigma: float = 0.0):
     scan = replace(SCAN, ranges=3.0 / CAMERA.directions()[..., 2])
     faces = np.array([[0, 2, 1], [0, 3, 2]], np.int32)
     return audit(
-        square, faces, np.zeros(4), [scan], [np.full(scan.shape, sigma)],
+        square, faces, np.zeros(4), [scan], [RangeNoise(sigma, 0.0)],
         tolerance=USUAL,
     )  # fmt: skip
 
@@ -262,7 +263,7 @@ def test_audit_measures_a_planted_violation_and_only_that():
 
 def test_audit_of_nothing_is_zero():
     nothing = audit(
-        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), [SCAN], [np.zeros(SCAN.shape)],
+        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), [SCAN], [RangeNoise(0.0, 0.0)],
         tolerance=USUAL,
     )  # fmt: skip
     assert nothing.violation_m2 == 0

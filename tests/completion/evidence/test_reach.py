@@ -7,11 +7,13 @@ import pytest
 from completion.evidence import evidence as module
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Scans, weigh
-from completion.evidence.form import form_of, triple
+from completion.evidence.form import form_of
 from completion.evidence.reach import is_beyond, reach_of
 from completion.evidence.sight import look, pixel_of, sight_of
 from completion.observe.observation import observe
+from completion.observe.rays import deviation_at
 from completion.observe.tolerance import EvidenceOptions
+from completion.observe.triple import triple
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
@@ -62,7 +64,7 @@ def test_beyond_means_hidden_at_every_place(kind):
         for place in plane.from_uv(at):
             pixel = pixel_of(sight.eye, sight.angles, triple(place))
             if pixel >= 0 and np.isfinite(sight.ranges[pixel]):
-                beam = sight.ranges[pixel], sight.sigma[pixel]
+                beam = sight.ranges[pixel], deviation_at(sight.noise, sight.ranges[pixel])
                 said = look(sight.eye, form_of(plane), triple(place), sd, beam)
                 assert said.behind > said.allowed
     assert n_beyond > 8

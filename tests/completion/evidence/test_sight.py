@@ -88,7 +88,7 @@ def test_a_look_compares_ranges_by_the_tolerance_along_the_ray(surface, camera):
     places = surface.from_uv(np.random.default_rng(4).uniform(-2, 2, (200, 2)))
     pixel = np.array([pixel_of(sight.eye, sight.angles, tuple(place)) for place in places.tolist()])
     places, pixel = places[pixel >= 0], pixel[pixel >= 0]
-    beams = np.stack([sight.ranges[pixel], sight.sigma[pixel]], axis=1).tolist()
+    beams = np.stack([sight.ranges[pixel], seen.sigma_at(pixel)], axis=1).tolist()
     found = [
         look(sight.eye, form, tuple(place), 0.002, tuple(beam))
         for place, beam in zip(places.tolist(), beams, strict=True)
@@ -98,7 +98,7 @@ def test_a_look_compares_ranges_by_the_tolerance_along_the_ray(surface, camera):
     cosine = np.abs(np.einsum("ij,ij->i", ray, surface.normal(places))) / distance
     safe = np.maximum(cosine, 1e-3)
     oblique = distance * camera.pixel_angle * np.sqrt(1 - safe**2) / safe / 2
-    sigma = np.nan_to_num(seen.sigma.ravel()[pixel])
+    sigma = seen.sigma_at(pixel)
     allowed = TOLERANCE.along_ray(sigma, np.full(len(pixel), 0.002), cosine) + oblique
     np.testing.assert_allclose([one.distance for one in found], distance, rtol=1e-12)
     np.testing.assert_allclose([one.cosine for one in found], cosine, atol=1e-12)
@@ -116,8 +116,8 @@ def test_cells_are_vetoed_by_the_beams_that_meet_them_before_they_end(surface, n
     sd = np.full(grid.shape[0] * grid.shape[1], 0.002)
     count = np.zeros(grid.shape)
     for seen in scans:
-        rays, measured = seen.rays[seen.valid], seen.scan.ranges[seen.valid]
-        sigma, origin = seen.sigma[seen.valid], seen.scan.origin
+        rays, measured = seen.scan.rays()[seen.valid], seen.scan.ranges[seen.valid]
+        sigma, origin = seen.noise.deviation(measured), seen.scan.origin
         faces = [surface, surface.flipped()] if isinstance(surface, Plane) else [
             Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
             for concave in (False, True)

@@ -13,6 +13,7 @@ from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation, RangeNoise, observe
 from completion.observe.pixel_set import PixelSet
+from completion.observe.rays import rays_of
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -36,8 +37,8 @@ def extent_of(surface, points, *, others=(), enclosing=(), standing=0.0, meets=(
     """The extent of a surface that was measured at `points`, with what else there is."""
     camera = PinholeProjection(len(points), 1 + len(others), 1.0, 1.0, 0.0, 0.0)
     held = np.tile(points, (camera.height, 1, 1))
-    scan = RangeImage(np.ones(held.shape[:2]), camera, Pose.identity())
-    seen = Observation(scan, held, held, np.zeros(held.shape[:2]), RangeNoise(0.0, 0.0))
+    scan = RangeImage.from_points(held, camera, Pose.identity())
+    seen = Observation(scan, RangeNoise(0.0, 0.0), rays_of(scan))
     first = np.zeros(held.shape[:2], dtype=np.bool_)
     first[0] = True
     none = np.zeros_like(first)
@@ -191,7 +192,7 @@ def test_the_farthest_hidden_places_are_those_of_the_plain_formula(seed):
     scan = RangeImage(rng.uniform(1, 4, camera.shape), camera, Pose.identity(), sigma_m=0.0)
     seen, chart = observe(scan, Pose.identity()), Plane((0.3, 0, 3), (0.2, 0.1, -1))
     low, high = np.array([-1.2, -0.8]), np.array([1.0, 1.1])
-    rays = seen.rays[::2, ::2].reshape(-1, 3)
+    rays = seen.scan.rays()[::2, ::2].reshape(-1, 3)
     reach = chart.ray_ranges(np.zeros(3), rays)
     behind = np.isfinite(reach) & (scan.ranges[::2, ::2].ravel() < reach)
     uv = chart.to_uv(reach[behind, None] * rays[behind])

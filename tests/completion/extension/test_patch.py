@@ -60,7 +60,7 @@ def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", 
     mask = depth == 3.0
     fit = replace(EXACT, covariance=np.diag([sd**2, 0.0, 0.0]))
     wall = MergedSurface(fit, (PixelSet.of(mask),), 1)
-    uv = WALL.to_uv(observation.points[mask])
+    uv = WALL.to_uv(observation.scan.points()[mask])
     extent = Extent(
         chart=WALL, enclosures=(), cuts=(), neighbours=(), own_low=uv.min(axis=0), own_high=uv.max(axis=0),
         ends=NO_END, end_probability=np.zeros((2, 2)), ended=np.zeros((2, 2), dtype=np.bool_),

@@ -30,7 +30,9 @@ def merged(seen: str, *, farther_m=0.05, across=True):
     observation = observe(scan, Pose.identity())
     part, n_parts = ndimage.label(np.isin(depth, (3.0, 3.0 + farther_m)))
     masks = [part == number for number in range(1, n_parts + 1)]
-    regions = [Region(fit_plane(observation.points[mask], np.zeros(3)), PixelSet.of(mask)) for mask in masks]
+    regions = [
+        Region(fit_plane(observation.scan.points()[mask], np.zeros(3)), PixelSet.of(mask)) for mask in masks
+    ]
     return merge([observation], [regions], EvidenceOptions().tolerance(), across=across), observation
 
 

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from completion.observe.packed_surfaces import pack_plane
+from completion.observe.rays import Noise, rays_of
 from completion.observe.tiles import cut_tiles
 from completion.segmentation.growing import deviations, flood, grow_plane, tile_cut, with_smooth_ring
 from completion.segmentation.pipeline import find_seeds, next_seed
 from completion.segmentation.regions import SegmentationOptions
+from scenes import PinholeProjection, Pose, RangeImage
 
 SIDE, COLUMNS, SIGMA = 4, 8, 0.001
 OPTIONS = SegmentationOptions()
@@ -33,13 +35,13 @@ PLANES = {
 def tiles_of(picture):
     """Tiles of a pinhole image, each on the plane that its letter names; a dot is a tile without returns."""
     letters = np.repeat(np.repeat(np.array([list(row) for row in picture]), SIDE, axis=0), SIDE, axis=1)
-    row, column = (np.indices(letters.shape) + 0.5) - np.array(letters.shape)[:, None, None] / 2
-    rays = np.stack([column / 100, row / 100, np.ones(letters.shape)], axis=-1)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    ranges = np.full(letters.shape, np.inf)
+    height, width = letters.shape
+    camera = PinholeProjection(width, height, 100.0, 100.0, (width - 1) / 2, (height - 1) / 2)
+    rays, ranges = camera.directions(), np.full(letters.shape, np.inf)
     for letter, w in PLANES.items():
         ranges = np.where(letters == letter, 1 / (rays @ w), ranges)
-    return cut_tiles(ranges, rays, np.full(letters.shape, SIGMA), 0.0, SIDE), ranges, rays
+    of_image = rays_of(RangeImage(ranges, camera, Pose.identity()))
+    return cut_tiles(ranges, of_image, Noise(SIGMA, 0.0, 0.0), 0.0, SIDE), ranges, rays
 
 
 def drawn(members):

@@ -54,7 +54,7 @@ class Labelled:
 def labelled(name: str) -> Labelled:
     path = data_path(f"range/mOSD/{name}.pcd")
     scan = read_scan(path)
-    observation = observe(scan, scan.world_from_sensor.inverse())
+    observation = observe(scan, scan.world_from_sensor)
     surfaces = merge(
         [observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance()
     )

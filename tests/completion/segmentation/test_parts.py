@@ -13,6 +13,7 @@ from completion.merging.agreement import Part, compare, compare_at_points, find_
 from completion.merging.pipeline import merge
 from completion.observe.observation import RangeNoise, observe
 from completion.observe.packed_surfaces import pack, unpack
+from completion.observe.rays import Noise, rays_of
 from completion.observe.refitting import refit
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from completion.observe.tolerance import EvidenceOptions
@@ -47,7 +48,7 @@ def regions_of(scan: RangeImage, **options):
 @pytest.mark.parametrize("projection", [CAMERA, PANORAMA], ids=["pinhole", "panorama"])
 def test_tiles_of_a_plane_have_that_plane(projection):
     scan = seen(TILTED, projection)
-    tiles = cut_tiles(scan.ranges, scan.rays(), np.full(scan.shape, 1e-3), 0.0, 6)
+    tiles = cut_tiles(scan.ranges, rays_of(scan), Noise(1e-3, 0.0, 0.0), 0.0, 6)
     known = np.isfinite(tiles.plane[..., 0])
     true = TILTED.normal_direction / (TILTED.point @ TILTED.normal_direction)
     np.testing.assert_allclose(tiles.plane[known], np.broadcast_to(true, (known.sum(), 3)), atol=1e-8)
@@ -57,17 +58,17 @@ def test_tiles_of_a_plane_have_that_plane(projection):
 
 def test_misfit_of_noise_is_one():
     scan = seen(TILTED, sigma=0.003)
-    tiles = cut_tiles(scan.ranges, scan.rays(), np.full(scan.shape, 0.003), 0.0, 6)
+    tiles = cut_tiles(scan.ranges, rays_of(scan), Noise(0.003, 0.0, 0.0), 0.0, 6)
     n_tiles = tiles.misfit.size
     assert tiles.misfit.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 33 / n_tiles))
 
 
 def test_tiles_grow_with_the_noise_within_limits():
     ranges = np.full((60, 60), 3.0)
-    sides = [tile_side(ranges, np.full_like(ranges, sigma), 0.002) for sigma in (0, 1e-3, 5e-3, 1.0)]
+    sides = [tile_side(ranges, Noise(sigma, 0.0, 0.0), 0.002) for sigma in (0.0, 1e-3, 5e-3, 1.0)]
     assert sides == sorted(sides)
     assert (sides[0], sides[-1]) == (LEAST_TILE, MOST_TILE)
-    assert tile_side(np.full((4, 4), np.inf), np.full((4, 4), np.nan), 0.002) == LEAST_TILE
+    assert tile_side(np.full((4, 4), np.inf), Noise(0.0, 0.0, 0.0), 0.002) == LEAST_TILE
 
 
 @pytest.mark.parametrize("surface", [TILTED, PIPE, Cylinder((0, 0, 1.0), (0, 1, 0), 2.0, None, True)])
@@ -240,7 +241,7 @@ def test_same_bytes_from_two_threads_at_once():
     scans = [example("two_cylinders", "gaussian-2mm"), example("chair_before_wall")]
 
     def found(scan):
-        observation = observe(scan, scan.world_from_sensor.inverse())
+        observation = observe(scan, scan.world_from_sensor)
         surfaces = merge(
             [observation], [segment(observation, SegmentationOptions())], EvidenceOptions().tolerance()
         )

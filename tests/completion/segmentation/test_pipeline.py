@@ -39,7 +39,7 @@ def test_noise_is_read_off_the_scan(sigma):
     rng = np.random.default_rng(0)
     scan = wall(2.0)
     noisy = replace(scan, ranges=scan.ranges + rng.normal(0, sigma, scan.shape), sigma_m=None)
-    noise = estimate_noise(noisy, noisy.rays())
+    noise = estimate_noise(noisy)
     assert noise.sigma(np.array([2.2]))[0] == pytest.approx(sigma, rel=0.15)
 
 
@@ -47,7 +47,7 @@ def test_steps_of_the_depth_count_as_noise():
     row = np.arange(120)[:, None]
     step = 0.02
     depth = np.round((3.0 + row * 0.0005) / step) * step  # a slightly tilted wall, a step every 40 rows
-    noise = estimate_noise(wall(depth, None), wall(depth, None).rays())
+    noise = estimate_noise(wall(depth, None))
     assert noise.sigma(np.array([3.2]))[0] == pytest.approx(step / np.sqrt(12), rel=0.5)
 
 
@@ -61,7 +61,7 @@ def test_regions_of_a_noise_free_scan_are_the_true_surfaces():
         labels, count = np.unique(region.pixels.pick(scan.truth.surface), return_counts=True)
         surface = truth.surfaces[labels[np.argmax(count)]]
         same = [
-            np.abs(surface.distance(observed(scan).points[scan.truth.surface == i])).max() < 1e-3
+            np.abs(surface.distance(observed(scan).scan.points()[scan.truth.surface == i])).max() < 1e-3
             for i in labels
         ]
         assert count[same].sum() / count.sum() > 0.99  # the board and its stands share their front plane
@@ -149,8 +149,8 @@ def test_segmentation_moves_with_the_world():
     scan = example("two_occluders")
     moved = scan.transformed(Pose.looking_at((100, 20, 3), (7, -5, 1)))
     for one, other in zip(
-        segment(observe(scan, scan.world_from_sensor.inverse()), SegmentationOptions()),
-        segment(observe(moved, moved.world_from_sensor.inverse()), SegmentationOptions()),
+        segment(observe(scan, scan.world_from_sensor), SegmentationOptions()),
+        segment(observe(moved, moved.world_from_sensor), SegmentationOptions()),
         strict=True,
     ):
         assert np.array_equal(one.pixels.flat, other.pixels.flat)
