@@ -7,20 +7,43 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from texture.sampling.canvas import Canvas
+from texture.sampling.front import OrderName
 from texture.sampling.matching import gaussian_weights
 from texture.sampling.sample import IntArray, Sample
 
 if TYPE_CHECKING:
+    from texture.engine.compiled_front import CompiledFront
     from texture.engine.kernels import CanvasArrays
     from texture.engine.scan_kernels import SampleArrays
 
 FillPixels: TypeAlias = Callable[[IntArray, float, NDArray[np.uint64]], None]
+
+
+class Passes(NamedTuple):
+    """What passes over a front did.
+
+    Attributes
+    ----------
+    n_passes : int
+        How many they were; none when nothing that is unfilled has a known neighbour.
+    threshold : float
+        The error from which on the next pass accepts nothing.
+    n_relaxed : int
+        How often it was raised, because a pass filled nothing.
+    """
+
+    n_passes: int
+    threshold: float
+    n_relaxed: int
+
+
+RunPasses: TypeAlias = Callable[[int, float, int], Passes]  # of a number, a threshold, up to so many
 
 TURNS_PER_THREAD = 8  # a pass of fewer turns is not worth a thread
 
@@ -33,6 +56,13 @@ def can_compile() -> bool:
     except ImportError:
         return False
     return not config.DISABLE_JIT
+
+
+def follow_front(canvas: Canvas, order: OrderName) -> CompiledFront:
+    """Return the front of a canvas, kept by compiled loops."""
+    from texture.engine.compiled_front import CompiledFront
+
+    return CompiledFront(canvas, order)
 
 
 def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_threads: int) -> FillPixels:

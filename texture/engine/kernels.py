@@ -73,7 +73,7 @@ def fill_visits(
         for place in range(n_waiting):
             turn = waiting[place]
             if _is_ready(canvas, visits[turn], turn, turns, done):
-                _visit(sample, canvas, visits[turn], words[turn], threshold, terms, found, guesses)
+                visit_pixel(sample, canvas, visits[turn], words[turn], threshold, terms, found, guesses)
                 take_number(done[turn:].ctypes.data)
             else:
                 waiting[n_left] = turn
@@ -82,7 +82,7 @@ def fill_visits(
 
 
 @compiled
-def _visit(
+def visit_pixel(
     sample: SampleArrays,
     canvas: CanvasArrays,
     pixel: int,
@@ -95,7 +95,7 @@ def _visit(
     """Fill a pixel by a random candidate, if its error is below the threshold."""
     row, column = pixel // canvas.unfilled.shape[1], pixel % canvas.unfilled.shape[1]
     n_known = _read_template(canvas, row, column, terms)
-    n_guesses = _list_guesses(sample, canvas, row, column, guesses)
+    n_guesses = list_continuations(sample, canvas, row, column, guesses)
     n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], found)
     chosen = pick_one(word, n_found)
     error = found.distances[chosen] / largest
@@ -158,7 +158,7 @@ def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) ->
 
 
 @compiled
-def _list_guesses(
+def list_continuations(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, guesses: IntArray
 ) -> int:
     """Write the centres that continue the sources of the eight neighbours; return how many."""

@@ -1,17 +1,27 @@
 # SPDX-License-Identifier: MIT
 """The passes over the front of a canvas, until nothing is unfilled."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import inf
 from time import monotonic
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.engine import FillPixels, can_compile, prepare_engine
+from texture.engine.engine import (
+    FillPixels,
+    Passes,
+    RunPasses,
+    can_compile,
+    follow_front,
+    lay_out,
+    prepare_engine,
+)
 from texture.sampling.arguments import EngineName
 from texture.sampling.canvas import Canvas, draw_place, plant_seed
 from texture.sampling.front import Front, OrderName
@@ -19,10 +29,14 @@ from texture.sampling.matching import find_candidates
 from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import IntArray, Sample
 
+if TYPE_CHECKING:
+    from texture.engine.compiled_front import CompiledFront
+
 Progress: TypeAlias = Callable[[int, int], None]
 
 MAX_ERROR_THRESHOLD = 0.3  # Efros's own page: MaxErrThreshold, pixels in 0..1
 RELAXATION = 1.1  # a pass without progress multiplies the threshold by this
+PASSES_AT_ONCE = 16  # on one thread, where nobody is told of progress and no time runs out
 
 
 class Tally(NamedTuple):
@@ -57,34 +71,56 @@ def synthesise(
     Where no unfilled pixel has a known neighbour, a seed is planted. When the time budget is spent, the pass
     that runs is the last. `fill_visits` may stand in for the exact search.
     """
-    front = Front(canvas, how.order)
+    is_compiled = how.engine == "numba" and can_compile()
+    front = follow_front(canvas, how.order) if is_compiled else Front(canvas, how.order)
     n_to_fill = front.n_unfilled
     if not n_to_fill:
         return Tally()
     deadline = inf if how.time_budget_s is None else monotonic() + how.time_budget_s
+    most = PASSES_AT_ONCE if progress is None and how.time_budget_s is None else 1
     threshold, n_relaxed, n_seeds, pass_number = MAX_ERROR_THRESHOLD, 0, 0, 0
     with ThreadPoolExecutor(how.n_threads) as pool:
-        is_compiled = how.engine == "numba" and can_compile()
-        if fill_visits is None and is_compiled:
-            fill_visits = prepare_engine(canvas, sample, pool, how.n_threads)
-        visit = fill_visits or partial(fill_pixels, canvas, sample)
+        run = _prepare(canvas, sample, front, how, pool, fill_visits)
         while front.n_unfilled:
-            visits = front.list_visits(how.key, pass_number)
-            if visits.size:
-                visit(visits, threshold, random_words(how.key, Purpose.PICK, pass_number, visits))
-            else:
+            done = run(pass_number, threshold, most)
+            threshold, n_relaxed = done.threshold, n_relaxed + done.n_relaxed
+            if not done.n_passes:
                 place = draw_place(canvas, how.key, pass_number)
-                visits = plant_seed(canvas, sample, place, how.key, pass_number)
+                front.advance(plant_seed(canvas, sample, place, how.key, pass_number))
                 n_seeds += 1
-            if not front.advance(visits):
-                threshold *= RELAXATION
-                n_relaxed += 1
-            pass_number += 1
+            pass_number += max(done.n_passes, 1)
             if progress is not None:
                 progress(n_to_fill - front.n_unfilled, n_to_fill)
             if monotonic() >= deadline:
                 break
     return Tally(n_relaxed, n_seeds, is_complete=not front.n_unfilled)
+
+
+def _prepare(
+    canvas: Canvas,
+    sample: Sample,
+    front: Front | CompiledFront,
+    how: Way,
+    pool: ThreadPoolExecutor,
+    fill_visits: FillPixels | None,
+) -> RunPasses:
+    """Return what runs passes: by the front itself where one thread searches exactly, else one by one."""
+    if fill_visits is None and not isinstance(front, Front):
+        if how.n_threads == 1:
+            return partial(front.run_passes, lay_out(sample), how.key, RELAXATION)
+        fill_visits = prepare_engine(canvas, sample, pool, how.n_threads)
+    visit = fill_visits or partial(fill_pixels, canvas, sample)
+
+    def run(pass_number: int, threshold: float, _most: int) -> Passes:
+        visits = front.list_visits(how.key, pass_number)
+        if not visits.size:
+            return Passes(0, threshold, 0)
+        visit(visits, threshold, random_words(how.key, Purpose.PICK, pass_number, visits))
+        if front.advance(visits):
+            return Passes(1, threshold, 0)
+        return Passes(1, threshold * RELAXATION, 1)
+
+    return run
 
 
 def fill_pixels(

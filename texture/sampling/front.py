@@ -26,19 +26,30 @@ class Front:
     ----------
     n_unfilled : int
         Pixels that are to be filled and are not yet.
+    places : array, shape (n,), int64
+        The front, in no order: row * (w + 1) + column.
+    n_known : array, shape ((h + 1) * (w + 1),), int32
+        Known pixels within `reach` of each pixel that is to be filled.
+    belongs : array, shape ((h + 1) * (w + 1),), bool
+        Whether a pixel is, or was, of the front.
+    reach : int
+        How far away a known pixel counts, pixels.
+    share : int
+        A pass visits the best one of so many of the front.
     """
 
     def __init__(self, canvas: Canvas, order: OrderName) -> None:
         """Find the front of a canvas as it is; from here on `advance` must hear of each pixel filled."""
-        self._canvas, self._order = canvas, order
-        self._n_known = np.zeros(canvas.known.size, np.int32)  # (h + 1, w + 1), flat, within `_reach` pixels
-        self._reach = canvas.radius if order == "window" else 1
-        self._belongs = np.zeros(canvas.known.size, np.bool_)
-        self._pixels = np.zeros(0, np.int64)  # places in (h + 1, w + 1)
+        self._canvas = canvas
+        self.n_known = np.zeros(canvas.known.size, np.int32)
+        self.share = SHARE_PER_PASS if order == "window" else 1
+        self.reach = canvas.radius if order == "window" else 1
+        self.belongs = np.zeros(canvas.known.size, np.bool_)
+        self.places = np.zeros(0, np.int64)
         self.n_unfilled = int(np.count_nonzero(canvas.unfilled))
         rows, columns = _find_box(canvas)
         place = np.ravel_multi_index(np.ix_(rows, columns), canvas.known.shape)
-        self._n_known[place] = _count_known(canvas, rows, columns, self._reach)
+        self.n_known[place] = _count_known(canvas, rows, columns, self.reach)
         is_near = _count_known(canvas, rows, columns, 1) > 0
         self._admit(place[canvas.unfilled[rows[:, None], columns] & is_near])
 
@@ -55,11 +66,11 @@ class Front:
         array, shape (n,), int64
             row * width + column; empty when no unfilled pixel has a filled neighbour.
         """
-        rows, columns = np.divmod(self._pixels, self._canvas.known.shape[1])
+        rows, columns = np.divmod(self.places, self._canvas.known.shape[1])
         pixels = rows * self._canvas.unfilled.shape[1] + columns
         ties = random_words(key, Purpose.ORDER, pass_number, pixels)
-        n_visits = -(-pixels.size // (SHARE_PER_PASS if self._order == "window" else 1))
-        visits: IntArray = pixels[np.lexsort((pixels, ties, -self._n_known[self._pixels]))][:n_visits]
+        n_visits = -(-pixels.size // self.share)
+        visits: IntArray = pixels[np.lexsort((pixels, ties, -self.n_known[self.places]))][:n_visits]
         return visits
 
     def advance(self, visits: IntArray) -> int:
@@ -67,21 +78,21 @@ class Front:
         unfilled = self._canvas.unfilled
         filled = visits[~unfilled.ravel()[visits]]
         np.add.at(
-            self._n_known, self._around(filled, self._reach), np.int32(1)
+            self.n_known, self._around(filled, self.reach), np.int32(1)
         )  # of one type: 30 times faster
-        rows, columns = np.divmod(self._pixels, self._canvas.known.shape[1])
-        self._pixels = self._pixels[unfilled[rows, columns]]
+        rows, columns = np.divmod(self.places, self._canvas.known.shape[1])
+        self.places = self.places[unfilled[rows, columns]]
         near = np.unique(self._around(filled, 1))
         rows, columns = np.divmod(near, self._canvas.known.shape[1])
         inside = (rows < unfilled.shape[0]) & (columns < unfilled.shape[1])
         near, rows, columns = near[inside], rows[inside], columns[inside]
-        self._admit(near[unfilled[rows, columns] & ~self._belongs[near]])
+        self._admit(near[unfilled[rows, columns] & ~self.belongs[near]])
         self.n_unfilled -= filled.size
         return int(filled.size)
 
     def _admit(self, places: IntArray) -> None:
-        self._belongs[places] = True
-        self._pixels = np.concatenate([self._pixels, places])
+        self.belongs[places] = True
+        self.places = np.concatenate([self.places, places])
 
     def _around(self, pixels: IntArray, reach: int) -> IntArray:
         """Return the places within `reach` of each pixel, in (h + 1, w + 1), with repetitions, flat."""

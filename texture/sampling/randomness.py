@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_GOLDEN = 0x9E3779B97F4A7C15  # the odd number nearest to 2**64 divided by the golden ratio
+GOLDEN = 0x9E3779B97F4A7C15  # the odd number nearest to 2**64 divided by the golden ratio
 _WORD = 2**64 - 1
 
 
@@ -38,10 +38,10 @@ def random_words(key: int, purpose: Purpose, round_number: int, pixels: ArrayLik
     >>> random_words(0, Purpose.PICK, 0, [5, 6]) == random_words(0, Purpose.PICK, 0, [6, 5])[::-1]
     array([ True,  True])
     """
-    stream = (key + _GOLDEN * (1 + len(Purpose) * round_number + purpose)) & _WORD
+    stream = (key + GOLDEN * (1 + len(Purpose) * round_number + purpose)) & _WORD
     start = _mix(np.array([stream], dtype=np.uint64))
     counters = np.atleast_1d(np.asarray(pixels)).astype(np.uint64)
-    return _mix(start + np.uint64(_GOLDEN) * (counters + np.uint64(1)))
+    return _mix(start + np.uint64(GOLDEN) * (counters + np.uint64(1)))
 
 
 def pick(word: np.uint64 | int, n_choices: int) -> int:
