@@ -29,7 +29,7 @@ def test_correlation_is_that_of_each_pair_of_overlaps() -> None:
     rng = np.random.default_rng(0)
     first, second = rng.normal(120, 30, (2, 7, 9, 2))
     first_mask, second_mask = rng.random((2, 7, 9)) < 0.7
-    found, counts = Correlator(second, second_mask).correlate(first, first_mask, (6, 8))
+    found, counts = Correlator(second, second_mask).correlate(first, first_mask)
     for down in range(-6, 7):
         for right in range(-8, 9):
             here = np.s_[max(0, -down) : 7 - max(0, down), max(0, -right) : 9 - max(0, right)]
@@ -40,6 +40,16 @@ def test_correlation_is_that_of_each_pair_of_overlaps() -> None:
                 a, b = (values[both] - values[both].mean(axis=0) for values in (first[here], second[there]))
                 expected = (a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum())
                 assert found[6 + down, 8 + right] == pytest.approx(expected)
+
+
+def test_an_image_correlates_with_itself_as_with_another_alike() -> None:
+    rng = np.random.default_rng(1)
+    image, mask = rng.normal(120, 30, (21, 17, 3)), rng.random((21, 17)) < 0.7
+    whole, whole_counts = Correlator(image, mask).correlate(image, mask)
+    found, counts = Correlator(image, mask, (6, 4)).correlate_itself()
+    near = np.s_[20 - 6 : 20 + 7, 16 - 4 : 16 + 5]
+    np.testing.assert_array_equal(counts, whole_counts[near])
+    np.testing.assert_allclose(found, whole[near], atol=1e-12)
 
 
 @pytest.mark.parametrize("period", [(5, 7), (12, 12), (9, 20), (3, 4)])

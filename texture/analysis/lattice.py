@@ -82,11 +82,14 @@ def find_lattice(image: ArrayLike, mask: ArrayLike | None = None) -> Lattice:
     if not within.any():
         return Lattice(np.empty((0, 2)), 0.0)
     reach = (within.shape[0] // 3, within.shape[1] // 3)
-    correlator = Correlator(values, within)
-    correlation, counts = correlator.correlate(values, within, reach)
+    correlation, counts = Correlator(values, within, reach).correlate_itself()
     is_believed = counts >= LEAST_OVERLAP * np.count_nonzero(within)
     correlation = np.where(is_believed, correlation.round(6), -1.0)  # what is equal shall be so
-    for chosen in _list_choices(correlation, reach):
+    choices = _list_choices(correlation, reach)
+    if not choices:
+        return Lattice(np.empty((0, 2)), 0.0)
+    correlator = Correlator(values, within)
+    for chosen in choices:
         periods = np.array([_refine(correlation, reach, period) for period in chosen])
         if measure_tiles(correlator, values, cut_tiles(within, periods)[::2], periods) <= IN_STEP:
             at = tuple(chosen[0] + np.array(reach))

@@ -2,6 +2,7 @@
 """Phase: how far the tiles of a texture are out of step with given periods, by masked correlation."""
 
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts load when they are first used
@@ -15,27 +16,42 @@ OUT_OF_STEP = 0.5  # periods
 N_REPETITIONS = 8
 
 
+class _Transforms(NamedTuple):
+    """The transforms of where an image counts, of each channel's values, and of the sum of their squares."""
+
+    counts: NDArray[np.complex128]
+    sums: NDArray[np.complex128]  # (c, ...)
+    squares: NDArray[np.complex128]
+
+
 class Correlator:
     """An image (h, w, c) of 8-bit levels, transformed once, that others of its shape can be correlated with.
 
-    Pixels within the mask (h, w) count.
+    Pixels within the mask (h, w) count. `reach` are the largest displacements, rows and columns, that are
+    looked at; default: all.
     """
 
-    def __init__(self, values: FloatArray, within: BoolArray) -> None:
+    def __init__(
+        self, values: FloatArray, within: BoolArray, reach: tuple[int, int] | None = None
+    ) -> None:
         self._middle = values[within].mean(axis=0) if within.any() else np.zeros(values.shape[2])
-        self._counts, self._sums, self._squares = self._transform(values, within)
+        self.reach = reach or (within.shape[0] - 1, within.shape[1] - 1)
+        sizes = (size + far + 1 for size, far in zip(within.shape, self.reach, strict=True))
+        # at such a size nothing meets itself round the edge
+        self._size = tuple(int(scipy.fft.next_fast_len(size, real=True)) for size in sizes)
+        self._transforms = self._transform(values, within)
 
-    def correlate(
-        self, values: FloatArray, within: BoolArray, reach: tuple[int, int]
-    ) -> tuple[FloatArray, FloatArray]:
+    def correlate_itself(self) -> tuple[FloatArray, FloatArray]:
+        """Correlate the image with itself: as `correlate`."""
+        return self._meet(self._transforms)
+
+    def correlate(self, values: FloatArray, within: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Correlate another image with this one (Padfield 2012, "Masked object registration", section 3).
 
         Parameters
         ----------
         values, within : arrays, shapes (h, w, c) and (h, w)
             The other image.
-        reach : (int, int)
-            Largest displacement looked at, rows and columns.
 
         Returns
         -------
@@ -45,42 +61,41 @@ class Correlator:
         counts : array, same shape, float64
             How many pairs that is.
         """
-        counts, sums, squares = self._transform(values, within)
+        return self._meet(self._transform(values, within))
 
-        def meet(
-            other: NDArray[np.complex128], here: NDArray[np.complex128], is_summed: bool = False
-        ) -> FloatArray:
+    def _meet(self, others: _Transforms) -> tuple[FloatArray, FloatArray]:
+        itself = others is self._transforms
+        rows, columns = (np.arange(-far, far + 1) for far in self.reach)
+
+        def meet(other: NDArray[np.complex128], here: NDArray[np.complex128]) -> FloatArray:
             product = np.conj(other) * here
-            full = scipy.fft.irfft2(product.sum(axis=0) if is_summed else product, s=self._size(within.shape))
-            rows, columns = (np.arange(-far, far + 1) for far in reach)
+            if other.ndim == here.ndim == 3:  # channel by channel
+                product = product.sum(axis=0)
+            full = scipy.fft.irfft2(product, s=self._size)
             return np.asarray(full[..., rows[:, None], columns])
 
-        n_pairs = np.rint(meet(counts, self._counts))
+        n_pairs = np.rint(meet(others.counts, self._transforms.counts))
         n = np.maximum(n_pairs, 1)
-        theirs, ours = meet(sums, self._counts), meet(counts, self._sums)
-        products = meet(sums, self._sums, is_summed=True)
+        theirs = meet(others.sums, self._transforms.counts)
+        ours = theirs[:, ::-1, ::-1] if itself else meet(others.counts, self._transforms.sums)
+        their_squares = meet(others.squares, self._transforms.counts)
+        our_squares = their_squares[::-1, ::-1] if itself else meet(others.counts, self._transforms.squares)
+        products = meet(others.sums, self._transforms.sums)
         covariance = products - (theirs * ours).sum(axis=0) / n
-        their_spread = meet(squares, self._counts) - (theirs**2).sum(axis=0) / n
-        our_spread = meet(counts, self._squares) - (ours**2).sum(axis=0) / n
+        their_spread = their_squares - (theirs**2).sum(axis=0) / n
+        our_spread = our_squares - (ours**2).sum(axis=0) / n
         least = _LEAST_SPREAD * n
         varies = (their_spread > least) & (our_spread > least)
         scale = np.sqrt(np.where(varies, their_spread * our_spread, 1))
         return np.where(varies, covariance / scale, 0), n_pairs
 
-    def _transform(
-        self, values: FloatArray, within: BoolArray
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the transforms of what counts, of each channel's values, of the sum of their squares."""
+    def _transform(self, values: FloatArray, within: BoolArray) -> _Transforms:
         centred = np.moveaxis(np.where(within[..., None], values - self._middle, 0), 2, 0)
-        size = self._size(within.shape)
-        counts = scipy.fft.rfft2(within.astype(np.float64), s=size)
-        return counts, scipy.fft.rfft2(centred, s=size), scipy.fft.rfft2((centred**2).sum(axis=0), s=size)
-
-    @staticmethod
-    def _size(shape: tuple[int, ...]) -> tuple[int, int]:
-        """Return a size at which nothing meets itself round the edge."""
-        rows, columns = (scipy.fft.next_fast_len(2 * size, real=True) for size in shape)
-        return rows, columns
+        return _Transforms(
+            counts=scipy.fft.rfft2(within.astype(np.float64), s=self._size),
+            sums=scipy.fft.rfft2(centred, s=self._size),
+            squares=scipy.fft.rfft2((centred**2).sum(axis=0), s=self._size),
+        )
 
 
 def cut_tiles(within: BoolArray, periods: FloatArray) -> list[BoolArray]:
@@ -120,8 +135,8 @@ def _measure_tile(correlator: Correlator, values: FloatArray, tile: BoolArray, p
     """Return how far a tile is out of step, in periods; NaN where it meets nothing known."""
     if float(values[tile].std(axis=0).max()) == 0:
         return OUT_OF_STEP
-    reach = (tile.shape[0] - 1, tile.shape[1] - 1)
-    correlation, counts = correlator.correlate(values, tile, reach)
+    reach = correlator.reach
+    correlation, counts = correlator.correlate(values, tile)
     is_met = counts >= np.count_nonzero(tile) / 2
     shares, steps = _list_steps(periods)
     total, weight, n_used = np.zeros(len(steps)), np.zeros(len(steps)), 0

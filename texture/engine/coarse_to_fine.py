@@ -21,7 +21,7 @@ from texture.sampling.canvas import NOWHERE, Canvas
 from texture.sampling.sample import BoolArray, IntArray, Sample
 
 EXACT_PIXELS = 4_000  # a hole of so many is searched exactly
-FEWEST_SAMPLES = 1_500  # a coarser level must leave so many
+FEWEST_SAMPLES = 1_000  # a coarser level must leave so many
 SMALLEST_WINDOW = 9  # of a coarser level
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from texture.sampling.sample import BoolArray, FloatArray
+from texture.sampling.sample import BoolArray, FloatArray, IntArray
 
 _DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
 _ROUNDS = 10  # of reweighting
@@ -46,8 +46,8 @@ def fit_shading(
 
     Parameters
     ----------
-    brightness : array, shape (h, w), float
-        0..1 where known.
+    brightness : array, shape (h, w) or (h, w, c), float
+        0..1 where known; each channel is fitted by itself.
     known : array, shape (h, w), bool
         Pixels to fit.
     wrap : (bool, bool)
@@ -75,18 +75,22 @@ def fit_shading(
         + [down[0][row] * across[0][column]],
         axis=1,
     )
-    if places.size < design.shape[1]:
-        return Shading(np.ones(known.shape, np.float32))
-    logarithms = np.log(np.maximum(brightness.ravel()[places], _DARKEST))
-    mean, one, two, three, four, both = _fit_robustly(design, logarithms)
-    logs = (mean + one * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
-    logs += both * down[0][:, None] * across[0]
-    logs, seen = _within_hull(logs, known, wrap), logs[known]
-    return Shading(np.exp(np.clip(logs, seen.min(), seen.max()) - seen.mean()).astype(np.float32))
+    channels = brightness.reshape(known.size, -1)
+    gain = np.ones((height, width, channels.shape[1]), np.float32)
+    if places.size >= design.shape[1]:
+        there = _nearest_within_hull(known, wrap)
+        for channel in range(channels.shape[1]):
+            logarithms = np.log(np.maximum(channels[places, channel], _DARKEST))
+            mean, one, two, three, four, both = _fit_robustly(design, logarithms)
+            logs = (mean + one * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
+            logs += both * down[0][:, None] * across[0]
+            seen = logs[known]
+            gain[..., channel] = np.exp(np.clip(logs[there], seen.min(), seen.max()) - seen.mean())
+    return Shading(gain.reshape(brightness.shape))
 
 
-def _within_hull(logs: FloatArray, known: BoolArray, wrap: tuple[bool, bool]) -> FloatArray:
-    """Return the fit within the known pixels' hull, and outside that of the nearest place on it.
+def _nearest_within_hull(known: BoolArray, wrap: tuple[bool, bool]) -> tuple[IntArray, ...]:
+    """Return the row and column of each pixel's nearest within the known pixels' hull: there its own.
 
     The hull of what closes on itself is taken along the other axis alone.
     """
@@ -99,8 +103,7 @@ def _within_hull(logs: FloatArray, known: BoolArray, wrap: tuple[bool, bool]) ->
         from skimage.morphology import convex_hull_image  # slow to load: only where something is filled
 
         hull = np.asarray(convex_hull_image(known), dtype=np.bool_) | known
-    nearest = scipy.ndimage.distance_transform_edt(~hull, return_distances=False, return_indices=True)
-    return np.asarray(logs[tuple(nearest)], dtype=np.float64)
+    return tuple(scipy.ndimage.distance_transform_edt(~hull, return_distances=False, return_indices=True))
 
 
 def _span(marked: BoolArray) -> BoolArray:

@@ -104,8 +104,7 @@ def fill_surface(
     closes, budget = check_wrap(wrap), check_time_budget(time_budget_s)
     values = _read(pixels, context)
     n_colours = values.shape[2] if values.shape[2] in (1, 3) else values.shape[2] - 1
-    each = [fit_shading(values[..., channel], context, closes).gain for channel in range(n_colours)]
-    shading = Shading(np.stack(each, axis=2))
+    shading = fit_shading(values[..., :n_colours], context, closes)
     values[..., :n_colours] /= shading.gain
     brightest = max(1.0, float(values.max()))
     values /= brightest
