@@ -135,6 +135,8 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
     luminance, usual = _luminance(material), np.median(material[own], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
     dark = own & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    if not dark.any():
+        return gain
     luminance = _luminance(to_lab(image))
     dark = _to_edges(dark, own, luminance)
     if np.count_nonzero(dark) > np.count_nonzero(own) / 2:
@@ -150,8 +152,6 @@ def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> Float
 
 def _to_edges(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
     """Grow shadows over what is dark itself, into corners and strips where most of a neighbourhood is lit."""
-    if not dark.any():
-        return dark
     between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[own & ~dark]))
     square, mask = np.ones((3, 3)), dark | own & (luminance < between)
     grown = ndimage.binary_propagation(dark, square, mask)

@@ -10,7 +10,6 @@ from typing import TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
@@ -124,6 +123,8 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
         points = raster.centres(here)
         position = observation.scan.pixels(points)
         inside = np.isfinite(position).all(axis=1)
+        if not inside.any():
+            continue
         here[here] = inside
         points, position = points[inside], position[inside]
         mask, counts = pixels.mask, pixels.mask
@@ -132,9 +133,9 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
             observation.scan.colour, counts, position, raster.of_cells(patch.evidence.pixel)[here]
         )
         known |= here
-        within = ndimage.binary_erosion(mask, np.ones((3, 3)))
+        within = cv2.erode(mask.view(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
         nearest = np.rint(position).astype(np.int64)
-        pure[here] = within[nearest[:, 0], nearest[:, 1]]
+        pure[here] = within[nearest[:, 0], nearest[:, 1]] > 0
         length[here] = footprint(observation, points, patch.grid.surface.normal(points))[1]
     pure = pure if pure.any() else known & raster.of_cells(patch.evidence.own)
     longest = _COARSEST * raster.texel_m
@@ -150,17 +151,29 @@ def _interpolate(
 
     Where none does, that of the flat pixel `fallback` (n,).
     """
-    pixels = np.where(counts[..., None], colour, 0).astype(np.float32)
-    total, weight = _remap(pixels, position), _remap(counts.astype(np.float32), position)
+    near = _box(position, counts.shape)
+    pixels = np.where(counts[near][..., None], colour[near], 0).astype(np.float32)
+    inside = position.astype(np.float32) - np.array([part.start for part in near], np.float32)  # exact
+    total, weight = _remap(pixels, inside), _remap(counts[near].astype(np.float32), inside)
     found = colour.reshape(-1, 3)[fallback]
     enough = weight > 1e-3
     found[enough] = total[enough] / weight[enough, None]
     return np.asarray(np.rint(np.clip(found, 0, 1) * 255), dtype=np.uint8)
 
 
-def _remap(image: NDArray[np.float32], position: FloatArray) -> NDArray[np.float32]:
+def _box(position: FloatArray, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The part of an image that holds all pixels beside fractional rows and columns (n, 2)."""
+    low, high = np.floor(position.min(axis=0)).astype(int), np.ceil(position.max(axis=0)).astype(int)
+    rows, columns = (
+        slice(max(first - 1, 0), min(last + 2, size))
+        for first, last, size in zip(low, high, shape, strict=True)
+    )
+    return rows, columns
+
+
+def _remap(image: NDArray[np.float32], position: NDArray[np.float32]) -> NDArray[np.float32]:
     """Bilinear values (n,) or (n, channels) at fractional rows and columns (n, 2) inside the image."""
-    parts = np.array_split(position.astype(np.float32), max(1, -(-len(position) // _CHUNK)))
+    parts = np.array_split(position, max(1, -(-len(position) // _CHUNK)))
     places = [(part[None, :, 1], part[None, :, 0]) for part in parts]
     found = [cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for at in places]
     return np.asarray(np.concatenate(found), dtype=np.float32)

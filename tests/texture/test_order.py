@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from texture.engine.compiled_front import CompiledFront
 from texture.sampling.canvas import Canvas
 from texture.sampling.front import Front, OrderName
 
@@ -80,16 +81,18 @@ def test_a_front_kept_while_filling_is_that_found_anew(
     window: int, wrap: tuple[bool, bool], order: OrderName
 ) -> None:
     canvas, rng = draw_canvas(4, wrap, window), np.random.default_rng(0)
-    front, n_filled = Front(canvas, order), 0
+    front, compiled, n_filled = Front(canvas, order), CompiledFront(canvas, order), 0
     while front.n_unfilled:
         visits = front.list_visits(3, n_filled)
         assert visits.tolist() == Front(canvas, order).list_visits(3, n_filled).tolist()
+        assert visits.tolist() == compiled.list_visits(3, n_filled).tolist()
         chosen = visits[rng.random(visits.size) < 0.4]
         for pixel in chosen.tolist():
             canvas.write(*divmod(pixel, 14), source=0, levels=np.array([1, 2]), error=0.0)
         assert front.advance(visits) == chosen.size
+        assert compiled.advance(visits) == chosen.size
         n_filled += chosen.size
-        assert front.n_unfilled == np.count_nonzero(canvas.unfilled)
+        assert front.n_unfilled == compiled.n_unfilled == np.count_nonzero(canvas.unfilled)
     assert front.list_visits(3, 0).size == 0
     assert n_filled > 40
 

@@ -31,9 +31,7 @@ class Correlator:
     looked at; default: all.
     """
 
-    def __init__(
-        self, values: FloatArray, within: BoolArray, reach: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, values: FloatArray, within: BoolArray, reach: tuple[int, int] | None = None) -> None:
         self._middle = values[within].mean(axis=0) if within.any() else np.zeros(values.shape[2])
         self.reach = reach or (within.shape[0] - 1, within.shape[1] - 1)
         sizes = (size + far + 1 for size, far in zip(within.shape, self.reach, strict=True))
@@ -42,7 +40,7 @@ class Correlator:
         self._transforms = self._transform(values, within)
 
     def correlate_itself(self) -> tuple[FloatArray, FloatArray]:
-        """Correlate the image with itself: as `correlate`."""
+        """Correlate the image with itself; shape (2 * reach + 1, 2 * reach + 1), twice, as of `correlate`."""
         return self._meet(self._transforms)
 
     def correlate(self, values: FloatArray, within: BoolArray) -> tuple[FloatArray, FloatArray]:

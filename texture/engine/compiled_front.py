@@ -12,7 +12,7 @@ from texture.sampling.sample import IntArray
 
 
 class CompiledFront:
-    """A `texture.sampling.front.Front` to the bit, and its methods; imported only when something is filled."""
+    """As `texture.sampling.front.Front`, to the bit; imported only when something is filled."""
 
     def __init__(self, canvas: Canvas, order: OrderName) -> None:
         """Find the front of a canvas as it is; from here on `advance` must hear of each pixel filled."""

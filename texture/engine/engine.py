@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texture.sampling.canvas import Canvas
-from texture.sampling.front import OrderName
 from texture.sampling.matching import gaussian_weights
 from texture.sampling.sample import IntArray, Sample
 
 if TYPE_CHECKING:
-    from texture.engine.compiled_front import CompiledFront
     from texture.engine.kernels import CanvasArrays
     from texture.engine.scan_kernels import SampleArrays
 
@@ -56,13 +54,6 @@ def can_compile() -> bool:
     except ImportError:
         return False
     return not config.DISABLE_JIT
-
-
-def follow_front(canvas: Canvas, order: OrderName) -> CompiledFront:
-    """Return the front of a canvas, kept by compiled loops."""
-    from texture.engine.compiled_front import CompiledFront
-
-    return CompiledFront(canvas, order)
 
 
 def prepare_engine(canvas: Canvas, sample: Sample, pool: ThreadPoolExecutor, n_threads: int) -> FillPixels:

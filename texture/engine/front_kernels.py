@@ -83,7 +83,7 @@ def list_visits(canvas: CanvasArrays, front: FrontArrays, key: np.uint64, pass_n
         rank = most - front.n_known[pixel // width, pixel % width]
         ranked[at[rank]] = pixel
         at[rank] += 1
-    n_visits = -(-n // front.share)
+    n_visits = int(-(-n // front.share))
     orders, picks = _first_word(key, _ORDER, pass_number), _first_word(key, _PICK, pass_number)
     for rank in range(most + 1):
         first, end = starts[rank], starts[rank + 1]

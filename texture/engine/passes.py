@@ -18,7 +18,6 @@ from texture.engine.engine import (
     Passes,
     RunPasses,
     can_compile,
-    follow_front,
     lay_out,
     prepare_engine,
 )
@@ -72,7 +71,7 @@ def synthesise(
     that runs is the last. `fill_visits` may stand in for the exact search.
     """
     is_compiled = how.engine == "numba" and can_compile()
-    front = follow_front(canvas, how.order) if is_compiled else Front(canvas, how.order)
+    front = _follow_front(canvas, how.order) if is_compiled else Front(canvas, how.order)
     n_to_fill = front.n_unfilled
     if not n_to_fill:
         return Tally()
@@ -80,7 +79,7 @@ def synthesise(
     most = PASSES_AT_ONCE if progress is None and how.time_budget_s is None else 1
     threshold, n_relaxed, n_seeds, pass_number = MAX_ERROR_THRESHOLD, 0, 0, 0
     with ThreadPoolExecutor(how.n_threads) as pool:
-        run = _prepare(canvas, sample, front, how, pool, fill_visits)
+        run = _prepare(canvas, sample, front, how, pool=pool, fill_visits=fill_visits)
         while front.n_unfilled:
             done = run(pass_number, threshold, most)
             threshold, n_relaxed = done.threshold, n_relaxed + done.n_relaxed
@@ -94,6 +93,12 @@ def synthesise(
             if monotonic() >= deadline:
                 break
     return Tally(n_relaxed, n_seeds, is_complete=not front.n_unfilled)
+
+
+def _follow_front(canvas: Canvas, order: OrderName) -> CompiledFront:
+    from texture.engine.compiled_front import CompiledFront  # numba takes a while to load
+
+    return CompiledFront(canvas, order)
 
 
 def _prepare(
