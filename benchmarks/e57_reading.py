@@ -23,6 +23,7 @@ import pye57
 from scenes.files.scan_files import read_scan, write_scan
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
 from scenes.pose import Pose
+from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage
 
@@ -54,7 +55,7 @@ def write_as_scanners_do(scan: RangeImage, path: Path) -> None:
     points += np.random.default_rng(1).normal(0, OFF_RAYS_M, points.shape)
     data = {f"cartesian{axis}": points[:, k].astype(np.float32) for k, axis in enumerate("XYZ")}
     for k, name in enumerate(("Red", "Green", "Blue")):
-        data[f"color{name}"] = np.rint(scan.colour[row, column, k] * 255).astype(np.uint8)
+        data[f"color{name}"] = colour_bytes(scan.colour[row, column, k])
     data |= {"rowIndex": row.astype(np.uint16), "columnIndex": column.astype(np.uint16)}
     data["intensity"] = scan.intensity[row, column]
     file = pye57.E57(str(path), mode="w")

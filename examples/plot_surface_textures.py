@@ -27,6 +27,7 @@ from completion.texturing.chart_texture import ChartTexture
 from nbv import PinholeSensor, scan_scene
 from nbv.scanning.effects.effects import named_effects
 from scenes import Pose, RangeImage, builtin_scene, read_scan
+from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection
 from scenes.world.building import Finish, SceneBuilder
 from scenes.world.builtin import brick
@@ -183,7 +184,7 @@ def true_colour(
     found = np.full((len(points), 3), -1.0)
     pixel = np.rint(position[inside]).astype(int)
     assert seen.colour is not None
-    found[inside] = np.rint(255 * seen.colour[pixel[:, 0], pixel[:, 1]])
+    found[inside] = colour_bytes(seen.colour[pixel[:, 0], pixel[:, 1]])
     return points, found
 
 

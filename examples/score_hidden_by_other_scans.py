@@ -22,6 +22,7 @@ from benchmarks.completion.truth.samples import sample
 from completion import CompletionOptions, complete
 from completion.extension.extent import Mode
 from scenes import RangeImage, read_scan
+from scenes.scan.colour import unit_colour
 
 MODES: tuple[Mode, ...] = ("conservative", "standard", "bold")
 SHOWN = {1: (0, 114, 178), -1: (213, 94, 0), 0: (240, 228, 66), 2: (150, 150, 150)}
@@ -60,7 +61,7 @@ def score_frame(data: DataSet, frame: int, mode: Mode) -> tuple[HiddenScore, Ima
     result = score_by_others(scan, others, samples)
     shown = np.full((*scan.shape, 3), 255, np.uint8)
     if scan.colour is not None:
-        shown = (scan.colour * 127 + 128).astype(np.uint8)
+        shown = (unit_colour(scan.colour) * 127 + 128).astype(np.uint8)
     pixels = scan.pixels(samples.points)
     inside = np.isfinite(pixels).all(axis=1)
     row, column = np.rint(pixels[inside]).astype(np.int64).T

@@ -17,6 +17,7 @@ from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
 from scenes.checks import ColourArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.scan.colour import colour_bytes
 
 PROVENANCE_NAMES = {str(member.value): member.name.lower().replace("_", "-") for member in Provenance}
 """Names of the provenances in files, by their numbers as text."""
@@ -130,7 +131,7 @@ def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
     number[used] = np.arange(len(used), dtype=np.int32)
     colour = np.full((len(used), 3), _GREY, np.uint8)
     if seen.scan.colour is not None:
-        colour = np.rint(np.clip(seen.scan.colour.reshape(-1, 3)[used], 0, 1) * 255).astype(np.uint8)
+        colour = colour_bytes(seen.scan.colour.reshape(-1, 3)[used])
     return LabelledPoints(
         vertices=points[used],
         faces=number[faces],

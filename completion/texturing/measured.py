@@ -15,6 +15,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
+from scenes.scan.colour import colour_bytes, unit_colour
 
 LARGEST_SIDE = 4096  # texels: what viewers take for one image
 _LEAST_COSINE = 0.05  # more oblique pixels say nothing of detail
@@ -145,17 +146,22 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
 
 
 def _interpolate(
-    colour: NDArray[np.float32], counts: BoolArray, position: FloatArray, fallback: NDArray[np.int64]
+    colour: NDArray[np.float32] | NDArray[np.uint8],
+    counts: BoolArray,
+    position: FloatArray,
+    fallback: NDArray[np.int64],
 ) -> NDArray[np.uint8]:
     """Bilinear colours (n, 3), 0..255, at fractional rows and columns (n, 2), of the pixels that count.
 
     Where none does, that of the flat pixel `fallback` (n,).
     """
+    found = unit_colour(colour.reshape(-1, 3)[fallback])
+    if not len(found):
+        return colour_bytes(found)
     near = _box(position, counts.shape)
-    pixels = np.where(counts[near][..., None], colour[near], 0).astype(np.float32)
+    pixels = unit_colour(np.where(counts[near][..., None], colour[near], colour.dtype.type(0)))
     inside = position.astype(np.float32) - np.array([part.start for part in near], np.float32)  # exact
     total, weight = _remap(pixels, inside), _remap(counts[near].astype(np.float32), inside)
-    found = colour.reshape(-1, 3)[fallback]
     enough = weight > 1e-3
     found[enough] = total[enough] / weight[enough, None]
     return np.asarray(np.rint(np.clip(found, 0, 1) * 255), dtype=np.uint8)

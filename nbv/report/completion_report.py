@@ -8,8 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from nbv.report.blocks.scan_tables import scans_table
@@ -32,6 +30,7 @@ from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
 from nbv.report.pictures.picture import picture_of, range_colours, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
+from scenes.scan.colour import colour_bytes
 from scenes.scan.thumbnail import upright
 
 _MOST_SCANS = 3  # of which pictures are shown
@@ -112,7 +111,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
         view = partial(upright, projection=seen.scan.projection)
         name = "" if len(pairs) == 1 else f"{seen.scan.name}: "
         if seen.scan.colour is not None:
-            colour = np.nan_to_num(view(seen.scan.colour))
+            colour = colour_bytes(view(seen.scan.colour))
             pictures.append(picture_of(colour, f"{name}Colour"))
         colours, low, high = range_colours(view(seen.scan.ranges))
         scale = f"{low:.2f} m (yellow) to {high:.2f} m (violet); empty where nothing came back."

@@ -27,6 +27,7 @@ from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 from scenes.scan.thumbnail import upright
 from scenes.world.scene import Scene
@@ -193,7 +194,7 @@ def _pictures(scan: RangeImage) -> list[Picture]:
     note = f"{low:.2f} m (yellow) to {high:.2f} m (violet); empty where nothing came back."
     pictures = [picture_of(colours, "Range", note)]
     if scan.colour is not None:
-        pictures.append(picture_of(upright(scan.colour, scan.projection), "Colour"))
+        pictures.append(picture_of(colour_bytes(upright(scan.colour, scan.projection)), "Colour"))
     if scan.truth is not None:
         angle = np.where(scan.valid, np.degrees(scan.truth.incidence), np.inf)
         colours, low, high = range_colours(upright(angle, scan.projection))

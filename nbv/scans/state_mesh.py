@@ -14,6 +14,7 @@ from nbv.scans.measured_area import PixelQuality
 from nbv.scans.scan_coverage import ScanCoverage
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 MEASURED, SEEN_WORSE, INFERRED, SHADOW, FRONTIER = range(5)
@@ -84,7 +85,7 @@ def _measured(scan: RangeImage, pixels: PixelQuality) -> StateMesh:
     mesh = LabelledMesh(points.reshape(-1, 3)[used], faces, worst.astype(np.int32))
     colour = np.full((len(used), 3), _GREY, np.uint8)
     if scan.colour is not None:
-        colour = np.rint(255 * np.clip(scan.colour[few].reshape(-1, 3)[used], 0, 1)).astype(np.uint8)
+        colour = colour_bytes(scan.colour[few].reshape(-1, 3)[used])
     return StateMesh(mesh, state[used], cosine[used], mesh.face_normals(), colour)
 
 

@@ -16,7 +16,6 @@ from scenes.files.scan_files import ScanSource, Units, check_units, itself, open
 from scenes.formats.arrays import open_arrays
 from scenes.formats.e57.e57 import E57File
 from scenes.formats.guard import check_file, reading
-from scenes.formats.header import colour_bytes
 from scenes.formats.las.las import read_las_points
 from scenes.formats.scans.cloud import RawPoints, joined
 from scenes.formats.scans.npz import scans_in
@@ -24,6 +23,7 @@ from scenes.formats.scans.pcd import read_pcd_points
 from scenes.formats.scans.point_table import read_point_table
 from scenes.formats.scans.ptx import PtxFile
 from scenes.formats.scans.scan_ply import is_scan_ply, read_ply_points
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
@@ -166,9 +166,8 @@ def _from_scans(scans: Sequence[RangeImage]) -> RawPoints:
     """All valid points of organised scans, in the world."""
     found = []
     for scan in scans:
-        colour = colour_bytes(scan)
-        seen = None if colour is None else colour[scan.valid]
-        found.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=seen))
+        colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
+        found.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
     return joined(found)
 
 

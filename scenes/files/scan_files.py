@@ -28,6 +28,7 @@ from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
 from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
+from scenes.scan.pixels import scaled
 from scenes.scan.range_image import RangeImage
 
 Units = Literal["mm", "cm", "m", "in"]
@@ -82,7 +83,7 @@ class ScanSource:
             )
         scans = [self.readers[k]() for k in picked]
         if given is not None:
-            scans = [replace(scan, world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+            scans = [scan.restated(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
         return [in_metres(scan, units) for scan in scans]
 
 
@@ -277,11 +278,11 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
     truth = scan.truth
     return replace(
         scan,
-        ranges=scan.ranges * factor,
-        sensor_points=None if scan.sensor_points is None else scan.points_in_sensor() * factor,
+        ranges=scaled(scan.ranges, factor),
+        sensor_points=None if scan.sensor_points is None else scaled(scan.sensor_points, factor),
         world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
-        truth=None if truth is None else replace(truth, ranges=truth.ranges * factor),
+        truth=None if truth is None else replace(truth, ranges=scaled(truth.ranges, factor)),
     )
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from scenes.checks import InputError
 from scenes.files.describe_scans import scan_warnings
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, split_index
-from scenes.formats.header import colour_from_bytes
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
 from scenes.mesh.orientation import Axis, world_from_file_up
@@ -179,9 +178,8 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
     for path, origin in zip(request.paths, request.origins, strict=True):
         cloud = read_points(path, request.units)
         try:
-            colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
-            scan = scan_from_station(cloud.points, origin, cloud.name, colour)
-            scans.append(replace(scan, warnings=cloud.warnings))
+            scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
+            scans.append(scan.restated(warnings=cloud.warnings))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

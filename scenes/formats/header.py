@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from scenes.formats.documents import parse_json
 from scenes.formats.guard import check_size
 from scenes.pose import Pose
 from scenes.run.atomic import to_plain
+from scenes.scan.pixels import frozen_pixels, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
@@ -93,7 +93,7 @@ def scan_from_header(
     """
     if header.get("format") != FORMAT:
         raise InputError(f"unknown format {header.get('format')!r}, expected {FORMAT!r}")
-    held = np.asarray(ranges, dtype=np.float64)
+    held = frozen_pixels(ranges, np.float64)
     scan = RangeImage(
         held,
         projection_from_dict(header["projection"]),
@@ -112,7 +112,11 @@ def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
 
     Raises InputError: most of those that are known are.
     """
-    n_negative, n_known = int((ranges < 0).sum()), int(np.isfinite(ranges[ranges != 0]).sum())
+    n_negative = n_known = 0
+    for rows in row_blocks((*ranges.shape, 1), ranges):
+        part = ranges[rows]
+        n_negative += int((part < 0).sum())
+        n_known += int((np.isfinite(part) & (part != 0)).sum())
     if 2 * n_negative > n_known:
         raise InputError(
             f"{n_negative} of {n_known} ranges or depths are negative: they lie behind the camera, as where "
@@ -142,8 +146,7 @@ def described(scan: RangeImage, header: dict[str, Any] | None) -> RangeImage:
     if header is None:
         return scan
     sigma = header.get("sigma_m")
-    return replace(
-        scan,
+    return scan.restated(
         sigma_m=None if sigma is None else float(sigma),
         sensor=str(header.get("sensor", "")),
         noise=str(header.get("noise", "")),
@@ -165,22 +168,9 @@ def from_comments(comments: Iterable[str]) -> dict[str, Any] | None:
     return parse_json("".join(parts), dict)
 
 
-def colour_bytes(scan: RangeImage) -> Any:
-    """Return the colours as uint8 (rows, columns, 3), None where the scan has none."""
-    if scan.colour is None:
-        return None
-    safe = np.nan_to_num(np.asarray(scan.colour, dtype=np.float64), nan=0.0)
-    return np.clip(np.rint(safe * 255), 0, 255).astype(np.uint8)
-
-
 def checked_bytes(colour: Any) -> Any:
-    """Return colours that are to be 0..255 as uint8; raise InputError for others."""
+    """Return colours that are to be 0..255 as uint8, rounded; raise InputError for others."""
     values = np.asarray(colour)
     if values.size and not (values.min() >= 0 and values.max() <= 255):
         raise InputError(f"colours are to be in 0..255, got {values.min():.6g}..{values.max():.6g}")
-    return values.astype(np.uint8)
-
-
-def colour_from_bytes(colour: Any) -> Any:
-    """Return 8-bit colours as float32 in 0..1."""
-    return np.asarray(colour, dtype=np.float32) / np.float32(255)
+    return np.rint(values).astype(np.uint8)

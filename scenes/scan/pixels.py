@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pixels of a scan, checked: a few rows of an image at a time, so that a large one needs no second one."""
+"""Pixels of a scan, checked: a few rows at a time, so that a large image is never in memory whole."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.pose import Pose
+from scenes.run.mapping import LARGE, allocate, is_mapped, release
 
 _BLOCK = 1 << 16  # pixels: what a processor keeps at hand
 _ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
@@ -17,8 +18,10 @@ _OFF_RANGE = 1e-6  # relative: how far a range may be from its measured point's 
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
-def row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+def row_blocks(shape: tuple[int, ...], *arrays: Any) -> Iterator[slice]:
     """Yield slices that cover the rows of an image, at least one row each, some 65,000 pixels.
+
+    What mapped `arrays` have in memory is released behind each; arrays in memory, and None, are left alone.
 
     Examples
     --------
@@ -27,25 +30,74 @@ def row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     """
     rows, columns = shape[:2]
     step = max(_BLOCK // max(columns, 1), 1)
-    return (slice(start, min(start + step, rows)) for start in range(0, rows, step))
+    for start in range(0, rows, step):
+        yield slice(start, min(start + step, rows))
+        release(*arrays)
 
 
-def mended(array: Any, dtype: Any, wrong: Callable[[slice, Any], BoolArray], value: float) -> Any:
+def frozen_pixels(array: Any, dtype: Any) -> Any:
+    """Return a read-only copy of pixels (rows, columns, ...), mapped where there are many.
+
+    An array that is read-only, as is the one whose memory it shows, is returned as it is.
+    """
+    if not isinstance(array, np.ndarray) or array.ndim < 2 or array.shape[0] * array.shape[1] <= LARGE:
+        return frozen_copy(array, dtype)
+    owner = array.base if isinstance(array.base, np.ndarray) else array
+    is_ours = is_mapped(array) or owner.base is None
+    if is_ours and array.dtype == dtype and not (array.flags.writeable or owner.flags.writeable):
+        return array
+    copy = allocate(array.shape, dtype)
+    for rows in row_blocks(copy.shape, copy, array):
+        copy[rows] = array[rows]
+    copy.setflags(write=False)
+    return copy
+
+
+def mended(
+    array: Any, dtype: Any, wrong: Callable[[slice, Any], BoolArray], value: float, *beside: Any
+) -> Any:
     """Return `array` (rows, columns, ...) read-only, as `dtype`, with `value` in the pixels that are wrong.
 
-    `wrong` tells of some rows, and of what `array` holds there, which pixels are. A read-only array without
-    a wrong pixel is returned as it is, not copied.
+    `wrong` tells of some rows, and of what `array` holds there, which pixels are; it may look at the arrays
+    `beside`. A read-only array without a wrong pixel is returned as it is, not copied.
     """
-    held = frozen_copy(array, dtype)
-    for rows in row_blocks(held.shape):
+    held = frozen_pixels(array, dtype)
+    for rows in row_blocks(held.shape, held, *beside):
         bad = wrong(rows, held[rows])
         if bad.any():
             if held is array:
-                held = array.copy()
+                held = copied(array)
             held.setflags(write=True)
             held[rows][bad] = value
+        release(held)
     held.setflags(write=False)
     return held
+
+
+def copied(array: Any) -> Any:
+    """Return a copy of pixels (rows, columns, ...) that may be written to, mapped where there are many."""
+    copy = allocate(array.shape, array.dtype)
+    for rows in row_blocks(array.shape, copy, array):
+        copy[rows] = array[rows]
+    return copy
+
+
+def scaled(array: Any, factor: float) -> FloatArray:
+    """Return pixels (rows, columns, ...) times a number, float64 and read-only."""
+    out = allocate(array.shape, np.float64)
+    for rows in row_blocks(array.shape, out, array):
+        np.multiply(array[rows], factor, out=out[rows])
+    out.setflags(write=False)
+    return out
+
+
+def moved(points: Any, pose: Pose) -> FloatArray:
+    """Return points (rows, columns, 3) after a pose, float64 and read-only."""
+    out = allocate(points.shape, np.float64)
+    for rows in row_blocks(points.shape, out, points):
+        out[rows] = pose.apply(points[rows])
+    out.setflags(write=False)
+    return out
 
 
 def points_type(points: Any) -> Any:
@@ -62,8 +114,8 @@ def finite_points(points: Any) -> BoolArray:
 
 def ranges_of(points: Any) -> FloatArray:
     """Return how far points (rows, ..., 3) are from the sensor, metres; inf where nothing came back."""
-    away = np.empty(points.shape[:-1])
-    for rows in row_blocks(points.shape):
+    away = allocate(points.shape[:-1], np.float64) if points.ndim > 2 else np.empty(points.shape[:-1])
+    for rows in row_blocks(points.shape, points, away):
         found = np.linalg.norm(np.asarray(points[rows], np.float64), axis=-1)
         away[rows] = np.where(is_return(found), found, np.inf)
     away.setflags(write=False)
@@ -78,9 +130,10 @@ def is_return(ranges: FloatArray) -> BoolArray:
 
 def check_same(ranges: FloatArray, points: Any) -> None:
     """Raise InputError where measured points (rows, columns, 3) are not as far away as their ranges say."""
-    n_wrong, first = 0, np.empty((0, 2))
-    for rows in row_blocks(ranges.shape):
+    n_valid, n_wrong, first = 0, 0, np.empty((0, 2))
+    for rows in row_blocks(ranges.shape, ranges, points):
         valid = np.isfinite(ranges[rows])
+        n_valid += int(np.count_nonzero(valid))
         with np.errstate(over="ignore", invalid="ignore"):
             away = np.linalg.norm(np.asarray(points[rows], np.float64), axis=-1)
             wrong = valid & ~(np.abs(away - ranges[rows]) <= _OFF_RANGE * ranges[rows])
@@ -88,7 +141,7 @@ def check_same(ranges: FloatArray, points: Any) -> None:
             n_wrong += int(np.count_nonzero(wrong))
             first = np.concatenate([first, [[away[wrong][0], ranges[rows][wrong][0]]]])
     if n_wrong:
-        n_valid, (found, said) = np.count_nonzero(np.isfinite(ranges)), first[0]
+        found, said = first[0]
         raise InputError(
             f"{n_wrong} of {n_valid} measured points are not as far away as their ranges "
             f"say (first {found:.6g} m, its range {said:.6g} m); give both alike"
@@ -102,23 +155,29 @@ def is_beside(ranges: FloatArray, points: Any) -> BoolArray:
     return beside
 
 
-def checked_colour(colour: NDArray[np.float32], ranges: FloatArray) -> NDArray[np.float32]:
-    """Return colours (rows, columns, 3) that are finite and, where something came back, in 0..1.
+def checked_colour(colour: Any, ranges: FloatArray) -> Any:
+    """Return colours (rows, columns, 3), bytes or real numbers that are finite and 0..1 of returns.
 
-    Raises InputError: they are not, of returns.
+    Those of pixels without a return are made so. Raises InputError: those of returns are not.
     """
-    if all(colour[rows].min() >= 0 and colour[rows].max() <= 1 for rows in row_blocks(colour.shape)):
+    if colour.dtype == np.uint8 or all(
+        colour[rows].min() >= 0 and colour[rows].max() <= 1 for rows in row_blocks(colour.shape, colour)
+    ):
         return colour
-    valid = np.isfinite(ranges)
-    finite = np.asarray(np.isfinite(colour).all(axis=-1), dtype=np.bool_)
-    n_bad = np.count_nonzero(valid & ~finite)
+    n_valid, n_bad, low, high = 0, 0, np.inf, -np.inf
+    for rows in row_blocks(colour.shape, colour, ranges):
+        valid = np.isfinite(ranges[rows])
+        known = colour[rows][valid]
+        n_valid, n_bad = n_valid + len(known), n_bad + int((~finite_points(known)).sum())
+        low, high = min(low, known.min(initial=np.inf)), max(high, known.max(initial=-np.inf))
     if n_bad:
-        raise InputError(
-            f"colour of {n_bad} of {np.count_nonzero(valid)} returns is not finite; leave it out"
-        )
-    known = colour[valid]
-    if known.size and (known.min() < -_ROUNDING or known.max() > 1 + _ROUNDING):
-        found = f"{known.min():.4g}..{known.max():.4g}"
+        raise InputError(f"colour of {n_bad} of {n_valid} returns is not finite; leave it out")
+    if low < -_ROUNDING or high > 1 + _ROUNDING:
+        found = f"{low:.4g}..{high:.4g}"
         raise InputError(f"colour is to be in 0..1, got {found}; divide it by its largest value")
-    limited = np.clip(np.where(finite[..., None], colour, 0), 0, 1)
-    return np.asarray(frozen_copy(limited, np.float32), dtype=np.float32)
+    limited = allocate(colour.shape, np.float32)
+    for rows in row_blocks(colour.shape, colour, limited):
+        held = colour[rows]
+        limited[rows] = np.clip(np.where(finite_points(held)[..., None], held, 0), 0, 1)
+    limited.setflags(write=False)
+    return limited

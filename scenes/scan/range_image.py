@@ -3,17 +3,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_options, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, check_options
 from scenes.pose import Pose
+from scenes.run.mapping import release
+from scenes.scan.colour import colour_type
 from scenes.scan.pixels import (
     check_same,
     checked_colour,
     finite_points,
+    frozen_pixels,
     is_beside,
     is_return,
     mended,
@@ -26,6 +30,7 @@ from scenes.scan.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
+_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "warnings")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +67,11 @@ class ScanTruth:
                 raise InputError(
                     f"truth of {name} has shape {np.shape(array)}, of ranges {np.shape(self.ranges)}"
                 )
-            object.__setattr__(self, name, frozen_copy(array, dtype))
+            object.__setattr__(self, name, frozen_pixels(array, dtype))
+
+    def __reduce__(self) -> tuple[type[ScanTruth], tuple[Any, ...]]:
+        """Pickle the fields, from which the truth is made again: large arrays are mapped there too."""
+        return ScanTruth, tuple(getattr(self, field.name) for field in fields(self))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +88,9 @@ class RangeImage:
     world_from_sensor : Pose
         Where the sensor stood.
     colour : (rows, columns, 3), optional
-        sRGB in 0..1. Where nothing came back it may be anything, and becomes black where it is not finite.
+        sRGB: given as uint8, 0..255, it is kept so, in a quarter of the memory; else float32 in 0..1, which
+        where nothing came back may be anything, and becomes black where it is not finite. `unit_colour` and
+        `colour_bytes` of `scenes.scan.colour` give either of both.
     sensor_points : (rows, columns, 3) float, optional
         Measured points in the sensor frame where they do not lie exactly on the projection's rays (real
         terrestrial scans); NaN where nothing came back. A pixel without both has no return. What is given
@@ -99,6 +110,9 @@ class RangeImage:
     warnings : tuple of str
         What was left out or assumed while it was read.
 
+    Arrays of more than half a million pixels are in a temporary file without a name, which memory holds only
+    as far as it is in use (`scenes.run.mapping`); `release` ends the use.
+
     Raises
     ------
     InputError
@@ -110,7 +124,7 @@ class RangeImage:
     ranges: FloatArray
     projection: Projection
     world_from_sensor: Pose
-    colour: NDArray[np.float32] | None = None
+    colour: NDArray[np.float32] | NDArray[np.uint8] | None = None
     sensor_points: NDArray[np.float64] | NDArray[np.float32] | None = None
     sigma_m: float | None = None
     sensor: str = ""
@@ -129,7 +143,7 @@ class RangeImage:
             raise InputError(f"truth has shape {self.truth.ranges.shape}, expected {single}")
         threefold = (*single, 3)
         for name, dtype, shape in (
-            ("colour", np.float32, threefold),
+            ("colour", colour_type(self.colour), threefold),
             ("sensor_points", points_type(self.sensor_points), threefold),
             ("intensity", np.float32, single),
         ):
@@ -139,20 +153,28 @@ class RangeImage:
             if np.shape(array) != shape:
                 raise InputError(f"{name} has shape {np.shape(array)}, expected {shape}")
             with np.errstate(over="ignore"):
-                object.__setattr__(self, name, frozen_copy(array, dtype))
-        ranges, points = mended(self.ranges, np.float64, self._without_return, np.inf), self.sensor_points
+                object.__setattr__(self, name, frozen_pixels(array, dtype))
+        points = self.sensor_points
+        ranges = mended(self.ranges, np.float64, self._without_return, np.inf, points)
         object.__setattr__(self, "ranges", ranges)
         if self.intensity is not None and any(
             (np.isfinite(ranges[rows]) & ~np.isfinite(self.intensity[rows])).any()
-            for rows in row_blocks(single)
+            for rows in row_blocks(single, ranges, self.intensity)
         ):
             raise InputError("intensities of returns are not finite; leave them out")
         if points is not None:
             check_same(ranges, points)
-            known = mended(points, points.dtype, lambda rows, held: is_beside(ranges[rows], held), np.nan)
+            known = mended(
+                points, points.dtype, lambda rows, held: is_beside(ranges[rows], held), np.nan, ranges
+            )
             object.__setattr__(self, "sensor_points", known)
         if self.colour is not None:
             object.__setattr__(self, "colour", checked_colour(self.colour, ranges))
+        self.release()
+
+    def __reduce__(self) -> tuple[type[RangeImage], tuple[Any, ...]]:
+        """Pickle the fields, from which the scan is made again: large arrays are mapped there too."""
+        return RangeImage, tuple(getattr(self, field.name) for field in fields(self))
 
     def _without_return(self, rows: slice, ranges: FloatArray) -> BoolArray:
         """Tell which pixels of some rows brought nothing back but have a number for it."""
@@ -167,7 +189,7 @@ class RangeImage:
         points: FloatArray,
         projection: Projection,
         world_from_sensor: Pose,
-        colour: NDArray[np.float32] | None = None,
+        colour: NDArray[np.float32] | NDArray[np.uint8] | None = None,
         name: str = "scan",
     ) -> RangeImage:
         """Return the scan of sensor-frame points (rows, columns, 3); not finite = nothing came back."""
@@ -245,7 +267,31 @@ class RangeImage:
 
     def transformed(self, pose: Pose) -> RangeImage:
         """Return the same scan in a world moved by `pose`."""
-        return replace(self, world_from_sensor=pose @ self.world_from_sensor)
+        return self.restated(world_from_sensor=pose @ self.world_from_sensor)
+
+    def restated(self, **facts: Any) -> RangeImage:
+        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, warnings.
+
+        The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
+
+        Raises
+        ------
+        InputError
+            A sigma that is negative or not finite.
+        """
+        unknown = set(facts) - set(_FACTS)
+        if unknown:
+            raise TypeError(f"{', '.join(sorted(unknown))}: only {', '.join(_FACTS)} can be restated")
+        scan = object.__new__(RangeImage)
+        for field in fields(self):
+            object.__setattr__(scan, field.name, facts.get(field.name, getattr(self, field.name)))
+        check_options(scan, sigma_m=(0.0, np.inf))
+        return scan
+
+    def release(self) -> None:
+        """Let the system take back what memory holds of a large scan's pixels; they stay as they are."""
+        truth = [] if self.truth is None else [getattr(self.truth, name) for name in TRUTH_CHANNELS]
+        release(self.ranges, self.colour, self.sensor_points, self.intensity, *truth)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: figures and a small picture."""

@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.card import CardPicture
-from scenes.checks import FloatArray
+from scenes.checks import ColourArray, FloatArray
+from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
 _MOST = 220  # pixels, the longer side
 
 
 def thumbnails(
-    ranges: FloatArray, colour: NDArray[np.float32] | None, projection: Projection
+    ranges: FloatArray, colour: NDArray[np.float32] | ColourArray | None, projection: Projection
 ) -> tuple[CardPicture, ...]:
-    """Return pictures of ranges (rows, columns), metres, and of colours (rows, columns, 3), 0..1, if given.
+    """Return pictures of ranges (rows, columns), metres, and of colours (rows, columns, 3), if given.
 
     Near is yellow and far violet; nothing is shown where nothing came back. The projection says which way up
     the scan stands.
@@ -31,7 +32,7 @@ def thumbnails(
         _picture(_range_colours(ranges, float(low), float(high)), f"range, {low:.2f} to {high:.2f} m")
     ]
     if colour is not None:
-        pixels = np.rint(255 * upright(colour, projection, _MOST)).astype(np.uint8)
+        pixels = colour_bytes(upright(colour, projection, _MOST))
         opacity = np.where(known, 255, 0).astype(np.uint8)
         pictures.append(_picture(np.dstack([pixels, opacity]), "colour"))
     return tuple(pictures)

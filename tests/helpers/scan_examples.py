@@ -4,6 +4,7 @@
 import numpy as np
 
 from scenes.pose import Pose
+from scenes.scan.colour import unit_colour
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage, ScanTruth
 
@@ -72,4 +73,6 @@ def assert_same_scan(first: RangeImage, second: RangeImage, tolerance_m: float =
     )
     assert (first.colour is None) == (second.colour is None)
     if first.colour is not None and second.colour is not None:
-        np.testing.assert_array_equal(first.colour[first.valid], second.colour[second.valid])
+        np.testing.assert_array_equal(
+            unit_colour(first.colour[first.valid]), unit_colour(second.colour[second.valid])
+        )

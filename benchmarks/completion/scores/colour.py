@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skimage.color import rgb2lab
 
 from scenes.checks import BoolArray, FloatArray
+from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage
 
 PATCH_M = 0.05  # colours are compared as means over so much: a texture is continued, not reproduced
@@ -65,7 +66,7 @@ def score_colour(
         if other.colour is None:
             continue
         here, pixel = _measured(other, points, tolerance_m)
-        seen[here] += other.colour[pixel[:, 0], pixel[:, 1]]
+        seen[here] += unit_colour(other.colour[pixel[:, 0], pixel[:, 1]])
         count[here] += 1
     known = count > 0
     if not known.any():

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import uuid
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from scenes.formats.e57.e57_structure import check_e57
 from scenes.formats.guard import import_extra
 from scenes.formats.header import (
     FORMAT,
-    colour_from_bytes,
     not_finite_warnings,
 )
 from scenes.formats.scans.cloud import RawPoints
@@ -113,8 +111,8 @@ class E57File:
 
 def _projected(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
-    colour = None if cloud.colour is None else colour_from_bytes(cloud.colour)
-    return replace(scan_from_station(cloud.points, cloud.origins, name, colour), warnings=cloud.warnings)
+    scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
+    return scan.restated(warnings=cloud.warnings)
 
 
 def _ours(description: str) -> dict[str, Any] | None:

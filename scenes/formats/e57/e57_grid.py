@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import InputError
+from scenes.checks import BoolArray, InputError
 from scenes.formats.e57.e57_points import PointChunk
 from scenes.formats.guard import check_size
-from scenes.formats.header import colour_from_bytes, described, not_finite_warnings, projection_from_dict
+from scenes.formats.header import described, not_finite_warnings, projection_from_dict
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, lie_on_rays, organised_scan
 from scenes.pose import Pose
-from scenes.scan.pixels import ranges_of
+from scenes.run.mapping import allocate, release
+from scenes.scan.pixels import ranges_of, row_blocks
 from scenes.scan.range_image import RangeImage
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
 _MOST_INDEX = 2**31
 _SPARSE, _FEW = 1000, 1_000_000  # pixels for each point, and in all cases, beyond which no image is made
+_CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,8 @@ def gridded(
     check_size(rows, columns)
     if rows * columns > _SPARSE * seen.n_kept + _FEW:
         raise InputError(f"{seen.n_kept} points in a grid of {rows} x {columns}: are its indices damaged?")
-    image = partial(_images, shape=(rows, columns), first=first)
+    filled = np.zeros(rows * columns, np.bool_)
+    image = partial(_images, filled=filled, shape=(rows, columns), first=first)
     found = {} if projection is None else image(chunks(), rays=projection.ray_grid())
     held = found or image(chunks())
     about: dict[str, Any] = {key: held.get(key) for key in ("colour", "intensity")} | {"name": name}
@@ -80,15 +83,16 @@ def gridded(
         scan = RangeImage(place, projection, **about)
     else:
         scan = organised_scan(place, projection or fit_grid(place).projection, **about)
-    n_more = seen.n_kept - int(np.count_nonzero(np.isfinite(place if found else place[..., 0])))
+    n_more = seen.n_kept - int(np.count_nonzero(filled))
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
     warnings = seen.warnings + several
     scan = described(scan, ours)
-    return replace(scan, warnings=warnings) if warnings else scan
+    return scan.restated(warnings=warnings) if warnings else scan
 
 
 def _images(
     chunks: Iterable[PointChunk],
+    filled: BoolArray,
     shape: tuple[int, int],
     first: NDArray[np.int64],
     rays: RayGrid | None = None,
@@ -96,29 +100,35 @@ def _images(
     """Sort points, and what else they have, into read-only images whose first pixel has indices `first`.
 
     "place" is the points of the sensor's frame, NaN for none; or with `rays` their ranges, inf for none, and
-    nothing is returned when a point lies beside its ray. "colour" and "intensity" are black and 0 for none.
+    nothing is returned when a point lies beside its ray. "colour", bytes, and "intensity" are black and 0
+    for none. What flat pixels have a point is written to `filled`.
     """
-    images, n_pixels = dict[str, Any](), shape[0] * shape[1]
-    for chunk in chunks:
+    images = dict[str, Any]()
+    filled[:] = False
+    for number, chunk in enumerate(chunks, start=1):
         row, column = chunk.pixels - first[:, None]
         place: NDArray[Any] = _SENSOR_FROM_SCANNER.apply(chunk.points)
         if rays is not None:
             place, points = ranges_of(place), place
             if not (np.isfinite(place).all() and lie_on_rays(points, place, rays.at(row, column))):
                 return {}
-        colour = None if chunk.colour is None else colour_from_bytes(chunk.colour)
-        found = {"place": place, "colour": colour, "intensity": chunk.intensity}
+        found = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
         known = {name: values for name, values in found.items() if values is not None}
         if not images:
-            images = {name: np.zeros((n_pixels, *one.shape[1:]), np.float32) for name, one in known.items()}
-            kind, empty = (chunk.points.dtype, np.nan) if rays is None else (place.dtype, np.inf)
-            images["place"] = np.full((n_pixels, *place.shape[1:]), empty, kind)
-        pixel, held = row * shape[1] + column, images["place"]
-        new = ~np.isfinite(held[pixel] if held.ndim == 1 else held[pixel, 0])
+            kinds = {"place": np.float64 if rays else chunk.points.dtype, "colour": np.uint8}
+            images = {
+                name: allocate((*shape, *one.shape[1:]), kinds.get(name, np.float32))
+                for name, one in known.items()
+            }
+        pixel = row * shape[1] + column
+        new = ~filled[pixel]
+        filled[pixel] = True
         for name, values in known.items():  # backwards: the first of several is written last
-            images[name][pixel[new][::-1]] = values[new][::-1]
-    images = {name: image.reshape(*shape, *image.shape[1:]) for name, image in images.items()}
+            images[name].reshape(-1, *values.shape[1:])[pixel[new][::-1]] = values[new][::-1]
+        if number % _CHUNKS_HELD == 0:
+            release(*images.values())
+    for rows in row_blocks(shape, *images.values()):
+        images["place"][rows][~filled.reshape(shape)[rows]] = np.nan if rays is None else np.inf
     for image in images.values():
-        image.base.setflags(write=False)
         image.setflags(write=False)
     return images

@@ -14,10 +14,11 @@ from scenes.checks import InputError
 from scenes.formats.e57.e57 import content_guid
 from scenes.formats.e57.e57_inferred import EXTENSION, InferredPoints, field_node
 from scenes.formats.guard import import_extra
-from scenes.formats.header import colour_bytes, scan_header
+from scenes.formats.header import scan_header
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
 from scenes.pose import quaternion_of
 from scenes.run.atomic import atomic_path, json_text
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 _PICKS = {"Minimum": np.min, "Maximum": np.max}
@@ -119,10 +120,9 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
         raise InputError(f"E57 rows and columns end at 65536 here, the scan has {scan.shape}")
     if scan.intensity is not None:
         columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
-    colour = colour_bytes(scan)
-    if colour is not None:
+    if scan.colour is not None:
         for i, name in enumerate(_CHANNELS):
-            columns[f"color{name}"] = np.ascontiguousarray(colour[..., i][scan.valid])
+            columns[f"color{name}"] = colour_bytes(scan.colour[..., i][scan.valid])
     return columns
 
 

@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.guard import reading
-from scenes.formats.header import colour_from_bytes, range_warnings
+from scenes.formats.header import range_warnings
 from scenes.formats.image import open_image
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -184,7 +184,7 @@ def read_frame(
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
         warnings = (*range_warnings(depth_m), *depth_warnings(counts))
     scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
-    return replace(scan, warnings=warnings)
+    return scan.restated(warnings=warnings)
 
 
 def depth_scan(
@@ -210,13 +210,12 @@ def read_depth_image(path: Path) -> FloatArray:
         return np.asarray(image, dtype=np.float64)
 
 
-def _read_colour(path: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the RGB image as float32 in 0..1; it must have the depth image's shape."""
+def _read_colour(path: Path, shape: tuple[int, int]) -> ColourArray:
+    """Return the RGB image as bytes; it must have the depth image's shape."""
     with open_image(path, "a colour image") as image:
         if (image.height, image.width) != shape:
             raise InputError(
                 f"is {image.width} x {image.height}, its depth image {shape[1]} x {shape[0]}; "
                 "register the depth to the colour image first (same size, same camera)"
             )
-        colour: NDArray[np.float32] = colour_from_bytes(np.asarray(image.convert("RGB")))
-    return colour
+        return np.asarray(image.convert("RGB"))

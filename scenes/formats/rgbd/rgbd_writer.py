@@ -11,11 +11,11 @@ import numpy as np
 from PIL import Image
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.header import colour_bytes
 from scenes.formats.trajectory import write_poses, write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import atomic_path, make_folder, write_json, write_text
 from scenes.run.staged_outputs import Stage
+from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 
@@ -55,8 +55,8 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
     with Stage(make_folder(folder)) as stage:
         for name, scan, depth in zip(names, scans, depths, strict=True):
             _save_png(np.rint(depth * scale).astype(np.uint16), stage.path(f"depth/{name}.png"))
-            if has_colour:
-                _save_png(colour_bytes(scan), stage.path(f"{_COLOURS[layout]}/{name}.png"))
+            if scan.colour is not None and has_colour:
+                _save_png(colour_bytes(scan.colour), stage.path(f"{_COLOURS[layout]}/{name}.png"))
         _write_places(stage.folder, layout, [scan.world_from_sensor for scan in scans], names)
         values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
         write_json(stage.path("camera.json"), values | {"depth_scale": scale})

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.header import (
-    colour_bytes,
-    colour_from_bytes,
     described,
     not_finite_warnings,
     pose_from_header,
     projection_from_dict,
 )
 from scenes.formats.scans.grid_fit import organised_scan
+from scenes.run.mapping import allocate, release
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
@@ -97,12 +97,11 @@ def cloud_of(scan: RangeImage) -> Cloud:
     if not scan.valid.any():
         raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
     row, column = np.nonzero(scan.valid)
-    colour = colour_bytes(scan)
     return Cloud(
         points=scan.points()[scan.valid],
         row=row,
         column=column,
-        colour=None if colour is None else colour[scan.valid],
+        colour=None if scan.colour is None else colour_bytes(scan.colour[scan.valid]),
         intensity=None if scan.intensity is None else scan.intensity[scan.valid],
     )
 
@@ -116,7 +115,7 @@ def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) ->
     rows, columns = projection.shape
     if rows * columns > 1000 * n_points + 1_000_000:
         raise InputError(f"{n_points} points in a grid of {rows} x {columns}: is its header damaged?")
-    points, seen = np.full((rows, columns, 3), np.nan), np.zeros((rows, columns), np.bool_)
+    points, seen = allocate((rows, columns, 3), np.float64, np.nan), np.zeros((rows, columns), np.bool_)
     colour = light = None
     sensor_from_world, n_bad = pose.inverse(), 0
     for part in parts:
@@ -131,15 +130,16 @@ def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) ->
         seen[at], points[at] = True, sensor_from_world.apply(part.points)
         n_bad += int((~np.isfinite(part.points).all(axis=1)).sum())
         if part.colour is not None:
-            colour = np.zeros((rows, columns, 3), np.float32) if colour is None else colour
-            colour[at] = colour_from_bytes(part.colour)
+            colour = allocate((rows, columns, 3), np.uint8) if colour is None else colour
+            colour[at] = part.colour
         if part.intensity is not None:
-            light = np.zeros((rows, columns), np.float32) if light is None else light
+            light = allocate((rows, columns), np.float32) if light is None else light
             light[at] = part.intensity
+        release(points, colour, light)
     for image in (points, colour, light):
         if image is not None:
             image.setflags(write=False)
     scan = organised_scan(
         points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
     )
-    return replace(described(scan, dict(header)), warnings=not_finite_warnings(n_bad, n_points))
+    return described(scan, dict(header)).restated(warnings=not_finite_warnings(n_bad, n_points))

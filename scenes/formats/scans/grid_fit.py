@@ -20,6 +20,8 @@ SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0
 PINHOLE_LIMIT_PX = 0.5  # median residual above which an organised cloud is no pinhole image
 SPHERICAL_LIMIT_PX = 1.0
 _STEEP = np.radians(85)  # elevation beyond which an azimuth means little
+_MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
+_GATHERED = 1 << 20  # pixels of columns that are looked at together
 _ON_RAY_M = 1e-6  # at 1 m; a point nearer to its ideal ray than this is stored as a range alone
 
 
@@ -70,9 +72,12 @@ def fit_pinhole(points: FloatArray) -> GridFit | None:
 
     Column = fx x/z + cx and row = fy y/z + cy are fitted robustly; None where that cannot be determined.
     """
-    valid = finite_points(points)
-    ahead = valid & (points[..., 2] > 0)
-    if ahead.sum() < 3 or ahead.sum() < 0.9 * valid.sum():
+    ahead, n_valid = np.zeros(points.shape[:2], np.bool_), 0
+    for rows in row_blocks(points.shape, points):
+        valid = finite_points(points[rows])
+        ahead[rows] = valid & (points[rows][..., 2] > 0)
+        n_valid += int(np.count_nonzero(valid))
+    if ahead.sum() < 3 or ahead.sum() < 0.9 * n_valid:
         return None
     row, column = np.nonzero(ahead)
     if np.ptp(row) == 0 or np.ptp(column) == 0:
@@ -115,7 +120,7 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     if usable.any(axis=0).sum() < 2 or usable.any(axis=1).sum() < 2:
         return None
     row_elevation = np.full(len(points), np.nan)
-    for rows in row_blocks(points.shape):
+    for rows in row_blocks(points.shape, points):
         row_elevation[rows] = _medians(_elevation(points[rows]), usable[rows])
     azimuth = _median_azimuths(points, usable)
     if azimuth is None:
@@ -124,22 +129,24 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
         return None
     wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
-    off, n_level = np.empty(np.count_nonzero(usable)), 0
-    for rows in row_blocks(points.shape):
-        elevation = _elevation(points[rows])
-        off_column = _turn(_azimuth(points[rows]) - azimuths) / wide
-        off_row = (elevation - elevations[rows, None]) / high
-        found = np.hypot(off_column, off_row)[_level(elevation, usable[rows])]
-        off[n_level : n_level + len(found)] = found
-        n_level += len(found)
-    residual = float(np.median(off[:n_level], overwrite_input=True))
-    return GridFit(SphericalProjection(azimuths, elevations), residual)
+    found = [np.empty(0)]
+    step = -(-usable.size // _MOST_JUDGED)
+    for rows in row_blocks(points.shape, points):
+        some = slice(rows.start + -rows.start % step, rows.stop, step)
+        elevation = _elevation(points[some])
+        off_column = _turn(_azimuth(points[some]) - azimuths) / wide
+        off_row = (elevation - elevations[some, None]) / high
+        found.append(np.hypot(off_column, off_row)[_level(elevation, usable[some])])
+    off = np.concatenate(found)
+    if not len(off):
+        return None
+    return GridFit(SphericalProjection(azimuths, elevations), float(np.median(off, overwrite_input=True)))
 
 
 def _usable(points: FloatArray) -> BoolArray:
     """Tell which points (rows, columns, 3) have a direction."""
     usable = np.empty(points.shape[:2], np.bool_)
-    for rows in row_blocks(points.shape):
+    for rows in row_blocks(points.shape, points):
         away = points[rows] != 0
         usable[rows] = finite_points(points[rows]) & (away[..., 0] | away[..., 1] | away[..., 2])
     return usable
@@ -175,8 +182,10 @@ def _medians(angles: FloatArray, known: BoolArray) -> FloatArray:
 def _median_azimuths(points: FloatArray, usable: BoolArray) -> FloatArray | None:
     """Median azimuth of each column, unwrapped along the columns; NaN for empty ones."""
     medians = np.full(points.shape[1], np.nan)
-    for columns in row_blocks(points.shape[1::-1]):
-        part = np.ascontiguousarray(points[:, columns])
+    step = max(_GATHERED // len(points), 1)
+    for start in range(0, points.shape[1], step):
+        columns = slice(start, start + step)
+        part = _of_columns(points, columns)
         level, azimuth = _level(_elevation(part), usable[:, columns]), _azimuth(part)
         with np.errstate(invalid="ignore"):
             east, north = (np.where(level, f(azimuth), 0.0).sum(axis=0) for f in (np.sin, np.cos))
@@ -187,6 +196,14 @@ def _median_azimuths(points: FloatArray, usable: BoolArray) -> FloatArray | None
         return None
     medians[filled] = np.unwrap(medians[filled])
     return medians
+
+
+def _of_columns(points: FloatArray, columns: slice) -> FloatArray:
+    """A copy of some columns of points, no more of which than a few rows are in memory meanwhile."""
+    part = np.empty((len(points), *points[:1, columns].shape[1:]), points.dtype)
+    for rows in row_blocks(points.shape, points):
+        part[rows] = points[rows, columns]
+    return part
 
 
 def _filled(angles: FloatArray) -> FloatArray:
@@ -233,7 +250,7 @@ def organised_scan(
     ranges = ranges_of(points)
     if intensity is not None:
         intensity = mended(
-            intensity, np.float32, lambda rows, held: (held != 0) & ~np.isfinite(ranges[rows]), 0
+            intensity, np.float32, lambda rows, held: (held != 0) & ~np.isfinite(ranges[rows]), 0, ranges
         )
     return RangeImage(
         ranges,
@@ -251,7 +268,7 @@ def _are_on_rays(points: FloatArray, ranges: FloatArray, projection: Projection)
     rays = projection.ray_grid()
     return all(
         lie_on_rays(points[rows], ranges[rows], rays.of_rows(rows).directions(np.eye(3)))
-        for rows in row_blocks(ranges.shape)
+        for rows in row_blocks(ranges.shape, points, ranges)
     )
 
 

@@ -6,22 +6,22 @@ from __future__ import annotations
 import re
 import weakref
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.guard import check_size
-from scenes.formats.header import checked_bytes, colour_bytes, colour_from_bytes, not_finite_warnings
+from scenes.formats.header import checked_bytes, not_finite_warnings
 from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.formats.trajectory import rounded_pose
 from scenes.pose import Pose
 from scenes.run.atomic import atomic_path
+from scenes.run.mapping import allocate, release
+from scenes.scan.colour import colour_bytes
 from scenes.scan.pixels import finite_points
 from scenes.scan.range_image import RangeImage
 
@@ -72,33 +72,39 @@ class PtxFile:
         Raises InputError: without points, not rigid, or no projection explains the grid.
         """
         pose, (rows, columns) = self._begin(index)
-        points, light = np.full((rows * columns, 3), np.nan), np.empty(rows * columns, np.float32)
-        colour: NDArray[np.float32] | None = None
+        organised = allocate((rows, columns, 3), np.float64)
+        points, light = organised.reshape(-1, 3), allocate((rows, columns), np.float32)
+        colour: ColourArray | None = None
         n_bad, n_returns, has_light = 0, 0, False
         for start, table in self._tables(rows * columns):
             column, row = np.divmod(np.arange(start, start + len(table)), rows)
             pixel, local, finite = row * columns + column, table[:, :3], finite_points(table[:, :3])
             is_return = finite & (local != 0).any(axis=1)
-            points[pixel[is_return]] = _SENSOR_FROM_SCANNER.apply(local[is_return])
-            light[pixel] = table[:, 3]
+            points[pixel] = _SENSOR_FROM_SCANNER.apply(np.where(is_return[:, None], local, np.nan))
+            light.ravel()[pixel] = table[:, 3]
             if table.shape[1] == _WITH_COLOUR:
-                colour = np.empty((rows * columns, 3), np.float32) if colour is None else colour
-                colour[pixel] = colour_from_bytes(table[:, 4:])
+                colour = allocate((rows, columns, 3), np.uint8) if colour is None else colour
+                colour.reshape(-1, 3)[pixel] = checked_bytes(
+                    np.where(is_return[:, None], table[:, 4:], np.clip(np.nan_to_num(table[:, 4:]), 0, 255))
+                )
+            release(points, light, colour)
             n_bad, n_returns = n_bad + int((~finite).sum()), n_returns + int(is_return.sum())
             has_light |= bool((table[:, 3] != _NO_INTENSITY).any())
         if not n_returns:
             raise InputError(f"scan {index + 1} has no return")
-        organised = points.reshape(rows, columns, 3)
+        for image in (points, organised, light, colour):
+            if image is not None:
+                image.setflags(write=False)
         scan = organised_scan(
             organised,
             fit_grid(organised).projection,
             world_from_sensor=pose @ SCANNER_FROM_SENSOR,
-            colour=None if colour is None else colour.reshape(rows, columns, 3),
+            colour=colour,
             name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
-            intensity=light.reshape(rows, columns) if has_light else None,
+            intensity=light if has_light else None,
         )
         warnings = not_finite_warnings(n_bad, rows * columns)
-        return replace(scan, warnings=warnings) if warnings else scan
+        return scan.restated(warnings=warnings) if warnings else scan
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -184,11 +190,10 @@ def write_ptx(scan: RangeImage, path: Path) -> None:
     transform = [[float(value) for value in row] for row in pose.matrix.T]
     local = SCANNER_FROM_SENSOR.apply(np.nan_to_num(scan.points_in_sensor(), nan=0.0))
     light = np.full(scan.shape, _NO_INTENSITY) if scan.intensity is None else scan.intensity
-    table = [local.swapaxes(0, 1).reshape(-1, 3), np.asarray(light, np.float64).T.reshape(-1, 1)]
+    table: list[Any] = [local.swapaxes(0, 1).reshape(-1, 3), np.asarray(light, np.float64).T.reshape(-1, 1)]
     form = ["%.9f"] * 3 + ["%.6f" if scan.intensity is None else "%.9g"]
-    colour = colour_bytes(scan)
-    if colour is not None:
-        table.append(colour.swapaxes(0, 1).reshape(-1, 3))
+    if scan.colour is not None:
+        table.append(colour_bytes(scan.colour).swapaxes(0, 1).reshape(-1, 3))
         form += ["%d"] * 3
     with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"{columns}\n{rows}\n")

@@ -11,8 +11,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.header import (
-    colour_bytes,
-    colour_from_bytes,
+    checked_bytes,
     from_comments,
     projection_from_dict,
     scan_from_header,
@@ -22,6 +21,7 @@ from scenes.formats.header import (
 from scenes.formats.meshes.ply import read_mesh_ply, write_mesh_ply
 from scenes.formats.meshes.ply_structure import TYPES, header_lines
 from scenes.formats.scans.cloud import RawPoints
+from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 _SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
@@ -35,9 +35,8 @@ def write_scan_ply(scan: RangeImage, path: Path) -> None:
     the ideal rays. Comment lines keep the rest, so that `read_scan_ply` returns the same scan.
     """
     properties: dict[str, Any] = {}
-    colour = colour_bytes(scan)
-    if colour is not None:
-        channels = colour.reshape(-1, 3).T
+    if scan.colour is not None:
+        channels = colour_bytes(scan.colour).reshape(-1, 3).T
         properties |= dict(zip(("red", "green", "blue"), channels, strict=True))
     if scan.intensity is not None:
         properties["intensity"] = scan.intensity.ravel()
@@ -75,7 +74,7 @@ def read_scan_ply(path: Path) -> RangeImage:
     colour = sensor_points = None
     if "red" in values:
         channels = np.stack([values[name] for name in ("red", "green", "blue")], axis=-1)
-        colour = colour_from_bytes(channels).reshape(rows, columns, 3)
+        colour = checked_bytes(channels).reshape(rows, columns, 3)
     if _SENSOR_AXES[0] in values:
         sensor_points = np.stack([values[name] for name in _SENSOR_AXES], axis=-1).reshape(rows, columns, 3)
     ranges = values["range"].reshape(rows, columns)

@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError, check_point, check_points
+from scenes.checks import ColourArray, FloatArray, InputError, check_point, check_points
 from scenes.formats.guard import check_size
 from scenes.pose import Pose
+from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage
 
@@ -37,7 +38,10 @@ class _Bins:
 
 
 def scan_from_station(
-    points: object, origin: object, name: str = "cloud", colour: NDArray[np.float32] | None = None
+    points: object,
+    origin: object,
+    name: str = "cloud",
+    colour: NDArray[np.float32] | ColourArray | None = None,
 ) -> RangeImage:
     """Return the points as one scan from `origin`, whose `sensor` says that it was made of points.
 
@@ -52,8 +56,8 @@ def scan_from_station(
         Where the scanner stood, metres.
     name : str
         What to call the scan.
-    colour : (n, 3) float32, optional
-        sRGB in 0..1 of each point.
+    colour : (n, 3) uint8 or float32, optional
+        sRGB of each point, 0..255 or in 0..1.
 
     Raises
     ------
@@ -85,11 +89,11 @@ def scan_from_station(
     image[bins.row[kept], bins.column[kept]] = seen[kept]
     painted = None
     if colour is not None:
-        painted = np.zeros((*bins.projection.shape, 3), np.float32)
-        painted[bins.row[kept], bins.column[kept]] = np.asarray(colour, np.float32)[order[kept]]
+        painted = np.zeros((*bins.projection.shape, 3), colour_type(colour))
+        painted[bins.row[kept], bins.column[kept]] = np.asarray(colour)[order[kept]]
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
-    return replace(scan, sensor=f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g})")
+    return scan.restated(sensor=f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g})")
 
 
 def _pose(points: FloatArray, stood: FloatArray) -> Pose:

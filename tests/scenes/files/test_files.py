@@ -108,7 +108,10 @@ def test_pcd_refusals(tmp_path: Path) -> None:
         (PCD.format(w=2, h=2, n=4, q="1 0 0 0") + row * 3, "23 bytes of points at least announced, 18 pre"),
         (PCD.format(w=2, h=2, n=3, q="1 0 0 0") + row * 3, "announces 3 points in 2 x 2"),
         (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("COUNT 1", "COUNT 9999") + row, "values; expected"),
-        (PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("x y z", "a b c") + row * 4, "expected x, y, z"),
+        (
+            PCD.format(w=2, h=2, n=4, q="1 0 0 0").replace("x y z", "a b c") + row * 4,
+            "has the fields a, b, c; x, y, z are needed",
+        ),
         (
             PCD.format(w=2, h=2, n=4, q="1 0 0 0") + "nan nan nan\n" * 4,
             "no point in it is finite; give --intr",
@@ -184,8 +187,9 @@ def test_a_missing_extra_names_the_cure(
     write_scan(scan, tmp_path / f"a{suffix}")
     monkeypatch.setitem(sys.modules, module, None)
     cure = rf'{module} is not installed; the cure: pip install "unseen\[{extra}\]"'
-    with pytest.raises(InputError, match=cure):
-        read_scan(tmp_path / f"a{suffix}")
+    if suffix != ".pcd":  # is read without
+        with pytest.raises(InputError, match=cure):
+            read_scan(tmp_path / f"a{suffix}")
     with pytest.raises(InputError, match=cure):
         write_scan(scan, tmp_path / f"b{suffix}")
 

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from scenes.checks import InputError
 from scenes.files.scan_files import read_scan, read_scans, write_scan
+from scenes.scan.colour import unit_colour
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from tests.helpers.data_paths import bench_path, data_path, requires_bench, requires_data
 
@@ -33,7 +34,7 @@ def test_intrinsics_of_organised_pcd(name: str, camera: tuple[float, ...], valid
     np.testing.assert_allclose(found, camera, atol=0.005)
     assert scan.valid.mean() == pytest.approx(valid, abs=1e-3)
     assert scan.colour is not None
-    assert 0.3 < scan.colour.mean() < 0.9
+    assert 0.3 < unit_colour(scan.colour).mean() < 0.9
 
 
 @requires_data
