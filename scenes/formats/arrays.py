@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scenes.checks import InputError
 from scenes.formats.guard import check_file, reading
 from scenes.run.file_limits import check_limit, check_unpacked
+from scenes.run.mapping import allocate, fill_from
 
 _KNOWN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes; others may ask for any memory
 _SUFFIX = ".npy"
@@ -50,7 +51,7 @@ class ArrayFile:
         return tuple(self._entries)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return an array.
+        """Return an array, mapped where it is large.
 
         Raises InputError: there is none of that name, it holds Python objects, or its header announces
         another size than the archive holds.
@@ -59,7 +60,7 @@ class ArrayFile:
             raise InputError(f"has no {name!r}; it holds {', '.join(self._entries) or 'nothing'}")
         entry = self._entries[name]
         with self._archive.open(entry) as stream:
-            shape, _, dtype = _header(stream, name)
+            shape, is_fortran, dtype = _header(stream, name)
             announced, held = math.prod(shape) * dtype.itemsize, entry.file_size - stream.tell()
             if dtype.hasobject:
                 raise InputError(f"its {name!r} holds Python objects (a pickle), which are never opened")
@@ -67,9 +68,11 @@ class ArrayFile:
                 raise InputError(
                     f"its {name!r} announces {dtype} of shape {shape}: {announced} bytes, {held} are there"
                 )
-        with self._archive.open(entry) as stream:
-            array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
-        return array
+            array = allocate(shape[::-1] if is_fortran else shape, dtype)
+            n_there = fill_from(array, stream) + len(stream.read(1))  # at the end its checksum is looked at
+            if n_there != held:
+                raise InputError(f"truncated: its {name!r} is {n_there} bytes, {held} are announced")
+        return array.T if is_fortran else array
 
 
 def _header(stream: Any, name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

@@ -8,25 +8,28 @@ are there as they are, and comes to the same end.
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
+import math
 import sys
 import zipfile
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from shutil import rmtree
-from typing import Any, Protocol, TypeVar
+from typing import IO, Any, Protocol, TypeVar
 
 import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from scenes.run.atomic import json_text, make_folder, write_bytes, write_text
+from scenes.checks import InputError
+from scenes.run.atomic import atomic_path, json_text, make_folder, write_text
+from scenes.run.mapping import allocate, fill_from, release
 
 _KEY_FILE = "key.json"
 _Value = TypeVar("_Value")
 _STRUCTURE = "structure"
+_LARGE = 1 << 30  # bytes; members of twice as many need room for longer sizes
 _PACKAGES = ("scenes", "texture", "completion", "nbv")
 _PLAIN = (str, int, float, bool, type(None))
 _MAKERS: dict[str, Callable[[list[Any]], Any]] = {
@@ -93,10 +96,12 @@ class FileJournal:
         """
         file = self.folder / f"{name}.npz"
         try:
-            known: _Value = unpack(file.read_bytes())
+            with file.open("rb") as stream:
+                known: _Value = unpack(stream)
         except (OSError, PackingError):
             value = work()
-            write_bytes(file, pack(value))
+            with atomic_path(file) as temporary, temporary.open("wb") as stream:
+                pack(value, stream)
             return value
         return known
 
@@ -120,50 +125,61 @@ class PackingError(ValueError):
     """A value that cannot be packed, or an archive that cannot be unpacked."""
 
 
-def pack(value: object) -> bytes:
-    """Return `value` as bytes: dataclasses, enumerations, containers, arrays, sparse matrices and numbers.
+def pack(value: object, stream: IO[bytes]) -> None:
+    """Write `value`: dataclasses, enumerations, containers, arrays, sparse matrices and numbers.
 
-    Raises PackingError: it holds something else.
+    The same value gives the same bytes. Raises PackingError: it holds something else.
 
     Examples
     --------
-    >>> unpack(pack((1, "a", np.array([0.5, np.nan]))))
+    >>> from io import BytesIO
+    >>> stream = BytesIO()
+    >>> pack((1, "a", np.array([0.5, np.nan])), stream)
+    >>> unpack(stream)
     (1, 'a', array([0.5, nan]))
     """
     arrays: list[NDArray[Any]] = []
     structure = _packed(value, arrays)
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for number, array in enumerate(arrays):
-            held = io.BytesIO()
-            np.lib.format.write_array(held, array, allow_pickle=False)
-            _add(archive, str(number), held.getvalue())
-        _add(archive, _STRUCTURE, json.dumps(structure).encode())
-    return data.getvalue()
+            with archive.open(str(number), "w", force_zip64=array.nbytes > _LARGE) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+            release(array)
+        with archive.open(_STRUCTURE, "w") as member:
+            member.write(json.dumps(structure).encode())
 
 
-def unpack(data: bytes) -> Any:
-    """Return the value that `pack` made `data` of, arrays as writeable as they were.
+def unpack(stream: IO[bytes]) -> Any:
+    """Return the value that `pack` wrote, arrays as writeable as they were, and mapped where they are large.
 
-    Raises PackingError: damaged, or of classes that are not there.
+    Raises InputError: the disk has no room for them. Raises PackingError: damaged, or of classes that are not
+    there.
     """
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            arrays: dict[str, NDArray[Any]] = {
-                name: np.lib.format.read_array(io.BytesIO(archive.read(name)), allow_pickle=False)
-                for name in archive.namelist()
-                if name != _STRUCTURE
-            }
+        with zipfile.ZipFile(stream) as archive:
+            names = [name for name in archive.namelist() if name != _STRUCTURE]
+            arrays: dict[str, NDArray[Any]] = {name: _array(archive, name) for name in names}
             return _unpacked(json.loads(archive.read(_STRUCTURE)), arrays)
-    except PackingError:
+    except (InputError, PackingError):
         raise
     except Exception as error:  # whatever a damaged archive makes its readers raise
         raise PackingError(f"cannot be unpacked: {error}") from error
 
 
-def _add(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
-    """Add a member without the time of day, so that the same value gives the same bytes."""
-    archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED, compresslevel=1)
+def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Read an array, which is no pickle, a block at a time."""
+    with archive.open(name) as stream:
+        version = np.lib.format.read_magic(stream)
+        if version != (1, 0):
+            raise PackingError(f"array {name} is of version {version}")
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        n_bytes = archive.getinfo(name).file_size - stream.tell()
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize != n_bytes:
+            raise PackingError(f"array {name} is of another size than it says")
+        array = allocate(shape[::-1] if is_fortran else shape, dtype)
+        if fill_from(array, stream) != n_bytes or stream.read(1):  # at the end its checksum is looked at
+            raise PackingError(f"array {name} breaks off")
+    return array.T if is_fortran else array
 
 
 def _packed(value: Any, arrays: list[NDArray[Any]]) -> Any:

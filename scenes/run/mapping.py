@@ -50,7 +50,7 @@ def allocate(shape: Sequence[int], dtype: Any, fill: float = 0) -> NDArray[Any]:
     """
     kind, pixels = np.dtype(dtype), math.prod(shape[:2])
     if pixels <= LARGE:
-        return np.full(shape, fill, kind)
+        return np.zeros(shape, kind) if fill == 0 else np.full(shape, fill, kind)
     n_bytes = math.prod(shape) * kind.itemsize
     array: NDArray[Any] = np.ndarray(tuple(shape), kind, buffer=_reserved(n_bytes))
     if fill != 0:  # not a number is not 0 either
@@ -80,9 +80,9 @@ def release(*arrays: Any) -> None:
 
 
 def fill_from(array: NDArray[Any], stream: IO[bytes]) -> int:
-    """Fill an array, C order, with the next bytes of a stream, a block at a time; return how many there were.
+    """Fill an array of any shape, C order, with the next bytes of a stream, a block at a time.
 
-    Less than the array has where the stream ends before.
+    Returns how many there were: less than the array has where the stream ends before.
     """
     held = array.reshape(-1).view(np.uint8) if array.size and array.itemsize else np.zeros(0, np.uint8)
     n_bytes = 0
@@ -98,9 +98,9 @@ def fill_from(array: NDArray[Any], stream: IO[bytes]) -> int:
 
 @contextmanager
 def mapped_in(folder: Path) -> Iterator[None]:
-    """Have arrays that are made meanwhile, by any thread, in a folder that is on disk.
+    """Have arrays that are made meanwhile, by any thread, in a folder, as long as it is there.
 
-    Without it they are in the folder of temporary files (TMPDIR), which some machines keep in memory.
+    Else they are in the folder of temporary files (TMPDIR), which some machines keep in memory.
     """
     _folders.append(folder)
     try:
@@ -111,7 +111,8 @@ def mapped_in(folder: Path) -> Iterator[None]:
 
 def _reserved(n_bytes: int) -> _Mapping:
     """A new file of zeros, mapped."""
-    folder = _folders[-1] if _folders else Path(tempfile.gettempdir())
+    there = [folder for folder in _folders if folder.is_dir()]
+    folder = there[-1] if there else Path(tempfile.gettempdir())
     try:
         with tempfile.TemporaryFile(buffering=0, dir=folder) as file:
             if hasattr(os, "posix_fallocate"):
@@ -122,7 +123,7 @@ def _reserved(n_bytes: int) -> _Mapping:
     except OSError as error:
         raise InputError(
             f"{folder}: no room for {in_words(n_bytes)} of a scan's pixels: {error.strerror}; free some, or "
-            "set TMPDIR to a folder of a larger disk"
+            "write the output to a larger disk (without an output, set TMPDIR to a folder there)"
         ) from error
 
 

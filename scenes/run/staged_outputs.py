@@ -16,6 +16,7 @@ from typing import BinaryIO, Self
 
 from scenes.checks import InputError
 from scenes.run.atomic import flush_to_disk, writing
+from scenes.run.mapping import mapped_in
 
 _WAIT_S = 2.0  # that a run which was just killed may need to be gone
 _POLL_S = 0.02
@@ -26,7 +27,8 @@ class Stage:
     """A folder inside another one, which must exist; `commit` puts its files into that in one go.
 
     The staged folder is renamed first, which is what decides: before that a run that ends, however it ends,
-    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could. The
+    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could. Until
+    then the pixels of large scans are in it too (`scenes.run.mapping`), on the disk of the output. The
     name tells stages in one folder apart: that of an output file, "" for a whole folder.
 
     Examples
@@ -43,6 +45,7 @@ class Stage:
     def __init__(self, folder: Path, name: str = "") -> None:
         self.target, self._name = folder, name
         self.folder, self._decided = _places(folder, name)
+        self._mapped = mapped_in(self.folder)
 
     def __enter__(self) -> Self:
         """Settle what an earlier run left, and make the stage.
@@ -52,12 +55,14 @@ class Stage:
         settle(self.target, self._name)
         with writing(self.target):
             self.folder.mkdir()
+        self._mapped.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Forget what was not committed."""
+        self._mapped.__exit__(None, None, None)
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def path(self, name: str) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.formats.arrays import ArrayFile, open_arrays
@@ -63,11 +64,18 @@ def _read_ours(arrays: ArrayFile) -> RangeImage:
     truth = None
     if "truth_face" in arrays.files:
         known = [name for name in TRUTH_CHANNELS if f"truth_{name}" in arrays.files]
-        truth = ScanTruth(**{name: arrays[f"truth_{name}"] for name in known})
-    optional: dict[str, Any] = {name: arrays[name] for name in _OPTIONAL if name in arrays.files}
+        truth = ScanTruth(**{name: _pixels(arrays, f"truth_{name}") for name in known})
+    optional: dict[str, Any] = {name: _pixels(arrays, name) for name in _OPTIONAL if name in arrays.files}
     return scan_from_header(
-        parse_json(str(arrays["header"]), dict), arrays["ranges"], truth=truth, **optional
+        parse_json(str(arrays["header"]), dict), _pixels(arrays, "ranges"), truth=truth, **optional
     )
+
+
+def _pixels(arrays: ArrayFile, name: str) -> NDArray[Any]:
+    """Pixels that nobody else has, and which need not be copied."""
+    found = arrays[name]
+    found.setflags(write=False)
+    return found
 
 
 def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:

@@ -15,6 +15,7 @@ from nbv.visibility.viewpoints import Candidates
 from scenes.files.point_files import PointCloud
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
+from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
@@ -54,7 +55,8 @@ def check_scan(scan: RangeImage) -> None:
     hold(np.abs(np.linalg.norm(rays, axis=-1) - 1).max() < 2e-6, "a viewing ray has not length one")
     if scan.colour is not None:
         hold(scan.colour.shape == (*shape, 3), "colours have another shape")
-        hold(((scan.colour >= 0) & (scan.colour <= 1)).all(), "a colour is not in 0..1")
+        known = unit_colour(scan.colour)
+        hold(((known >= 0) & (known <= 1)).all(), "a colour is not in 0..1")
     if scan.intensity is not None:
         hold(scan.intensity.shape == shape, "intensities have another shape")
         hold(np.isfinite(scan.intensity[valid]).all(), "an intensity is not finite")
