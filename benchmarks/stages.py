@@ -46,7 +46,6 @@ STAGES = (  # where it is called, its name, how deep it lies
     ("completion.extension.pipeline", "estimate", 1),
     ("completion.extension.pipeline", "provenance_of", 1),
     ("completion.pipeline", "texture_patch", 0),
-    ("completion.pipeline", "hypothesised_mesh", 0),
     ("completion.pipeline", "_audited", 0),
 )
 

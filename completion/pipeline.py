@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.boundary.continuation import Cue
+from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import find_adjacency
@@ -23,9 +24,8 @@ from completion.extension.pipeline import extend
 from completion.merging.pipeline import MergedSurface, merge
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
-from completion.result.audit import AuditResult, audit
+from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion
-from completion.result.labelled_points import LabelledPoints, hypothesised_mesh
 from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
@@ -122,14 +122,15 @@ def complete(
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
-    # 7. Audit: cast every measured beam against all inferred area.
-    mesh = hypothesised_mesh(patches, textures)
+        # 7. Audit: cast the measured beams against the inferred area of each surface.
+        bundles = [bundle(one) for one in observations]
+        found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
     return Completion(
         observations=seen.observations,
         patches=tuple(patches),
         textures=tuple(textures),
-        hypothesised=mesh,
-        audit=_audited(mesh, seen, n_threads, steps.tell),
+        inferred=tuple(mesh for mesh, _ in found),
+        audit=_together(found),
         owners=seen.owners,
         mode=options.mode,
         edits=options.edits,
@@ -162,19 +163,19 @@ def number_pixels(
     return owners
 
 
-def _audited(mesh: LabelledPoints, scans: Scans, n_threads: int | None, tell: Progress) -> AuditResult:
-    tell("audit", 0, 1)
-    result = audit(
-        mesh.vertices,
-        mesh.faces,
-        mesh.sd,
-        [one.scan for one in scans.observations],
-        [one.noise for one in scans.observations],
-        tolerance=scans.tolerance,
-        n_threads=n_threads,
-    )
-    tell("audit", 1, 1)
-    return result
+def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:
+    """The inferred cells of a surface as a mesh, and what the beams say of it."""
+    mesh = mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
+    sd, seen = patch.source.fit.standard_deviation(mesh.vertices), scans.observations
+    return mesh, audit(mesh.vertices, mesh.faces, sd, seen, bundles, tolerance=scans.tolerance)
+
+
+def _together(found: Sequence[tuple[ChartMesh, AuditResult]]) -> AuditResult:
+    """What the beams say of all surfaces; faces numbered on from one to the next."""
+    first = np.cumsum([0, *(len(mesh.faces) for mesh, _ in found)])
+    faces = [result.faces + start for (_, result), start in zip(found, first, strict=False)]
+    area = float(sum(result.violation_m2 for _, result in found))
+    return AuditResult(area, np.concatenate([np.zeros(0, np.int64), *faces]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,16 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.observation import RangeNoise
+from completion.observe.observation import Observation
+from completion.observe.rays import Rays, ray_at
 from completion.observe.tolerance import Tolerance
+from completion.observe.triple import dot
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster
-from scenes.scan.range_image import RangeImage
+from texture.engine.compiled import compiled
+
+_TILE = 16  # pixels: side of the squares whose beams are left out together
+_PIECES = 8  # along the longest side of a mesh, each with a sphere around it
+_SLACK = 1e-6  # of rounding, metres and radians
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,69 +37,183 @@ class AuditResult:
         Area of the faces that observed beams went through, square metres.
     faces : (k,) int64
         Those faces.
-    n_beams : int
-        Beams that were checked.
     """
 
     violation_m2: float
     faces: NDArray[np.int64]
-    n_beams: int
+
+
+class Bundles(NamedTuple):
+    """The beams of a scan in n squares of 16 x 16 pixels, in reading order."""
+
+    axis: FloatArray  # (n, 3) unit direction of each
+    cosine: FloatArray  # (n,) of the angle from it within which its beams lie
+    sine: FloatArray  # (n,)
+    far: FloatArray  # (n,) its farthest range, metres; 0 where nothing came back
+
+
+def bundle(seen: Observation) -> Bundles:
+    """Return the beams of a scan in bundles."""
+    return Bundles(*_bundles(seen.rays, seen.scan.ranges))
 
 
 def audit(
     vertices: FloatArray,
     faces: NDArray[np.int32],
     vertex_sd: FloatArray,
-    scans: Sequence[RangeImage],
-    noises: Sequence[RangeNoise],
+    observations: Sequence[Observation],
+    bundles: Sequence[Bundles],
     *,
     tolerance: Tolerance,
-    n_threads: int | None = None,
 ) -> AuditResult:
-    """Cast every measured beam against the mesh and count the faces that it went through.
+    """Cast the measured beams against a mesh and count the faces that they went through.
 
     A beam goes through a face when it meets it nearer than what it measured by more than the tolerance
     k sqrt(sigma^2 + (s / cos)^2) + t / cos, with s the face's predicted standard deviation and flatness
     together and t the registration error. Without noise one beam convicts a face; with noise it takes two
-    beams on faces that share a vertex.
+    beams on faces that share a vertex. Beams that surely pass beside the mesh or end before it are not cast.
 
     Parameters
     ----------
     vertices, faces : (n, 3) float, (m, 3) int
-        The hypothesised mesh, same frame as the scans.
+        The hypothesised mesh, same frame as the scans: that of one surface, so that none hides another.
     vertex_sd : (n,) float
         Predicted standard deviation at the vertices, metres.
-    scans : sequence of RangeImage
+    observations : sequence of Observation
         All scans.
-    noises : sequence of RangeNoise
-        Range noise of each.
+    bundles : sequence of Bundles
+        Of each scan.
     tolerance : Tolerance
         Along the ray; a beam whose tolerance exceeds `max_m` says nothing.
-    n_threads : int, optional
-        Threads that cast.
     """
     if not len(faces):
-        return AuditResult(0.0, np.zeros(0, np.int64), 0)
-    caster = RayCaster(vertices, faces, n_threads)
-    beams = np.zeros(len(faces), np.int64)
-    n_beams, noisy = 0, False
-    for scan, noise in zip(scans, noises, strict=True):
-        returned = scan.valid
-        noisy |= bool(noise.constant_m > 0 or noise.quadratic_per_m > 0)
-        hits = caster.first_hit(scan.origin[None], scan.rays()[returned], coherent=True)
-        n_beams += int(returned.sum())
+        return AuditResult(0.0, np.zeros(0, np.int64))
+    caster, spheres = RayCaster(vertices, faces, n_threads=1), _spheres(vertices, faces)
+    beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
+    for seen, of_scan in zip(observations, bundles, strict=True):
+        chosen = _towards(of_scan, seen.rays.origin, *spheres)
+        pixels = _returned(chosen, seen.scan.ranges)
+        if not len(pixels):
+            continue
+        hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
         met = np.flatnonzero(hits.hit)
-        face = hits.face[met]
+        face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
         sd = vertex_sd[faces[face]].max(axis=1)
-        measured = scan.ranges[returned][met]
-        allowed = tolerance.along_ray(noise.deviation(measured), sd, hits.incidence_cosine[met])
-        past = measured - hits.ranges[met]
-        through = (past > allowed) & (allowed <= tolerance.max_m)
+        allowed = tolerance.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
+        through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
         beams += np.bincount(face[through], minlength=len(faces))
     convicted = beams > 0
-    if noisy:
+    if noisy and convicted.any():
         at_vertex = np.bincount(faces.ravel(), np.repeat(beams, 3), minlength=len(vertices))
         convicted &= at_vertex[faces].max(axis=1) >= 2
-    return AuditResult(
-        float(triangle_areas(vertices[faces[convicted]]).sum()), np.flatnonzero(convicted), n_beams
-    )
+    area = float(triangle_areas(vertices[faces[convicted]]).sum())
+    return AuditResult(area, np.flatnonzero(convicted))
+
+
+@compiled
+def _spheres(vertices: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+    """Centres (k, 3), radii (k,) of spheres that hold all faces, each some whose first corners lie near."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for k in range(len(faces)):
+        for axis in range(3):
+            low[axis] = min(low[axis], vertices[faces[k, 0], axis])
+            high[axis] = max(high[axis], vertices[faces[k, 0], axis])
+    side = (high - low).max() / _PIECES * (1 + _SLACK) + _SLACK
+    box, n = np.zeros(len(faces), np.int64), _PIECES**3
+    count, centre, radius = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
+    for k in range(len(faces)):
+        corner = vertices[faces[k, 0]]
+        for axis in range(3):
+            box[k] = box[k] * _PIECES + int((corner[axis] - low[axis]) / side)
+        count[box[k]] += 1.0
+        centre[box[k]] += corner
+    for piece in range(n):
+        centre[piece] /= max(count[piece], 1.0)
+    for k in range(len(faces)):
+        for corner in faces[k]:
+            square = 0.0
+            for axis in range(3):
+                square += (vertices[corner, axis] - centre[box[k], axis]) ** 2
+            radius[box[k]] = max(radius[box[k]], square)
+    held = np.flatnonzero(count)
+    return centre[held], np.sqrt(radius[held]) + _SLACK
+
+
+@compiled
+def _bundles(rays: Rays, ranges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Axes, cosines and sines of the spread, and farthest ranges of the squares of an image."""
+    rows, columns = (ranges.shape[0] + _TILE - 1) // _TILE, (ranges.shape[1] + _TILE - 1) // _TILE
+    axis, far = np.zeros((rows * columns, 3)), np.zeros(rows * columns)
+    cosine, sine = np.ones(rows * columns), np.zeros(rows * columns)
+    for square in range(rows * columns):
+        top, left = square // columns * _TILE, square % columns * _TILE
+        bottom, right = min(top + _TILE, ranges.shape[0]), min(left + _TILE, ranges.shape[1])
+        x, y, z = 0.0, 0.0, 0.0
+        for i in range(top, bottom):
+            for j in range(left, right):
+                if np.isfinite(ranges[i, j]):
+                    a, b, c = ray_at(rays, i, j)
+                    x, y, z = x + a, y + b, z + c
+                    far[square] = max(far[square], ranges[i, j])
+        length = np.sqrt(x * x + y * y + z * z)
+        if length < _SLACK:
+            cosine[square] = -1.0  # beams to all sides, or none
+            continue
+        x, y, z = x / length, y / length, z / length
+        axis[square, 0], axis[square, 1], axis[square, 2] = x, y, z
+        least = 1.0
+        for i in range(top, bottom):
+            for j in range(left, right):
+                if np.isfinite(ranges[i, j]):
+                    least = min(least, dot((x, y, z), ray_at(rays, i, j)))
+        angle = np.arccos(max(least, -1.0)) + _SLACK
+        cosine[square], sine[square] = np.cos(angle), np.sin(angle)
+    return axis, cosine, sine, far
+
+
+@compiled
+def _towards(
+    bundles: Bundles, origin: tuple[float, float, float], centres: FloatArray, radii: FloatArray
+) -> NDArray[np.int64]:
+    """The squares (k,) of whose beams some may meet one of the spheres before they end."""
+    n = len(radii)
+    way, cosine, sine, near = np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n)
+    for k in range(n):
+        for axis in range(3):
+            way[k, axis] = centres[k, axis] - origin[axis]
+        distance = np.sqrt(way[k, 0] ** 2 + way[k, 1] ** 2 + way[k, 2] ** 2)
+        near[k] = distance - radii[k]
+        if near[k] > 0.0:
+            way[k] /= distance
+            sine[k] = radii[k] / distance
+            cosine[k] = np.sqrt(1.0 - sine[k] * sine[k])
+    chosen, count = np.empty(len(bundles.far), np.int64), 0
+    for square in range(len(bundles.far)):
+        for k in range(n):
+            if bundles.far[square] < near[k]:
+                continue
+            if near[k] > 0.0 and bundles.cosine[square] > -cosine[k]:  # else together more than half a turn
+                along = 0.0
+                for axis in range(3):
+                    along += bundles.axis[square, axis] * way[k, axis]
+                if along < bundles.cosine[square] * cosine[k] - bundles.sine[square] * sine[k]:
+                    continue
+            chosen[count] = square
+            count += 1
+            break
+    return chosen[:count]
+
+
+@compiled
+def _returned(squares: NDArray[np.int64], ranges: FloatArray) -> NDArray[np.int32]:
+    """Flat pixels (n,) of some squares that brought something back."""
+    pixels, count = np.empty(squares.size * _TILE * _TILE, np.int32), 0
+    columns = (ranges.shape[1] + _TILE - 1) // _TILE
+    for k in range(squares.size):
+        top, left = squares[k] // columns * _TILE, squares[k] % columns * _TILE
+        for i in range(top, min(top + _TILE, ranges.shape[0])):
+            for j in range(left, min(left + _TILE, ranges.shape[1])):
+                if np.isfinite(ranges[i, j]):
+                    pixels[count] = i * ranges.shape[1] + j
+                    count += 1
+    return pixels[:count]

@@ -18,7 +18,7 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.result.audit import AuditResult
-from completion.result.labelled_points import LabelledPoints, observed_mesh
+from completion.result.labelled_points import LabelledPoints, hypothesised_mesh, mesh_area, observed_mesh
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
@@ -162,6 +162,12 @@ class DerivedModel:
         return tuple(found)
 
     @cached_property
+    def hypothesised(self) -> LabelledPoints:
+        """All inferred area as one mesh, working frame."""
+        patches, meshes = [one.patch for one in self.surfaces], [one.inferred_cells for one in self.surfaces]
+        return hypothesised_mesh(patches, meshes, self.textures)
+
+    @cached_property
     def observed(self) -> LabelledPoints:
         """All measured points of all scans as one mesh, working frame."""
         return observed_mesh(self.observations, self.owners)
@@ -181,7 +187,7 @@ class CompletedModel:
     observations: tuple[Observation, ...]
     patches: tuple[Patch, ...]
     textures: tuple[ChartTexture | None, ...]
-    hypothesised: LabelledPoints
+    inferred: tuple[ChartMesh, ...]
     audit: AuditResult
     owners: tuple[NDArray[np.int32], ...]
     mode: Mode
@@ -190,8 +196,7 @@ class CompletedModel:
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        pairs = zip(self.patches, self.hypothesised.charts, strict=True)
-        surfaces = tuple(DerivedSurface(patch, mesh) for patch, mesh in pairs)
+        surfaces = tuple(map(DerivedSurface, self.patches, self.inferred))
         derived = DerivedModel(
             self.observations, self.owners, surfaces, self.textures, self.world_from_reference
         )
@@ -205,7 +210,12 @@ class CompletedModel:
     @property
     def hypothesised_m2(self) -> float:
         """Inferred area of all surfaces, square metres."""
-        return self.hypothesised.area_m2
+        return float(sum(mesh_area(mesh.vertices, mesh.faces) for mesh in self.inferred))
+
+    @property
+    def hypothesised(self) -> LabelledPoints:
+        """All inferred area as one mesh, working frame: provenance, confidence, deviation at every vertex."""
+        return self.derived.hypothesised
 
     @property
     def free_space_violation_m2(self) -> float:

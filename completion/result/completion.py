@@ -42,9 +42,8 @@ class Completion(CompletedModel):
         The completed surfaces, working frame; number i + 1 in files.
     textures : tuple of ChartTexture or None
         Colour of each patch; empty when texture was not asked for.
-    hypothesised : LabelledPoints
-        All inferred area as one mesh, working frame, with provenance, confidence and predicted standard
-        deviation (metres) at every vertex.
+    inferred : tuple of ChartMesh
+        Inferred area of each patch, working frame, every cell by itself.
     audit : AuditResult
         How much of it stands where a beam went through.
     owners : tuple of (rows, columns) int32

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.meshing import ChartMesh, mesh_cells
+from completion.boundary.meshing import ChartMesh
 from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
@@ -45,8 +45,6 @@ class LabelledPoints:
         Probability that the surface is there; 1 for what was measured.
     colour : (n, 3) uint8
         sRGB.
-    charts : tuple of ChartMesh
-        Inferred area: the cells of each surface, every cell by itself, that were joined; empty for scans.
     """
 
     vertices: FloatArray
@@ -56,7 +54,6 @@ class LabelledPoints:
     sd: FloatArray
     confidence: FloatArray
     colour: ColourArray
-    charts: tuple[ChartMesh, ...] = ()
 
     @property
     def area_m2(self) -> float:
@@ -77,18 +74,19 @@ def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:
     return float(triangle_areas(vertices[faces]).sum())
 
 
-def hypothesised_mesh(patches: Sequence[Patch], textures: Sequence[ChartTexture | None]) -> LabelledPoints:
-    """Return all inferred cells of surfaces as one mesh, working frame, in the colours of their textures."""
-    charts = tuple(
-        mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
-        for patch in patches
-    )
-    found = [
-        _labelled(patch, index + 1, mesh, textures[index] if index < len(textures) else None)
-        for index, (patch, mesh) in enumerate(zip(patches, charts, strict=True))
-        if len(mesh.faces)
-    ]
-    return replace(_joined(found), charts=charts)
+def hypothesised_mesh(
+    patches: Sequence[Patch], meshes: Sequence[ChartMesh], textures: Sequence[ChartTexture | None]
+) -> LabelledPoints:
+    """Return all inferred cells of surfaces as one mesh, working frame, in the colours of their textures.
+
+    `meshes` are the inferred cells of each patch, every cell by itself; `textures` may be fewer.
+    """
+    found = []
+    for index, (patch, mesh) in enumerate(zip(patches, meshes, strict=True)):
+        if len(mesh.faces):
+            texture = textures[index] if index < len(textures) else None
+            found.append(_labelled(patch, index + 1, mesh, texture))
+    return _joined(found)
 
 
 def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None) -> LabelledPoints:

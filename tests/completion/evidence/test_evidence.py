@@ -11,9 +11,9 @@ from completion.evidence.evidence import Label, Scans, weigh
 from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.sight import look, sight_of
-from completion.observe.observation import RangeNoise, observe
+from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
-from completion.result.audit import audit
+from completion.result.audit import audit, bundle
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -246,15 +246,12 @@ def planted(depth: float, sigma: float = 0.0):
     square = np.array([[-0.5, -0.5, depth], [0.5, -0.5, depth], [0.5, 0.5, depth], [-0.5, 0.5, depth]])
     scan = replace(SCAN, ranges=3.0 / CAMERA.directions()[..., 2])
     faces = np.array([[0, 2, 1], [0, 3, 2]], np.int32)
-    return audit(
-        square, faces, np.zeros(4), [scan], [RangeNoise(sigma, 0.0)],
-        tolerance=USUAL,
-    )  # fmt: skip
+    seen = observe(scan, Pose.identity(), sigma)
+    return audit(square, faces, np.zeros(4), [seen], [bundle(seen)], tolerance=USUAL)
 
 
 def test_audit_measures_a_planted_violation_and_only_that():
     assert planted(2.0).violation_m2 == pytest.approx(1.0)
-    assert planted(2.0).n_beams == SCAN.ranges.size
     assert planted(2.9, sigma=0.01).violation_m2 == pytest.approx(1.0)
     for harmless in (planted(3.5), planted(3.0), planted(2.997), planted(2.9, sigma=0.05)):
         assert harmless.violation_m2 == 0
@@ -262,8 +259,6 @@ def test_audit_measures_a_planted_violation_and_only_that():
 
 
 def test_audit_of_nothing_is_zero():
-    nothing = audit(
-        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), [SCAN], [RangeNoise(0.0, 0.0)],
-        tolerance=USUAL,
-    )  # fmt: skip
+    vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    nothing = audit(vertices, faces, np.zeros(0), [], [], tolerance=USUAL)
     assert nothing.violation_m2 == 0
