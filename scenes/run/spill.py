@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Spill: what the steps of a long run came to, its large arrays on disk, so that memory does not grow with it.
+
+The arrays lie one after another in few large mapped files; a file for each would take more than a process may
+have open.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import mmap
+from threading import Lock
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.run.mapping import allocate, is_mapped, release
+
+_LEAST = 4 * mmap.PAGESIZE  # bytes of an array that is worth a place in a file
+_FILE = 1 << 26  # bytes; larger arrays have a file of their own
+_Value = TypeVar("_Value")
+
+
+class Spill:
+    """Arrays of one run in files that have no name; several threads may keep theirs at a time."""
+
+    def __init__(self) -> None:
+        self._files: list[NDArray[np.uint8]] = []
+        self._used, self._lock = _FILE, Lock()
+
+    def keep(self, value: _Value) -> _Value:
+        """Return an equal value whose large arrays are on disk.
+
+        Dataclasses, tuples and lists are gone through. Arrays in files already stay where they are; so does
+        whatever else there is. An array that cannot be written to stays so.
+
+        Raises
+        ------
+        InputError
+            The disk has no room.
+
+        Examples
+        --------
+        >>> spill, array = Spill(), np.arange(100_000)
+        >>> kept = spill.keep((array, "a"))
+        >>> kept[0] is array, bool((kept[0] == array).all()), is_mapped(kept[0]), kept[1]
+        (False, True, True, 'a')
+        """
+        kept: Any = value
+        if isinstance(value, np.ndarray):
+            kept = self._copied(value) if value.nbytes >= _LEAST and not is_mapped(value) else value
+        elif isinstance(value, list):
+            kept = [self.keep(item) for item in value]
+        elif isinstance(value, tuple):
+            items = [self.keep(item) for item in value]
+            kept = type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+        elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+            held = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            parts = {name: self.keep(item) for name, item in held.items()}
+            if any(parts[name] is not item for name, item in held.items()):
+                kept = object.__new__(type(value))  # as it was: its checks are done
+                for name, item in parts.items():
+                    object.__setattr__(kept, name, item)
+        return kept
+
+    def release(self) -> None:
+        """Let the system take the memory of all arrays that are on disk; what is used next comes back."""
+        with self._lock:
+            files = list(self._files)
+        release(*files)
+
+    def _copied(self, array: NDArray[Any]) -> NDArray[Any]:
+        """The same array on disk."""
+        place = self._place(array.nbytes)
+        copy: NDArray[Any] = place.view(array.dtype).reshape(array.shape)
+        copy[...] = array
+        copy.setflags(write=array.flags.writeable)
+        return copy
+
+    def _place(self, n_bytes: int) -> NDArray[np.uint8]:
+        """Room for so many bytes, from the beginning of a page on."""
+        whole = -(-n_bytes // mmap.PAGESIZE) * mmap.PAGESIZE
+        with self._lock:
+            if whole > _FILE // 4:
+                file = allocate((whole, 1), np.uint8)[:, 0]
+                self._files.insert(0, file)
+                return file[:n_bytes]
+            if self._used + whole > _FILE:
+                self._files.append(allocate((_FILE, 1), np.uint8)[:, 0])
+                self._used = 0
+            start = self._used
+            self._used += whole
+            return self._files[-1][start : start + n_bytes]
+
+
+class NoSpill:
+    """Keeps everything in memory."""
+
+    def keep(self, value: _Value) -> _Value:
+        """Return the value."""
+        return value
+
+    def release(self) -> None:
+        """Do nothing."""
