@@ -3,9 +3,10 @@
 
 Rooms of 5 x 4 x 2.7 m stand in rows of four, joined by doors along the row, each with a table, a cupboard and
 a post; a panoramic scan of 360 x 120 degrees with 2 mm of noise from the middle of each. Every number of
-stations is completed in a process of its own, without texture, on one thread: CPU seconds by stage, the peak
-of memory above the imported libraries and the scans, surfaces, and a digest of owners and inferred area. The
-last line is the exponent of a least-squares line through the logarithms. Run by `make bench`, or alone:
+stations is read from files and completed in a process of its own, without texture, on one thread: CPU seconds
+by stage, the peak of memory above what the process held before it read the first scan, surfaces, and a digest
+of owners and inferred area. The last line is the exponent of a least-squares line through the logarithms. Run
+by `make bench`, or alone:
 
     python -m benchmarks.stations [N,N,...] [MEGAPIXELS]
 """
@@ -15,16 +16,18 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from completion import CompletionOptions, complete
 from nbv import SphericalSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster, Scene
+from scenes.files.scan_files import read_scan, write_scan
 from scenes.world.building import Finish, SceneBuilder
 
 SIZE = np.array([5.0, 4.0, 2.7])
@@ -74,11 +77,13 @@ def take_scans(n_stations: int, megapixels: float) -> list[RangeImage]:
     return scans
 
 
-def measure(n_stations: int, megapixels: float) -> dict[str, object]:
+def measure(n_stations: int) -> dict[str, object]:
     """Complete so many stations in this process; return what it took."""
-    scans = take_scans(n_stations, megapixels)
-    complete(take_scans(1, 0.02), CompletionOptions(texture=False), n_threads=1)  # loads all compiled code
-    idle, begun, stages, last = _peak(), time.process_time(), {}, ["", time.process_time()]
+    complete(take_scans(2, 0.02), CompletionOptions(texture=False), n_threads=1)  # loads all compiled code
+    read_scan(os.environ["MEASURE"] + "/small.npz")
+    idle = _peak()
+    scans = [read_scan(f"{os.environ['MEASURE']}/{number}.npz") for number in range(n_stations)]
+    begun, stages, last = time.process_time(), {}, ["", time.process_time()]
 
     def listen(stage: str, _done: int, _total: int) -> None:
         now = time.process_time()
@@ -94,7 +99,7 @@ def measure(n_stations: int, megapixels: float) -> dict[str, object]:
     return {
         "stations": n_stations,
         "seconds": seconds,
-        "bytes a pixel": (_peak() - idle) / sum(scan.ranges.size for scan in scans),
+        "MB": (_peak() - idle) / 1e6,
         "surfaces": len(done.patches),
         "digest": digest.hexdigest()[:8],
         "stages": {name: spent for name, spent in stages.items() if name},
@@ -102,8 +107,9 @@ def measure(n_stations: int, megapixels: float) -> dict[str, object]:
 
 
 def _peak() -> int:
-    """Return the most memory that this process has held, bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    """Return the most memory that this process has held, bytes; `getrusage` would count its parent's too."""
+    held = Path("/proc/self/status").read_text().partition("VmHWM:")[2]
+    return int(held.split()[0]) * 1024
 
 
 def main() -> None:
@@ -111,25 +117,27 @@ def main() -> None:
     numbers = [int(word) for word in (sys.argv[1] if len(sys.argv) > 1 else "1,2,4,8").split(",")]
     megapixels = float(sys.argv[2]) if len(sys.argv) > 2 else 0.25
     if os.environ.get("MEASURE"):
-        print(json.dumps(measure(numbers[0], megapixels)))
+        print(json.dumps(measure(numbers[0])))
         return
-    print(
-        f"{'stations':>8} {'CPU s':>7} {'B/pixel':>8} {'surfaces':>8}  digest    CPU s until each stage began"
-    )
+    print(f"{'stations':>8} {'CPU s':>7} {'MB':>8} {'surfaces':>8}  digest    CPU s until each stage began")
     seconds = []
-    for number in numbers:
-        told = subprocess.run(
-            [sys.executable, "-m", "benchmarks.stations", str(number), str(megapixels)],
-            env={**os.environ, "MEASURE": "1"}, check=True, capture_output=True, text=True,
-        ).stdout  # fmt: skip
-        found = json.loads(told)
-        seconds.append(found["seconds"])
-        spent = ", ".join(f"{name} {value:.1f}" for name, value in found["stages"].items())
-        print(
-            f"{number:8} {found['seconds']:7.1f} {found['bytes a pixel']:8.0f} {found['surfaces']:8}  "
-            f"{found['digest']}  {spent}",
-            flush=True,
-        )
+    with TemporaryDirectory() as folder:
+        write_scan(take_scans(1, 0.02)[0], Path(folder, "small.npz"))
+        for number, scan in enumerate(take_scans(max(numbers), megapixels)):
+            write_scan(scan, Path(folder, f"{number}.npz"))
+        for number in numbers:
+            told = subprocess.run(
+                [sys.executable, "-m", "benchmarks.stations", str(number), str(megapixels)],
+                env={**os.environ, "MEASURE": folder}, check=True, capture_output=True, text=True,
+            ).stdout  # fmt: skip
+            found = json.loads(told)
+            seconds.append(found["seconds"])
+            spent = ", ".join(f"{name} {value:.1f}" for name, value in found["stages"].items())
+            print(
+                f"{number:8} {found['seconds']:7.1f} {found['MB']:8.0f} {found['surfaces']:8}  "
+                f"{found['digest']}  {spent}",
+                flush=True,
+            )
     if len(numbers) > 1:
         slope = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
         print(f"CPU seconds grow with stations to the power of {slope:.2f}")

@@ -33,10 +33,12 @@ from completion.texturing.pipeline import settled, texture_patch
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.memory import require, threads
+from scenes.run.spill import NoSpill, Spill
 from scenes.scan.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
-_BYTES_KEPT = 350  # of every pixel, to the end: points, normals, regions, surfaces, textures
+_IN_MEMORY = 1 << 21  # pixels of all scans, up to which all is kept there
+_BYTES_KEPT = 350  # of each of them, to the end: regions, surfaces, textures
 _BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
 _NOT_KEPT = ("noise and normals",)  # by the journal: they are made again as fast as read
 _In = TypeVar("_In")
@@ -96,13 +98,16 @@ def complete(
 
         # 3. Merge: join the regions that are one surface, then join and part as a person says.
         across = Cue.MERGING in options.cues
-        merged = journal.step("merge", lambda: merge(observations, regions, tolerance, across=across))
+        merged = steps.one("merge", lambda: merge(observations, regions, tolerance, across=across))
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
-        seen = Scans(tuple(observations), tuple(number_pixels(surfaces, observations)), tolerance)
+        owners = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
+        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance)
 
         # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
-        boundaries = [find_boundary_pixels(one.fit, one.pixels, observations, tolerance) for one in surfaces]
+        boundaries = [
+            steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance)) for one in surfaces
+        ]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
         # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
@@ -153,13 +158,12 @@ def verify_first(
 
 
 def number_pixels(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
-) -> list[NDArray[np.int32]]:
-    """Number each scan's pixels (rows, columns) by the surface that they belong to, from 1; 0 for none."""
-    owners = [np.zeros(seen.valid.shape, np.int32) for seen in observations]
+    surfaces: Sequence[MergedSurface], scan: int, observation: Observation
+) -> NDArray[np.int32]:
+    """Number the pixels (rows, columns) of one scan by the surface that they are of, from 1; 0 for none."""
+    owners = np.zeros(observation.scan.shape, np.int32)
     for number, surface in enumerate(surfaces, start=1):
-        for owner, pixels in zip(owners, surface.pixels, strict=True):
-            owner.ravel()[pixels.flat] = number
+        owners.ravel()[surface.pixels[scan].flat] = number
     return owners
 
 
@@ -180,11 +184,17 @@ def _together(found: Sequence[tuple[ChartMesh, AuditResult]]) -> AuditResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Steps:
-    """Runs the stages on threads; tells their progress, and the journal what they came to."""
+    """Runs the stages on threads; tells their progress, and the journal what they came to.
+
+    What the steps of many or large scans come to is kept on disk, and so are their pixels: after each step
+    the system may have the memory back.
+    """
 
     pool: ThreadPoolExecutor
     tell: Progress
     journal: Journal
+    spill: Spill | NoSpill
+    scans: Sequence[RangeImage]
 
     @classmethod
     @contextmanager
@@ -193,20 +203,33 @@ class _Steps:
     ) -> Iterator[_Steps]:
         """As many threads as the memory allows for these scans; refuse more pixels than fit."""
         sizes = [scan.ranges.size for scan in scans]
+        spill = Spill() if sum(sizes) > _IN_MEMORY else NoSpill()
         require(
-            _BYTES_KEPT * sum(sizes),
+            _BYTES_KEPT * min(sum(sizes), _IN_MEMORY),
             f"completing {len(scans)} scans of {sum(sizes):,} pixels",
             "complete fewer of them at once, smaller ones, or give more memory",
         )
         with threads(_BYTES_A_PIXEL * max(sizes), n_threads) as pool:
-            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal)
+            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal, spill, scans)
+
+    def keep(self, value: _Out) -> _Out:
+        """The value, on disk where that is where values are kept; the memory of what was read is free."""
+        kept = self.spill.keep(value)
+        self.spill.release()
+        for scan in self.scans:
+            scan.release()
+        return kept
+
+    def one(self, name: str, work: Callable[[], _Out]) -> _Out:
+        """Do a step by itself."""
+        return self.keep(self.journal.step(name, work))
 
     def each(self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]) -> list[_Out]:
         """Apply `work` to every item on the pool, in order."""
 
         def step(number: int, item: _In) -> _Out:
             name = f"{stage}-{number:04d}"
-            return work(item) if stage in _NOT_KEPT else self.journal.step(name, lambda: work(item))
+            return self.keep(work(item)) if stage in _NOT_KEPT else self.one(name, lambda: work(item))
 
         jobs = [self.pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
         self.tell(stage, 0, len(jobs))

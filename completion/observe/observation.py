@@ -177,7 +177,7 @@ def observe(scan: RangeImage, world_from_reference: Pose, sigma_m: float | None 
     pose, own = Pose.identity(), scan.world_from_sensor
     if not np.array_equal(own.matrix, world_from_reference.matrix):
         pose = world_from_reference.inverse() @ own
-    moved = replace(scan, world_from_sensor=pose)
+    moved = scan.restated(world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
     return Observation(moved, noise, rays_of(moved))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Spill: what the steps of a long run came to, its large arrays on disk, so that memory does not grow with it.
+"""Spill: what the steps of a long run came to, its large arrays on disk, where memory does not grow by them.
 
 The arrays lie one after another in few large mapped files; a file for each would take more than a process may
 have open.
@@ -62,7 +62,8 @@ class Spill:
                 kept = object.__new__(type(value))  # as it was: its checks are done
                 for name, item in parts.items():
                     object.__setattr__(kept, name, item)
-        return kept
+        result: _Value = kept
+        return result
 
     def release(self) -> None:
         """Let the system take the memory of all arrays that are on disk; what is used next comes back."""
