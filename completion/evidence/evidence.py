@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.form import Form, form_of
+from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
-from completion.evidence.reach import Reach, is_beyond, reach_of
+from completion.evidence.reach import Reach, is_beyond, progress_of, reach_of
 from completion.evidence.sight import Sight, look, pixel_of, sight_of
+from completion.evidence.window import window_of
 from completion.observe.observation import Observation
 from completion.observe.rays import deviation_at
 from completion.observe.tolerance import Tolerance
-from completion.observe.triple import dot, minus
+from completion.observe.triple import dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
 _MISSED_PIXELS = 0.5  # how far a cylinder's limb is from a ray that may miss it
@@ -108,9 +109,12 @@ class Scans:
     observations: tuple[Observation, ...]  # the scans, working frame
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
+    sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
     reach: tuple[Reach, ...] = field(init=False)  # of each scan
 
     def __post_init__(self) -> None:
+        sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)
+        object.__setattr__(self, "sights", sights)
         object.__setattr__(self, "reach", tuple(map(reach_of, self.observations)))
 
 
@@ -128,11 +132,10 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     owner : int
         This surface's number in `scans.owners`.
     """
-    found = _Found.of(grid.centres(), predicted_sd)
-    form = form_of(grid.surface)
+    found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
     for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
-        sight, owners = sight_of(scans.observations[number], scans.tolerance), scans.owners[number].ravel()
-        _hold(sight, form, scans.reach[number], grid.shape, owners, owner, number, found)
+        owners = scans.owners[number].ravel()
+        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, found)
     observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.
@@ -140,7 +143,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     observed &= near.astype(np.bool_)
 
     # Veto: nothing is where beams went through, but what was measured.
-    vetoed = free_cells(grid, predicted_sd, scans.observations, scans.tolerance)
+    vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach)
     labels = found.labels.reshape(grid.shape)
     labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
     return Evidence(
@@ -190,60 +193,81 @@ class _Found(NamedTuple):
         )
 
 
+class _Blocks(NamedTuple):
+    """Blocks of 16 x 16 cells, which are held against a scan together."""
+
+    shape: tuple[int, int]  # rows and columns of cells
+    corner: tuple[float, float]  # of cell (0, 0) in the chart, metres
+    size: tuple[float, float]  # of a cell, metres
+    is_hidden: BoolArray  # (rows, columns) all cells are occluded or more, by a known scan
+    sd: FloatArray  # (rows, columns) largest predicted deviation of the surface in those that are, metres
+
+    @classmethod
+    def of(cls, grid: ChartGrid) -> _Blocks:
+        """Nothing is hidden, yet."""
+        (u, v), (wide, tall) = grid.corner.tolist(), grid.cell.tolist()
+        shape = -(-grid.shape[0] // _BLOCK), -(-grid.shape[1] // _BLOCK)
+        return cls(grid.shape, (u, v), (wide, tall), np.zeros(shape, dtype=np.bool_), np.zeros(shape))
+
+
 @compiled
 def _hold(
     sight: Sight,
     form: Form,
     reach: Reach,
-    shape: tuple[int, int],
+    blocks: _Blocks,
     owners: NDArray[np.int32],
     owner: int,
     number: int,
     found: _Found,
 ) -> None:
-    """Hold the cells of a grid of `shape` against one scan, block by block; `owners` are its (pixels,).
+    """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
 
-    A block that is hidden already, and that the scan did not get to, has nothing to learn from it.
+    Left out are blocks that the scan does not look at, and of a plane those that are hidden already and that
+    the scan did not get to: they have nothing to learn from it.
     """
-    rows, columns = shape
-    for top in range(0, rows, _BLOCK):
-        for left in range(0, columns, _BLOCK):
+    eye, (rows, columns) = sight.eye, blocks.shape
+    height = dot(minus(eye.origin, form.point), form.axis)
+    progress = progress_of(reach, plus((0.0, 0.0, 0.0), -np.sign(height), form.axis))
+    for i in range(blocks.sd.shape[0]):
+        for j in range(blocks.sd.shape[1]):
+            top, left = i * _BLOCK, j * _BLOCK
             bottom, right = min(top + _BLOCK, rows), min(left + _BLOCK, columns)
-            if not _is_settled(sight, form, reach, columns, (top, bottom), (left, right), found):
-                for row in range(top, bottom):
-                    _hold_cells(
-                        sight, form, row * columns + left, row * columns + right, owners, owner, number, found
-                    )
+            wide, tall = (right - left) * blocks.size[0] / 2, (bottom - top) * blocks.size[1] / 2
+            u, v = (
+                blocks.corner[0] + left * blocks.size[0] + wide,
+                blocks.corner[1] + top * blocks.size[1] + tall,
+            )
+            middle, radius = place_of(form, u, v), np.sqrt(wide * wide + tall * tall) + _ROUNDING_M
+            window = window_of(eye, sight.angles, middle, radius)
+            if window[1] < 0 or window[3] < 0:
+                continue
+            if blocks.is_hidden[i, j] and not form.is_curved:
+                away = minus(middle, eye.origin)
+                distance = np.sqrt(dot(away, away))
+                if is_beyond(sight, reach, progress, window, distance, radius, height, blocks.sd[i, j]):
+                    continue
+            for row in range(top, bottom):
+                first, end = row * columns + left, row * columns + right
+                _hold_cells(sight, form, first, end, owners, owner, number, found)
+            if not blocks.is_hidden[i, j]:
+                _note_hidden(blocks, i, j, found)
 
 
-@compiled
-def _is_settled(
-    sight: Sight,
-    form: Form,
-    reach: Reach,
-    columns: int,
-    rows: tuple[int, int],
-    across: tuple[int, int],
-    found: _Found,
-) -> bool:
-    """Tell whether all cells of a block of a plane are hidden or more, and beyond what a scan measured."""
-    if form.is_curved:
-        return False
+@inlined
+def _note_hidden(blocks: _Blocks, i: int, j: int, found: _Found) -> None:
+    """Note whether all cells of a block are hidden or more."""
+    rows, columns = blocks.shape
     sd = 0.0
-    for row in range(rows[0], rows[1]):
-        for cell in range(row * columns + across[0], row * columns + across[1]):
+    for row in range(i * _BLOCK, min((i + 1) * _BLOCK, rows)):
+        for cell in range(row * columns + j * _BLOCK, row * columns + min((j + 1) * _BLOCK, columns)):
             if found.labels[cell] < _OCCLUDED or found.occluder[cell] < 0:
-                return False
+                return
             sd = max(sd, found.predicted_sd[cell])
-    first, last = rows[0] * columns + across[0], (rows[1] - 1) * columns + across[1] - 1
-    a, b = found.centres[first], found.centres[last]  # opposite corners of a rectangle
-    middle = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2
-    radius = np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2) / 2
-    height = dot(minus(sight.eye.origin, form.point), form.axis)
-    return is_beyond(sight.eye, sight.angles, reach, middle, radius + _ROUNDING_M, height, sd)
+    blocks.is_hidden[i, j], blocks.sd[i, j] = True, sd
 
 
-@compiled
+@inlined
 def _hold_cells(
     sight: Sight,
     form: Form,

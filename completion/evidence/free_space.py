@@ -4,94 +4,121 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.crossing import Rectangle, crossing_tiles
 from completion.evidence.form import Form, chart_of, form_of, reach_of, slope_at
-from completion.evidence.sight import Sight, along_ray, sight_of
-from completion.observe.observation import Observation
+from completion.evidence.reach import TILE, Reach
+from completion.evidence.sight import Eye, Sight, along_ray
 from completion.observe.rays import deviation_at, ray_at
-from completion.observe.tolerance import Tolerance
-from completion.observe.triple import dot, minus, plus
+from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _ROUNDING = 1 - 1e-9  # of lengths that are compared beforehand
 _LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are noisy
 
 
 def free_cells(
-    grid: ChartGrid, predicted_sd: FloatArray, observations: Sequence[Observation], tolerance: Tolerance
+    grid: ChartGrid, predicted_sd: FloatArray, sights: Sequence[Sight], reaches: Sequence[Reach]
 ) -> BoolArray:
-    """Tell for each cell, flat, whether observed beams went through it.
+    """Tell for each cell, flat, whether observed beams of scans went through it.
 
-    Every beam is intersected with the surface in closed form. Without noise one beam is a veto; with noise
-    it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a curved surface the
-    neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less than a cell.
+    Every beam that may get there is intersected with the surface in closed form. Without noise one beam is a
+    veto; with noise it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a
+    curved surface the neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less
+    than a cell.
     """
-    count, form = np.zeros(grid.shape, np.int32), form_of(grid.surface)
-    corner, cell, sd = (
-        tuple(grid.corner.tolist()),
-        tuple(grid.cell.tolist()),
-        predicted_sd.reshape(grid.shape),
-    )
-    for seen in observations:
-        _count_beams(sight_of(seen, tolerance), form, corner, cell, grid.wraps, sd, count)
+    form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
+    sd = predicted_sd.reshape(grid.shape)
+    cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)
+    for sight, reach in zip(sights, reaches, strict=True):
+        crossing = crossing_tiles(sight.eye, sight.noise, form, reach, around, float(sd.min()))
+        if crossing.any():
+            _count_beams(sight, form, crossing, around, cells)
     vetoed = count > 0
-    if any(seen.is_noisy for seen in observations):
+    if any(sight.noise.constant_m > 0 or sight.noise.quadratic_per_m > 0 for sight in sights):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
     if form.is_curved:
         vetoed = _around(vetoed.astype(np.int32), grid.wraps) > 0
     return np.asarray(vetoed.ravel(), dtype=np.bool_)
 
 
+class _Cells(NamedTuple):
+    """A chart grid and the beams that went through its cells."""
+
+    corner: tuple[float, float]  # of cell (0, 0), metres
+    size: tuple[float, float]  # of a cell, metres
+    wraps: bool  # whether the last column touches the first
+    predicted_sd: FloatArray  # (rows, columns) of the surface along its normal, metres
+    beams: NDArray[np.int32]  # (rows, columns) that went through each
+
+
+def _with_margin(grid: ChartGrid) -> Rectangle:
+    """The chart and a cell around it."""
+    (left, low), (wide, tall), (rows, columns) = _pair(grid.corner), _pair(grid.cell), grid.shape
+    left, low = left - wide, low - tall
+    return Rectangle(left, left + (columns + 2) * wide, low, low + (rows + 2) * tall)
+
+
+def _pair(numbers: FloatArray) -> tuple[float, float]:
+    u, v = numbers.tolist()
+    return u, v
+
+
 @compiled
-def _count_beams(
-    sight: Sight,
-    form: Form,
-    corner: tuple[float, float],
-    size: tuple[float, float],
-    wraps: bool,
-    predicted_sd: FloatArray,
-    count: NDArray[np.int32],
-) -> None:
-    """Add to each cell (rows, columns) the beams that went through it."""
-    rows, columns = count.shape
-    eye, ranges, width = sight.eye, sight.ranges, sight.eye.shape[1]
+def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangle, cells: _Cells) -> None:
+    """Add to each cell the beams of the `crossing` tiles that went through it."""
+    rows, columns = sight.eye.shape
+    for i in range(crossing.shape[0]):
+        for j in range(crossing.shape[1]):
+            if crossing[i, j]:
+                for row in range(i * TILE, min((i + 1) * TILE, rows)):
+                    for column in range(j * TILE, min((j + 1) * TILE, columns)):
+                        measured = sight.ranges[row * columns + column]
+                        if np.isfinite(measured):
+                            ray = ray_at(sight.rays, row, column)
+                            if form.is_curved or _crosses(sight.eye, form, around, ray, measured):
+                                _count_beam(sight, form, ray, measured, cells)
+
+
+@inlined
+def _crosses(eye: Eye, form: Form, around: Rectangle, ray: Triple, measured: float) -> bool:
+    """Tell, without dividing, whether a beam ends behind a plane and goes through a rectangle of it."""
     height, foot = dot(minus(eye.origin, form.point), form.axis), chart_of(form, eye.origin)
-    left, low = corner[0] - foot[0] - size[0], corner[1] - foot[1] - size[1]
-    right, high = left + (columns + 2) * size[0], low + (rows + 2) * size[1]
-    for pixel in range(ranges.size):
-        measured = ranges[pixel]
-        if not np.isfinite(measured):
+    toward = -np.sign(height) * dot(ray, form.axis)
+    if _ROUNDING * abs(height) > toward * measured:
+        return False
+    across, up = abs(height) * dot(ray, form.first), abs(height) * dot(ray, form.second)
+    return bool(
+        toward * (around.left - foot[0]) <= across <= toward * (around.right - foot[0])
+        and toward * (around.low - foot[1]) <= up <= toward * (around.high - foot[1])
+    )
+
+
+@inlined
+def _count_beam(sight: Sight, form: Form, ray: Triple, measured: float, cells: _Cells) -> None:
+    """Add one beam, if it went through a cell."""
+    eye, (rows, columns) = sight.eye, cells.beams.shape
+    for from_within in (False, True):
+        reach = reach_of(form, eye.origin, ray, from_within)
+        if not reach < measured:
             continue
-        ray = ray_at(sight.rays, pixel // width, pixel % width)
-        if not form.is_curved:
-            # Leave out, before dividing, beams that end before the plane or miss the chart by a cell.
-            toward = -np.sign(height) * dot(ray, form.axis)
-            across, up = abs(height) * dot(ray, form.first), abs(height) * dot(ray, form.second)
-            if (
-                _ROUNDING * abs(height) > toward * measured
-                or not toward * left <= across <= toward * right
-                or not toward * low <= up <= toward * high
-            ):
-                continue
-        for from_within in (False, True):
-            reach = reach_of(form, eye.origin, ray, from_within)
-            if not reach < measured:
-                continue
-            place = plus(eye.origin, reach, ray)
-            u, v = chart_of(form, place)
-            across, down = np.floor((u - corner[0]) / size[0]), np.floor((v - corner[1]) / size[1])
-            if not (0 <= down < rows and (wraps or 0 <= across < columns)):
-                continue
-            row, column = int(down), int(across) % columns
-            cosine = abs(slope_at(form, place, ray))
-            allowed = along_ray(eye, deviation_at(sight.noise, measured), predicted_sd[row, column], cosine)
-            if measured - reach > allowed and allowed <= eye.max_m:
-                count[row, column] += 1
+        place = plus(eye.origin, reach, ray)
+        u, v = chart_of(form, place)
+        across = np.floor((u - cells.corner[0]) / cells.size[0])
+        down = np.floor((v - cells.corner[1]) / cells.size[1])
+        if not (0 <= down < rows and (cells.wraps or 0 <= across < columns)):
+            continue
+        row, column = int(down), int(across) % columns
+        cosine = abs(slope_at(form, place, ray))
+        allowed = along_ray(eye, deviation_at(sight.noise, measured), cells.predicted_sd[row, column], cosine)
+        if measured - reach > allowed and allowed <= eye.max_m:
+            cells.beams[row, column] += 1
 
 
 @compiled

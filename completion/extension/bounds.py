@@ -13,17 +13,19 @@ from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.curves import Line
 from completion.boundary.edges import find_edges
 from completion.evidence.form import Form, chart_of, form_of, reach_of
+from completion.evidence.reach import TILE, Reach, farthest_along
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, ray_at
-from completion.observe.triple import plus
+from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
 _SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
 _STRIDE = 2  # rows and columns between the beams that tell how far a surface is hidden
+_SLACK = 1e-6  # of lengths that are compared beforehand
 
 
 def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
@@ -129,16 +131,20 @@ def _end_along(
 
 
 def farthest_hidden(
-    chart: Plane, low: FloatArray, high: FloatArray, observations: Sequence[Observation]
+    chart: Plane,
+    low: FloatArray,
+    high: FloatArray,
+    observations: Sequence[Observation],
+    reaches: Sequence[Reach],
 ) -> FloatArray:
     """Return the places (n, 2) farthest to each side of those where scans could not see a plane, metres.
 
     They lie behind what was measured, between `low` and `high` (2,) of its chart; every other row and column
-    of a scan counts.
+    of a scan counts. `reaches` are those of the scans.
     """
     found, form = [np.zeros((0, 2))], form_of(chart)
-    for seen in observations:
-        origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, low, high)
+    for seen, reach in zip(observations, reaches, strict=True):
+        origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, reach, low, high)
         rays = seen.rays_at(pixel[pixel >= 0])
         found.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
     return np.concatenate(found)
@@ -146,22 +152,69 @@ def farthest_hidden(
 
 @compiled
 def _farthest(
-    form: Form, ranges: FloatArray, rays: Rays, low: FloatArray, high: FloatArray
+    form: Form, ranges: FloatArray, rays: Rays, reach: Reach, low: FloatArray, high: FloatArray
 ) -> NDArray[np.int64]:
     """Flat pixels (4,) behind whose ranges a surface is hidden farthest to each side, -1 for none.
 
-    Every other pixel counts, if its ray meets the surface between `low` and `high` (2,) of the chart.
+    Every other pixel counts, if its ray meets the surface between `low` and `high` (2,) of the chart. Tiles
+    are left out that see nothing of that part, or nothing farther out than what was found.
     """
-    pixel, most = np.full(4, -1), np.full(4, -np.inf)
-    columns = ranges.shape[1]
-    for i in range(0, ranges.shape[0], _STRIDE):
-        for j in range(0, columns, _STRIDE):
-            ray = ray_at(rays, i, j)
-            reach = reach_of(form, rays.origin, ray, False)
-            if np.isfinite(reach) and ranges[i, j] < reach:
-                u, v = chart_of(form, plus(rays.origin, reach, ray))
-                if low[0] <= u <= high[0] and low[1] <= v <= high[1]:
-                    for side, far in enumerate((-u, u, -v, v)):
-                        if far > most[side]:
-                            pixel[side], most[side] = i * columns + j, far
+    pixel, most, (rows, columns) = np.full(4, -1), np.full(4, -np.inf), ranges.shape
+    height = dot(minus(rays.origin, form.point), form.axis)
+    if not height > 0.0:
+        return pixel
+    foot = chart_of(form, rays.origin)
+    least = np.array([foot[0] - high[0], low[0] - foot[0], foot[1] - high[1], low[1] - foot[1]])
+    for tile_row in range(reach.far.shape[0]):
+        for tile_column in range(reach.far.shape[1]):
+            if not _may_hide(form, reach, tile_row, tile_column, height, foot, least, most):
+                continue
+            for i in range(tile_row * TILE, min((tile_row + 1) * TILE, rows), _STRIDE):
+                for j in range(tile_column * TILE, min((tile_column + 1) * TILE, columns), _STRIDE):
+                    ray = ray_at(rays, i, j)
+                    behind = reach_of(form, rays.origin, ray, False)
+                    if np.isfinite(behind) and ranges[i, j] < behind:
+                        u, v = chart_of(form, plus(rays.origin, behind, ray))
+                        if low[0] <= u <= high[0] and low[1] <= v <= high[1]:
+                            for side, far in enumerate((-u, u, -v, v)):
+                                if far > most[side]:
+                                    pixel[side], most[side] = i * columns + j, far
     return pixel
+
+
+@inlined
+def _may_hide(
+    form: Form,
+    reach: Reach,
+    row: int,
+    column: int,
+    height: float,
+    foot: tuple[float, float],
+    least: FloatArray,
+    most: FloatArray,
+) -> bool:
+    """Tell whether rays of a tile that end before a plane may meet it in a rectangle and beyond one within.
+
+    `least` (4,) is how far to each side of the sensor's `foot` rays must meet it, and `most` (4,) the place
+    beyond which one does that counts.
+    """
+    far, nowhere = float(reach.far[row, column]), (0.0, 0.0, 0.0)
+    nearest = -farthest_along(reach.boxes, row, column, form.axis)
+    if far < 0.0 or nearest > height * (1 + _SLACK) + _SLACK * far:
+        return False
+    is_farther = False
+    for side in range(4):
+        sign = -1.0 if side % 2 == 0 else 1.0
+        outward = plus(nowhere, sign * height, form.first if side < 2 else form.second)
+        if not _gets(reach, row, column, plus(outward, least[side], form.axis)):
+            return False
+        beyond = most[side] - sign * foot[side // 2]
+        is_farther |= beyond == -np.inf or _gets(reach, row, column, plus(outward, beyond, form.axis))
+    return is_farther
+
+
+@inlined
+def _gets(reach: Reach, row: int, column: int, direction: Triple) -> bool:
+    """Tell whether a tile may have points in a direction from the sensor at all."""
+    slack = _SLACK * float(reach.far[row, column]) * np.sqrt(dot(direction, direction))
+    return bool(farthest_along(reach.boxes, row, column, direction) > -slack)

@@ -12,6 +12,7 @@ import numpy as np
 from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.evidence import Scans
 from completion.extension.adjacency import Adjacency, is_upright
 from completion.extension.bounds import (
     aligned_chart,
@@ -214,7 +215,7 @@ def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
 def lay_grid(
     surface: MergedSurface,
     extent: Extent,
-    observations: Sequence[Observation],
+    scans: Scans,
     *,
     max_cells: int,
     cell_m: float | None,
@@ -226,12 +227,12 @@ def lay_grid(
     """
     footprint = np.concatenate([
         pixels.pick(observation.scan.ranges) * observation.scan.projection.pixel_angle
-        for observation, pixels in zip(observations, surface.pixels, strict=True)
+        for observation, pixels in zip(scans.observations, surface.pixels, strict=True)
     ])  # fmt: skip
     cell, most = float(np.quantile(footprint, 0.25)), max_cells
     if cell_m is not None:
         cell, most = cell_m, _MOST_CELLS
-    low, high = _hidden_box(extent, observations)
+    low, high = _hidden_box(extent, scans)
     low, high = low - 2 * cell, high + 2 * cell
     width = extent.chart.period if extent.full_turn else high[0] - low[0]
     cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / most)))
@@ -240,11 +241,11 @@ def lay_grid(
     return ChartGrid.over(extent.chart, low, high, cell, full_turn=extent.full_turn)
 
 
-def _hidden_box(extent: Extent, observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
+def _hidden_box(extent: Extent, scans: Scans) -> tuple[FloatArray, FloatArray]:
     """The measured rectangle, widened within the window by all places that were hidden."""
     low, high = extent.window()
     if not isinstance(extent.chart, Plane):
         return low, high
-    places = farthest_hidden(extent.chart, low, high, observations)
+    places = farthest_hidden(extent.chart, low, high, scans.observations, scans.reach)
     places = np.concatenate([extent.own_low[None], extent.own_high[None], places])
     return places.min(axis=0), places.max(axis=0)

@@ -72,7 +72,7 @@ def extend(
     """
     # 1. Weigh: what the scans say of each cell of the chart.
     surface, edits, extent = edited.surface, edited.edits, with_ends(extent, edited.edits.ends)
-    grid = lay_grid(surface, extent, scans.observations, max_cells=rules.max_cells, cell_m=rules.cell_m)
+    grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)
     predicted_sd = predicted_sd.reshape(grid.shape)

@@ -10,6 +10,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label, Scans, weigh
 from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
+from completion.evidence.reach import reach_of
 from completion.evidence.sight import look, sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
@@ -38,6 +39,11 @@ def evidence(*scans: RangeImage, options: EvidenceOptions = EvidenceOptions()): 
         for seen in observations
     ]
     return weigh(GRID, EXACT, Scans(tuple(observations), tuple(owners), options.tolerance()), 1)
+
+
+def free_of(grid, sd, scan):
+    seen = observe(scan, Pose.identity())
+    return free_cells(grid, sd, [sight_of(seen, USUAL)], [reach_of(seen)])
 
 
 def label_at(found, x: float, y: float) -> int:
@@ -119,7 +125,7 @@ def test_one_beam_is_a_veto_without_noise_and_not_with_it():
     clean = replace(SCAN, ranges=depth / CAMERA.directions()[..., 2])
     noisy = replace(clean, sigma_m=1e-4)
     for scan, vetoed in ((clean, 1), (noisy, 0)):
-        free = free_cells(GRID, EXACT, [observe(scan, Pose.identity())], USUAL)
+        free = free_of(GRID, EXACT, scan)
         assert free.sum() == vetoed
 
 
@@ -129,7 +135,7 @@ def test_beams_from_behind_are_a_veto_too():
         ranges=np.full((120, 120), 9.0),
         world_from_sensor=Pose.looking_at((0, 0, 6), (0, 0, 0), up=(0, -1, 0)),
     )
-    free = free_cells(GRID, EXACT, [observe(behind, Pose.identity())], USUAL)
+    free = free_of(GRID, EXACT, behind)
     assert free.mean() > 0.3
 
 
@@ -137,12 +143,7 @@ def test_far_wall_of_a_cylinder_is_vetoed_by_beams_that_crossed_it():
     post = Cylinder((0, 0, 2), (0, 1, 0), 0.3)
     grid = ChartGrid.over(post, (0, -0.5), (0, 0.5), 0.05, full_turn=True)
     scan = replace(SCAN, ranges=np.full((120, 120), 9.0))
-    free = free_cells(
-        grid,
-        np.zeros(grid.shape[0] * grid.shape[1]),
-        [observe(scan, Pose.identity())],
-        USUAL,
-    )
+    free = free_of(grid, np.zeros(grid.shape[0] * grid.shape[1]), scan)
     assert free.all()
 
 

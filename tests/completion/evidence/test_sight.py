@@ -10,6 +10,7 @@ import pytest
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.form import chart_of, form_of, place_of, reach_of, slope_at
 from completion.evidence.free_space import free_cells
+from completion.evidence.reach import reach_of as tiles_of
 from completion.evidence.sight import look, pixel_of, sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
@@ -143,7 +144,8 @@ def test_cells_are_vetoed_by_the_beams_that_meet_them_before_they_end(surface, n
         expected &= around(count) >= 2
     if full_turn:
         expected = around(expected) > 0
-    found = free_cells(grid, sd, scans, TOLERANCE)
+    sights = [sight_of(seen, TOLERANCE) for seen in scans]
+    found = free_cells(grid, sd, sights, list(map(tiles_of, scans)))
     assert expected.any()
     np.testing.assert_array_equal(found.reshape(grid.shape), expected)
 
@@ -155,3 +157,6 @@ def test_what_no_loop_knows_is_refused():
     strange = SimpleNamespace(projection=object(), world_from_sensor=POSE)
     with pytest.raises(TypeError, match="no place can be looked up in a object"):
         sight_of(replace(seen, scan=strange), TOLERANCE)
+    unknown = SimpleNamespace(projection=object(), ranges=seen.scan.ranges)
+    with pytest.raises(TypeError, match="no place can be looked up in a object"):
+        tiles_of(replace(seen, scan=unknown))

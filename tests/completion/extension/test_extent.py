@@ -6,6 +6,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue
+from completion.evidence.reach import reach_of
 from completion.extension.adjacency import Adjacency
 from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
@@ -197,7 +198,7 @@ def test_the_farthest_hidden_places_are_those_of_the_plain_formula(seed):
     behind = np.isfinite(reach) & (scan.ranges[::2, ::2].ravel() < reach)
     uv = chart.to_uv(reach[behind, None] * rays[behind])
     uv = uv[((uv >= low) & (uv <= high)).all(axis=1)]
-    found = farthest_hidden(chart, low, high, [seen, seen])
+    found = farthest_hidden(chart, low, high, [seen, seen], [reach_of(seen)] * 2)
     np.testing.assert_allclose(found.min(axis=0), uv.min(axis=0), atol=1e-12)
     np.testing.assert_allclose(found.max(axis=0), uv.max(axis=0), atol=1e-12)
-    assert farthest_hidden(chart, high, low, [seen]).shape == (0, 2)
+    assert farthest_hidden(chart, high, low, [seen], [reach_of(seen)]).shape == (0, 2)
