@@ -3,7 +3,8 @@
 
 Two writers: ours (double precision, points on their rays, projection in the header) and one like a scanner's
 (single precision, column by column, points a little off the rays, no projection). Both with colours and
-intensities. Each is read in a process of its own; the scan itself, as it is held afterwards, is told beside.
+intensities. Each is read in a process of its own; told beside are the scan itself, as it is held afterwards, and
+what of it is still in memory.
 Run by `make bench`, or alone:
 
     python benchmarks/e57_reading.py [MILLIONS OF PIXELS ...]
@@ -69,19 +70,28 @@ def peak_bytes() -> int:
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
+def resident_bytes() -> int:
+    """What this process has in memory now."""
+    return 1024 * next(
+        int(line.split()[1])
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmRSS")
+    )
+
+
 def measure(small: str, large: str) -> None:
     """Read a small scan, so that all is loaded, then a large one; print what the second took."""
     read_scan(small)
-    before, started = peak_bytes(), time.process_time()
+    before, at_first, started = peak_bytes(), resident_bytes(), time.process_time()
     scan = read_scan(large)
     seconds = time.process_time() - started
-    peak = peak_bytes() - before
+    peak, after = peak_bytes() - before, resident_bytes() - at_first
     arrays = (scan.ranges, scan.colour, scan.intensity, scan.sensor_points)
     held = sum(array.nbytes for array in arrays if array is not None)
     n = int(scan.valid.sum())
     print(
         f"  {n / 1e6:6.2f} M points {seconds:7.2f} s CPU {peak / 1e6:7.0f} MB at the peak, "
-        f"{held / 1e6:.0f} MB of them the scan"
+        f"{after / 1e6:.0f} MB afterwards; the scan is {held / 1e6:.0f} MB"
     )
 
 

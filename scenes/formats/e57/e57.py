@@ -13,7 +13,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.formats.documents import parse_json
-from scenes.formats.e57.e57_grid import gridded, survey
+from scenes.formats.e57.e57_grid import Survey, gridded
 from scenes.formats.e57.e57_inferred import INFERRED
 from scenes.formats.e57.e57_points import point_chunks
 from scenes.formats.e57.e57_structure import check_e57
@@ -75,10 +75,7 @@ class E57File:
             partial(point_chunks, self._file, self._own[index]),
             _ours(_text(header, "description")),
         )
-        seen = survey(chunks(places_alone=True))
-        if not seen.n_kept:
-            raise InputError(f"scan {index + 1} has no valid point")
-        return gridded(chunks, seen, _read_pose(header), name, ours)
+        return gridded(chunks, _announced(header), _read_pose(header), name, ours)
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -113,6 +110,18 @@ def _projected(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
     return scan.restated(warnings=cloud.warnings)
+
+
+def _announced(header: Any) -> Survey:
+    """Rows and columns as the file's header tells them; none where it does not."""
+    found = Survey(header.point_count)
+    if "indexBounds" in header.scan_fields:
+        bounds = header["indexBounds"]
+        names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]
+        if all(bounds.isDefined(name) for pair in names for name in pair):
+            low, high = ([int(bounds[name].value()) for name in pair] for pair in names)
+            found.low, found.high = np.array(low), np.array(high)
+    return found
 
 
 def _ours(description: str) -> dict[str, Any] | None:

@@ -10,8 +10,8 @@ import pytest
 from scenes.checks import InputError
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scan, write_scan
-from scenes.formats.e57 import e57_points
-from scenes.formats.e57.e57_grid import survey
+from scenes.formats.e57 import e57, e57_points
+from scenes.formats.e57.e57_grid import Survey
 from scenes.formats.e57.e57_points import PointChunk
 from tests.helpers.scan_examples import PROJECTIONS, assert_same_scan, example_scan
 
@@ -71,9 +71,26 @@ def test_of_several_returns_the_first_is_kept(
 def test_points_not_finite_are_told() -> None:
     pixels = np.array([[4, 2, 9], [1, 8, 3]])
     chunk = PointChunk(np.ones((3, 3)), pixels, None, None, n_read=5, n_bad=2)
-    seen = survey([chunk, replace(chunk, points=np.ones((0, 3)), pixels=pixels[:, :0])])
+    seen = Survey()
+    for one in (chunk, replace(chunk, points=np.ones((0, 3)), pixels=pixels[:, :0])):
+        seen.see(one)
     assert (seen.n_kept, seen.low.tolist(), seen.high.tolist()) == (3, [2, 1], [9, 8])
-    assert seen.warnings == ("4 of 10 points are not finite and were left out",)
+    assert (seen.n_bad, seen.n_read) == (4, 10)
+
+
+@pytest.mark.parametrize("bounds", [None, (0, 0, 70, 90), (3, 5, 4, 6), (9, 9, 2, 2), (0, 0, 10**6, 10**6)])
+def test_bounds_that_are_announced_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bounds: tuple[int, ...] | None
+) -> None:
+    by_others(tmp_path / "a.e57", double=False, repeated=4)
+    plain = read_scan(tmp_path / "a.e57")
+    low, high = (np.full(2, 2**31), np.zeros(2, int)) if bounds is None else np.reshape(bounds, (2, 2))
+    monkeypatch.setattr(e57, "_announced", lambda header: Survey(header.point_count, low=low, high=high))
+    found = read_scan(tmp_path / "a.e57")
+    assert found.warnings == plain.warnings
+    for name in ("ranges", "sensor_points", "intensity"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+        assert getattr(found, name).flags.c_contiguous
 
 
 def test_points_in_single_precision_are_kept_so(tmp_path: Path) -> None:
@@ -92,5 +109,5 @@ def test_points_in_single_precision_are_kept_so(tmp_path: Path) -> None:
 def test_a_scan_without_a_valid_point_is_refused(tmp_path: Path) -> None:
     n_points = int(example_scan(PROJECTIONS["panorama"]).valid.sum())
     by_others(tmp_path / "a.e57", double=False, spoilt=n_points)
-    with pytest.raises(InputError, match="scan 1 has no valid point"):
+    with pytest.raises(InputError, match="has no valid point"):
         read_scan(tmp_path / "a.e57")
