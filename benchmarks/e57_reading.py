@@ -3,8 +3,8 @@
 
 Two writers: ours (double precision, points on their rays, projection in the header) and one like a scanner's
 (single precision, column by column, points a little off the rays, no projection). Both with colours and
-intensities. Each is read in a process of its own; told beside are what is in memory afterwards, and the bytes of
-the scan itself.
+intensities. Each is read in a process of its own; told beside are what memory holds afterwards and how large
+the scan is.
 Run by `make bench`, or alone:
 
     python benchmarks/e57_reading.py [MILLIONS OF PIXELS ...]

@@ -74,7 +74,7 @@ def gridded(
     size = [int(n) for n in announced.high - announced.low + 1]
     if min(size) > 0 and size[0] * size[1] <= _SPARSE * announced.n_kept + _FEW:
         try:
-            return _gridded(chunks, announced, projection, pose, name, ours)
+            return _gridded(chunks, announced, projection, pose, name=name, ours=ours)
         except _BeyondError:
             pass
     seen = Survey()
@@ -91,7 +91,7 @@ def gridded(
     check_size(rows, columns)
     if rows * columns > _SPARSE * seen.n_kept + _FEW:
         raise InputError(f"{seen.n_kept} points in a grid of {rows} x {columns}: are its indices damaged?")
-    return _gridded(chunks, bounds, projection, pose, name, ours)
+    return _gridded(chunks, bounds, projection, pose, name=name, ours=ours)
 
 
 def _gridded(
