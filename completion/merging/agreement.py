@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Agreement: whether two fitted surfaces may be one, by their covariances and by what lies between them."""
+"""Agreement: whether two fitted surfaces may be one, by their covariances."""
 
 from __future__ import annotations
 
@@ -7,27 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from completion.evidence.form import Form, form_of, place_of
-from completion.evidence.sight import Sight, look, pixel_of
+from completion.evidence.form import Form, form_of
 from completion.fitting.result import SurfaceFit
 from completion.merging.plane_pairs import compare_planes, density
-from completion.observe.rays import deviation_at
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Surface
-from texture.engine.compiled import compiled
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
 _CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed
 _STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
 _LEAST_COSINE = 0.5  # of the normals of two parts of one surface
 _FEW = 24  # points of a part that differences are read at
-_N_ENDS = 40  # points of either part that bridges start from
-_N_STEPS = 24
-_STRIP = 3  # neighbouring bridges that make a strip
-_BLOCKS = (1, 4, 13)  # ends after which a strip is looked for
-_CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,85 +139,3 @@ def _log_prior_volume(form: Form, size: float) -> float:
     """Logarithm of the volume of parameters that an unrelated surface near points of this size may have."""
     lengths = 3 if form.is_curved else 1
     return lengths * float(np.log(2 * size)) + 2 * float(np.log(2 * _STEEPEST))
-
-
-def gap_is_hidden(one: Part, other: Part, sights: Sequence[Sight]) -> bool:
-    """Tell whether a strip between two parts is wholly hidden or measured on the surface, by all scans.
-
-    Bridges run on the other's surface from points of one part to points of the other. They make a strip
-    where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
-    most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
-    """
-    first, second = _ends(other.fit.surface, one.points, other.points)
-    n = min(_STRIP, len(first), len(second))
-    near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
-    near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
-    closed = np.zeros((len(first), len(second)), dtype=np.bool_)
-    is_known = np.zeros(len(first), dtype=np.bool_)
-    for ends in np.split(np.arange(len(first)), _BLOCKS):
-        new = np.unique(np.append(near_first[ends], ends))
-        new = new[~is_known[new]]
-        closed[new], is_known[new] = _closed(one, other, first[new], second, sights), True
-        along_first = closed[near_first[ends]].all(axis=1)  # the same end in the second part
-        along_second = closed[ends][:, near_second].all(axis=2)
-        if (along_first & along_second).any():
-            return True
-    return False
-
-
-def _closed(
-    one: Part, other: Part, first: FloatArray, second: FloatArray, sights: Sequence[Sight]
-) -> BoolArray:
-    """Tell which bridges (n, m) between ends (n, 2) and (m, 2) are closed."""
-    seen = np.zeros((len(first), len(second), _N_STEPS), dtype=np.bool_)
-    crossed, scale = np.zeros(seen.shape[:2], dtype=np.bool_), max(one.scale, other.scale)
-    for sight in sights:
-        _follow(sight, other.form, first, second, scale, seen, crossed)
-    return np.asarray(~crossed & (seen.mean(axis=2) > _CLOSED), dtype=np.bool_)
-
-
-@compiled
-def _follow(
-    sight: Sight,
-    form: Form,
-    first: FloatArray,
-    second: FloatArray,
-    sd: float,
-    seen: BoolArray,
-    crossed: BoolArray,
-) -> None:
-    """Hold every step (n, m, steps) of the bridges between ends (n, 2) and (m, 2) against a scan."""
-    eye, ranges, n_steps = sight.eye, sight.ranges, seen.shape[2]
-    for i in range(len(first)):
-        for j in range(len(second)):
-            across, up = second[j, 0] - first[i, 0], second[j, 1] - first[i, 1]
-            for k in range(n_steps):
-                if crossed[i, j]:
-                    break
-                along = (k + 0.5) / n_steps
-                place = place_of(form, first[i, 0] + along * across, first[i, 1] + along * up)
-                pixel = pixel_of(eye, sight.angles, place)
-                if pixel >= 0 and np.isfinite(ranges[pixel]):
-                    measured = ranges[pixel]
-                    said = look(eye, form, place, sd, (measured, deviation_at(sight.noise, measured)))
-                    crossed[i, j] = said.behind < -said.allowed
-                    seen[i, j, k] |= said.behind >= -said.allowed
-
-
-def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chart coordinates of the points of both parts that bridges run between, those that face the other."""
-    start, end = surface.to_uv(one), surface.to_uv(other)
-    if np.isfinite(surface.period):
-        end[:, 0] += np.rint((start[:, 0].mean() - end[:, 0]) / surface.period) * surface.period
-    return _facing(start, end), _facing(end, start)
-
-
-def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
-    """The nearest of `uv` to the other part, and as many from all over the rest of it."""
-    distance, _ = cKDTree(other).query(uv)
-    order = np.argsort(distance, kind="stable")
-    half = _N_ENDS // 2
-    if len(order) <= _N_ENDS:
-        return uv
-    rest = order[half:]
-    return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])

@@ -10,9 +10,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import sight_of
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Agreement, Part, compare, find_candidates, gap_is_hidden, lies_on
+from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
+from completion.merging.gaps import gap_is_hidden
+from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import improve, refit
@@ -97,7 +99,7 @@ def merge(
         for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
-    group, sights = np.arange(len(parts)), [sight_of(seen, tolerance) for seen in observations]
+    group, sights = np.arange(len(parts)), Sights.of([sight_of(seen, tolerance) for seen in observations])
     agreements = _agreements(parts) if across else {}
     for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
         if agreement.chi2 > 1:
@@ -107,7 +109,7 @@ def merge(
         if _contradicted(group, group[i], group[j], agreements, parts):
             continue
         joined = [parts[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
-        if _fits_all(joined, tolerance) and _hidden_between(parts[i], parts[j], sights):
+        if _hidden_between(parts[i], parts[j], sights) and _fits_all(joined, tolerance):
             group[group == group[j]] = group[i]
     if across:
         _adopt_small(group, parts, sights)
@@ -166,12 +168,12 @@ def _fits_all(parts: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
     return True
 
 
-def _hidden_between(one: _ScanRegion, other: _ScanRegion, sights: Sequence[Sight]) -> bool:
+def _hidden_between(one: _ScanRegion, other: _ScanRegion, sights: Sights) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(group: NDArray[np.int64], parts: Sequence[_ScanRegion], sights: Sequence[Sight]) -> None:
+def _adopt_small(group: NDArray[np.int64], parts: Sequence[_ScanRegion], sights: Sights) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     for j in reversed(by_size):

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Gaps: whether what lies between two parts of a surface was hidden, by all scans together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from completion.evidence.form import Form, place_of
+from completion.evidence.sight import look, pixel_of
+from completion.merging.agreement import Part
+from completion.merging.sights import Packed, Sights, eye_of, noise_of, number_at
+from completion.observe.rays import deviation_at
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
+
+_N_ENDS = 40  # points of either part that bridges start from
+_N_STEPS = 24
+_STRIP = 3  # neighbouring bridges that make a strip
+_CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
+_SLACK = 1e-6  # of rounding, metres
+
+
+def gap_is_hidden(one: Part, other: Part, sights: Sights) -> bool:
+    """Tell whether a strip between two parts is wholly hidden or measured on the surface, by all scans.
+
+    Bridges run on the other's surface from points of one part to points of the other. They make a strip
+    where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
+    most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
+    """
+    first, second = _ends(other.fit.surface, one.points, other.points)
+    n = min(_STRIP, len(first), len(second))
+    near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
+    near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
+    scale = max(one.scale, other.scale)
+    order, n_reaching = _nearest_scans(first, second, other, sights.packed)
+    return _has_strip(
+        sights.packed, order, n_reaching, other.form, scale, first, second, near_first, near_second
+    )
+
+
+def _nearest_scans(
+    first: FloatArray, second: FloatArray, other: Part, scans: Packed
+) -> tuple[NDArray[np.int64], int]:
+    """The scans (n,), nearest first, and how many of them measured so far that a beam may cross a bridge.
+
+    No place of a bridge is farther from the middle than on the chart.
+    """
+    both = np.concatenate([first, second])
+    low, high = both.min(axis=0), both.max(axis=0)
+    middle = other.fit.surface.from_uv(((low + high) / 2)[None])[0]
+    radius = float(np.hypot(*(high - low))) / 2
+    distance = np.sqrt(np.square(scans.numbers[:, 12:15] - middle).sum(axis=1))
+    too_far = scans.farthest < distance - radius - _SLACK
+    order = np.lexsort([distance, too_far])
+    return order, len(order) - int(too_far.sum())
+
+
+@compiled
+def _has_strip(
+    scans: Packed,
+    order: NDArray[np.int64],
+    n_reaching: int,
+    form: Form,
+    sd: float,
+    first: FloatArray,
+    second: FloatArray,
+    near_first: NDArray[np.int64],
+    near_second: NDArray[np.int64],
+) -> bool:
+    """Tell whether some bridge, between ends (n, 2) and (m, 2), and its neighbours are all closed.
+
+    Each bridge is followed once, when a strip wants it that none of those known to be open is in. `order`
+    (scans,) is changed: a scan whose beam crossed a bridge probably crosses the next one, and at that step.
+    """
+    state = np.zeros((len(first), len(second)), np.int8)  # 1 closed, -1 open, 0 not known
+    hint = np.zeros(1, np.int64)
+    for i in range(len(first)):
+        for j in range(len(second)):
+            is_open = False
+            for k in near_first[i]:
+                is_open |= state[k, j] < 0
+            for k in near_second[j]:
+                is_open |= state[i, k] < 0
+            for index in range(near_first.shape[1] + near_second.shape[1]):
+                if is_open:
+                    break
+                a = near_first[i, index] if index < near_first.shape[1] else i
+                b = j if index < near_first.shape[1] else near_second[j, index - near_first.shape[1]]
+                if state[a, b] == 0:
+                    ends = first[a, 0], first[a, 1], second[b, 0], second[b, 1]
+                    state[a, b] = 1 if _is_closed(scans, order, n_reaching, form, sd, ends, hint) else -1
+                is_open = state[a, b] < 0
+            if not is_open:
+                return True
+    return False
+
+
+@compiled
+def _is_closed(
+    scans: Packed,
+    order: NDArray[np.int64],
+    n_reaching: int,
+    form: Form,
+    sd: float,
+    ends: tuple[float, float, float, float],
+    hint: NDArray[np.int64],
+) -> bool:
+    """Hold the steps of a bridge against the scans until one crosses it, or none can and enough is seen."""
+    across, up = ends[2] - ends[0], ends[3] - ends[1]
+    seen, n_seen = np.zeros(_N_STEPS, np.bool_), 0
+    for rank in range(order.size):
+        if rank >= n_reaching and n_seen > _CLOSED * _N_STEPS:
+            break
+        scan = order[rank]
+        eye, noise, address = eye_of(scans, scan), noise_of(scans, scan), scans.address[scan]
+        angles = scans.angles[scans.first[scan] : scans.first[scan + 1]]
+        for turn in range(_N_STEPS):
+            k = (hint[0] + turn) % _N_STEPS
+            along = (k + 0.5) / _N_STEPS
+            place = place_of(form, ends[0] + along * across, ends[1] + along * up)
+            pixel = pixel_of(eye, angles, place)
+            if pixel < 0:
+                continue
+            measured = number_at(address, pixel)
+            if not np.isfinite(measured):
+                continue
+            said = look(eye, form, place, sd, (measured, deviation_at(noise, measured)))
+            if said.behind < -said.allowed:
+                order[1 : rank + 1] = order[:rank].copy()
+                order[0], hint[0] = scan, k
+                return False
+            if not seen[k]:
+                seen[k] = True
+                n_seen += 1
+    return n_seen > _CLOSED * _N_STEPS
+
+
+def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Chart coordinates of the points of both parts that bridges run between, those that face the other."""
+    start, end = surface.to_uv(one), surface.to_uv(other)
+    if np.isfinite(surface.period):
+        end[:, 0] += np.rint((start[:, 0].mean() - end[:, 0]) / surface.period) * surface.period
+    return _facing(start, end), _facing(end, start)
+
+
+def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
+    """The nearest of `uv` to the other part, and as many from all over the rest of it."""
+    distance, _ = cKDTree(other).query(uv)
+    order = np.argsort(distance, kind="stable")
+    half = _N_ENDS // 2
+    if len(order) <= _N_ENDS:
+        return uv
+    rest = order[half:]
+    return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
