@@ -10,13 +10,13 @@ import numpy as np
 
 from completion.evidence.form import Form, form_of
 from completion.fitting.result import SurfaceFit
-from completion.merging.plane_pairs import compare_planes, density
-from scenes.checks import BoolArray, FloatArray
+from completion.merging.plane_pairs import compare_plane_pairs, compare_planes, density
+from scenes.checks import FloatArray, IntArray
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
-_CANDIDATE = 5.0  # standard deviations at a part's middle, beyond which no test is needed
 _STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
-_LEAST_COSINE = 0.5  # of the normals of two parts of one surface
+LEAST_COSINE = 0.5  # of the normals of two parts of one surface
+LEAST_FACING = 0.8  # of those of a part and of the surface that it lies on
 _FEW = 24  # points of a part that differences are read at
 
 
@@ -53,6 +53,11 @@ class Part:
             form=form_of(fit.surface),
         )
 
+    @property
+    def slack(self) -> float:
+        """Share by which a mean square over its points may exceed what is expected: three deviations."""
+        return float(3 * np.sqrt(2 / len(self.points)))
+
     def middle(self) -> FloatArray:
         """The place (3,) on its surface nearest to the mean of its points."""
         mean = self.points.mean(axis=0, keepdims=True)
@@ -60,6 +65,13 @@ class Part:
         return np.asarray(
             (mean - surface.distance(mean)[:, None] * surface.normal(mean))[0], dtype=np.float64
         )
+
+    def spread(self) -> tuple[float, float]:
+        """Bounds a and b: its surface's deviation is at most a + b d at a distance d from its own point."""
+        variance = np.diag(self.covariance)
+        if self.form.is_curved:
+            return float(np.sqrt(2 * (variance[:2].sum() + variance[4]))), float(np.sqrt(variance[2:4].sum()))
+        return float(np.sqrt(variance[0])), float(np.sqrt(variance[1:].sum()))
 
     def variance_at(self, points: FloatArray) -> FloatArray:
         """Variance (n,) of its surface along the normal at `points`, metres squared."""
@@ -75,19 +87,6 @@ class Agreement:
     log_evidence: float  # log of how many times likelier the difference is if they are one
 
 
-def find_candidates(parts: Sequence[Part]) -> BoolArray:
-    """Tell for each pair (n, n) whether each surface passes near the other's middle, both of one kind."""
-    middles = np.array([one.middle() for one in parts]).reshape(-1, 3)
-    height = np.array([one.fit.surface.distance(middles) for one in parts])
-    variance = np.array([one.variance_at(middles) for one in parts])
-    allowed = _CANDIDATE**2 * (variance + np.diag(variance)[None, :])
-    kind = np.array([one.fit.surface.kind for one in parts])
-    normal = np.array([one.fit.surface.normal(one.middle()[None])[0] for one in parts]).reshape(-1, 3)
-    turned = (kind[:, None] == "plane") & (normal @ normal.T < _LEAST_COSINE)
-    near = (np.square(height) <= allowed) & ~turned
-    return np.asarray(near & near.T & (kind[:, None] == kind[None, :]), dtype=np.bool_)
-
-
 def compare(one: Part, other: Part) -> Agreement:
     """Compare two parts of one kind.
 
@@ -97,10 +96,32 @@ def compare(one: Part, other: Part) -> Agreement:
     """
     if one.form.is_curved:
         return compare_at_points(one, other)
-    square, log_density = compare_planes(
-        one.form, other.form, one.covariance, other.covariance, _LEAST_COSINE
-    )
+    square, log_density = compare_planes(one.form, other.form, one.covariance, other.covariance, LEAST_COSINE)
     return _agreement(one, other, square, log_density)
+
+
+def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+    """How pairs (k, 2) of parts `compare`: `Agreement.chi2` (k,) and `Agreement.log_evidence` (k,)."""
+    chi2, log_evidence = np.zeros(len(pairs)), np.zeros(len(pairs))
+    curved = np.array([one.form.is_curved for one in parts], dtype=np.bool_)
+    flat = ~curved[pairs].any(axis=1)
+    for k in np.flatnonzero(~flat).tolist():
+        found = compare(parts[pairs[k, 0]], parts[pairs[k, 1]])
+        chi2[k], log_evidence[k] = found.chi2, found.log_evidence
+    if flat.any():
+        forms, covariances = np.zeros((len(parts), 12)), np.zeros((len(parts), 3, 3))
+        for number in np.unique(pairs[flat]).tolist():
+            form = parts[number].form
+            forms[number] = *form.point, *form.axis, *form.first, *form.second
+            covariances[number] = parts[number].covariance
+        square, log_density = compare_plane_pairs(
+            pairs[flat].astype(np.int64), forms, covariances, LEAST_COSINE
+        )
+        boxes = np.array([one.box for one in parts])[pairs[flat]]
+        size = np.linalg.norm(boxes[:, :, 1].max(axis=1) - boxes[:, :, 0].min(axis=1), axis=1)
+        chi2[flat] = square / _CHI2[3]
+        log_evidence[flat] = log_density + _log_prior_volume(1, size)
+    return chi2, log_evidence
 
 
 def compare_at_points(one: Part, other: Part) -> Agreement:
@@ -109,7 +130,7 @@ def compare_at_points(one: Part, other: Part) -> Agreement:
     points = np.concatenate([one.few, other.few])
     feet = points - there.distance(points)[:, None] * there.normal(points)
     facing = np.einsum("ij,ij->i", here.normal(feet), there.normal(feet))
-    if float(np.median(facing)) < _LEAST_COSINE:
+    if float(np.median(facing)) < LEAST_COSINE:
         return _agreement(one, other, np.inf, -np.inf)
     basis = np.linalg.pinv(one.fit.gradient(feet))
     difference = basis @ here.distance(feet)
@@ -121,8 +142,8 @@ def compare_at_points(one: Part, other: Part) -> Agreement:
 def _agreement(one: Part, other: Part, square: float, log_density: float) -> Agreement:
     """The agreement from squared Mahalanobis distance and log density of a difference."""
     size = np.maximum(one.box[1], other.box[1]) - np.minimum(one.box[0], other.box[0])
-    volume = _log_prior_volume(one.form, float(np.sqrt(size @ size)))
-    return Agreement(square / _CHI2[len(one.covariance)], log_density + volume)
+    volume = _log_prior_volume(3 if one.form.is_curved else 1, np.sqrt(size @ size))
+    return Agreement(square / _CHI2[len(one.covariance)], log_density + float(volume))
 
 
 def lies_on(small: Part, large: Part) -> bool:
@@ -131,11 +152,12 @@ def lies_on(small: Part, large: Part) -> bool:
     allowed = np.square(small.scale) + large.variance_at(small.points)
     square = float(np.mean(np.square(surface.distance(small.points)) / allowed))
     facing = np.einsum("ij,ij->i", surface.normal(small.points), small.fit.surface.normal(small.points))
-    slack = 3 * np.sqrt(2 / len(small.points))
-    return square <= 1 + slack and float(np.median(facing)) > 0.8
+    return square <= 1 + small.slack and float(np.median(facing)) > LEAST_FACING
 
 
-def _log_prior_volume(form: Form, size: float) -> float:
-    """Logarithm of the volume of parameters that an unrelated surface near points of this size may have."""
-    lengths = 3 if form.is_curved else 1
-    return lengths * float(np.log(2 * size)) + 2 * float(np.log(2 * _STEEPEST))
+def _log_prior_volume(lengths: int, size: FloatArray) -> FloatArray:
+    """Logarithm of the volume of parameters that an unrelated surface near points of this size may have.
+
+    So many of them are lengths, two are slopes.
+    """
+    return np.asarray(lengths * np.log(2 * size) + 2 * np.log(2 * _STEEPEST))

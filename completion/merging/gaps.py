@@ -148,10 +148,25 @@ def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatAr
 
 def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
     """The nearest of `uv` to the other part, and as many from all over the rest of it."""
-    distance, _ = cKDTree(other).query(uv)
+    distance = np.sqrt(_least_square(*uv.T.copy(), *other.T.copy()))
     order = np.argsort(distance, kind="stable")
     half = _N_ENDS // 2
     if len(order) <= _N_ENDS:
         return uv
     rest = order[half:]
     return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
+
+
+@compiled
+def _least_square(u: FloatArray, v: FloatArray, other_u: FloatArray, other_v: FloatArray) -> FloatArray:
+    """Squared distance (n,) from each of the places (n,), (n,) to the nearest of (m,), (m,).
+
+    Some hundred of either are compared sooner than a tree is built.
+    """
+    least = np.full(u.size, np.inf)
+    for j in range(other_u.size):
+        for i in range(u.size):
+            across, up = u[i] - other_u[j], v[i] - other_v[j]
+            square = across * across + up * up
+            least[i] = square if square < least[i] else least[i]
+    return least

@@ -5,22 +5,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.sight import sight_of
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Agreement, Part, compare, find_candidates, lies_on
+from completion.merging.agreement import Part, compare, compare_all, lies_on
+from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
+from completion.merging.groups import Groups
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import improve, refit
+from completion.observe.refitting import improve, refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
@@ -65,7 +67,7 @@ class _ScanRegion:
     part: Part
     n_pixels: int
     systematic_m: float  # error that neighbouring ranges have in common
-    beams: Beams  # of the points in `part`
+    sample: NDArray[np.int32]  # (m,) flat pixels of the points in `part`
 
 
 def merge(
@@ -99,21 +101,11 @@ def merge(
         for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
         for region in found
     ]
-    group, sights = np.arange(len(parts)), Sights.of([sight_of(seen, tolerance) for seen in observations])
-    agreements = _agreements(parts) if across else {}
-    for (i, j), agreement in sorted(agreements.items(), key=lambda item: (item[1].chi2, item[0])):
-        if agreement.chi2 > 1:
-            break
-        if group[i] == group[j] or agreement.log_evidence < _LEAST_EVIDENCE:
-            continue
-        if _contradicted(group, group[i], group[j], agreements, parts):
-            continue
-        joined = [parts[k] for k in np.flatnonzero((group == group[i]) | (group == group[j])).tolist()]
-        if _hidden_between(parts[i], parts[j], sights) and _fits_all(joined, tolerance):
-            group[group == group[j]] = group[i]
+    groups, sights = Groups(len(parts)), Sights.of([sight_of(seen, tolerance) for seen in observations])
     if across:
-        _adopt_small(group, parts, sights)
-    merged = _merged(group, parts, observations, tolerance)
+        _join_alike(groups, parts, observations, sights, tolerance)
+        _adopt_small(groups, parts, sights)
+    merged = _merged(groups, parts, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
@@ -127,43 +119,70 @@ def _scan_region(scan: int, region: Region, observation: Observation, tolerance:
     systematic = float(np.hypot(systematic, tolerance.registration_m))
     scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
     part = Part.of(region.fit, points, scale, systematic)
-    beams = Beams.at(observation, pixel)
-    return _ScanRegion(scan, region, part, n_pixels, systematic_m=systematic, beams=beams)
+    return _ScanRegion(scan, region, part, n_pixels, systematic_m=systematic, sample=pixel)
 
 
-def _agreements(parts: Sequence[_ScanRegion]) -> dict[tuple[int, int], Agreement]:
-    """How the pairs compare that come into question at all."""
-    if len(parts) < 2:
-        return {}
-    candidates = np.argwhere(np.triu(find_candidates([one.part for one in parts]), 1))
-    return {(int(i), int(j)): compare(parts[i].part, parts[j].part) for i, j in candidates}
+def _join_alike(
+    groups: Groups,
+    parts: Sequence[_ScanRegion],
+    observations: Sequence[Observation],
+    sights: Sights,
+    tolerance: Tolerance,
+) -> None:
+    """Join the groups of pairs that pass all tests, those that agree best first."""
+    pairs, chi2, log_evidence = _agreements(parts)
+    differ = dict(zip(map(tuple, pairs.tolist()), (chi2 > 1).tolist(), strict=True))
+    order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
+    tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_EVIDENCE)]
+    for i, j in pairs[tried].tolist():
+        if groups.are_one(i, j) or _contradicted(groups.of(i), groups.of(j), differ, parts):
+            continue
+        joined = [parts[k] for k in sorted(groups.of(i) + groups.of(j))]
+        if _hidden_between(parts[i], parts[j], sights) and _fits_all(joined, observations, tolerance):
+            groups.join(i, j)
+
+
+def _agreements(parts: Sequence[_ScanRegion]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The pairs (k, 2) that come into question at all, and how they compare: chi2 (k,), log evidence (k,)."""
+    alone = [one.part for one in parts]
+    pairs = find_candidates(alone)
+    return pairs, *compare_all(alone, pairs)
 
 
 def _contradicted(
-    group: NDArray[np.int64],
-    one: int,
-    other: int,
-    agreements: dict[tuple[int, int], Agreement],
+    one: Sequence[int],
+    other: Sequence[int],
+    differ: dict[tuple[int, int], bool],
     parts: Sequence[_ScanRegion],
 ) -> bool:
-    """Tell whether some pair across two groups fails the test that their best pair passed."""
-    for pair in product(np.flatnonzero(group == one), np.flatnonzero(group == other)):
-        i, j = sorted(map(int, pair))
-        if (agreements.get((i, j)) or compare(parts[i].part, parts[j].part)).chi2 > 1:
+    """Tell whether some pair across two groups fails the test that their best pair passed.
+
+    What pairs turn out to do is kept in `differ`.
+    """
+    for i, j in product(one, other):
+        pair = (i, j) if i < j else (j, i)
+        if pair not in differ:
+            differ[pair] = compare(parts[pair[0]].part, parts[pair[1]].part).chi2 > 1
+        if differ[pair]:
             return True
     return False
 
 
-def _fits_all(parts: Sequence[_ScanRegion], tolerance: Tolerance) -> bool:
+def _fits_all(
+    parts: Sequence[_ScanRegion], observations: Sequence[Observation], tolerance: Tolerance
+) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
     start = max(parts, key=lambda one: one.n_pixels).region.fit.surface
-    (joint,) = improve([start], [one.beams for one in parts], tolerance.flatness_m, n_rounds=2)
+    beams = [
+        Beams.at(observations[scan], np.concatenate([one.sample for one in several]))
+        for scan, several in groupby(parts, key=lambda one: one.scan)
+    ]
+    (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
     for one in parts:
         own = one.region.fit.rms**2 + (_APART * one.systematic_m) ** 2
-        slack = 1 + 3 * np.sqrt(2 / len(one.part.points))
-        if not np.mean(np.square(joint.distance(one.part.points))) <= slack * own:
+        if not np.mean(np.square(joint.distance(one.part.points))) <= (1 + one.part.slack) * own:
             return False
     return True
 
@@ -173,48 +192,46 @@ def _hidden_between(one: _ScanRegion, other: _ScanRegion, sights: Sights) -> boo
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(group: NDArray[np.int64], parts: Sequence[_ScanRegion], sights: Sights) -> None:
+def _adopt_small(groups: Groups, parts: Sequence[_ScanRegion], sights: Sights) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
-    for j in reversed(by_size):
+    rank = {index: place for place, index in enumerate(by_size)}
+    single = [j for j in reversed(by_size) if len(groups.of(j)) == 1]
+    hosts = find_hosts([parts[j].part for j in single], [one.part for one in parts])
+    for j, near in zip(single, hosts, strict=True):
         small = parts[j]
-        if (group == group[j]).sum() > 1:
+        if len(groups.of(j)) > 1:
             continue
-        for i in by_size:
+        for i in sorted(near, key=rank.__getitem__):
             large = parts[i]
             if small.n_pixels > _SMALL * large.n_pixels:
                 break
             if lies_on(small.part, large.part) and _hidden_between(large, small, sights):
-                group[j] = group[i]
+                groups.join(i, j)
                 break
 
 
 def _merged(
-    group: NDArray[np.int64],
-    parts: Sequence[_ScanRegion],
-    observations: Sequence[Observation],
-    tolerance: Tolerance,
+    groups: Groups, parts: Sequence[_ScanRegion], observations: Sequence[Observation], tolerance: Tolerance
 ) -> list[MergedSurface]:
     """One surface for each group, those of several parts fitted anew."""
-    members = [[parts[i] for i in np.flatnonzero(group == number).tolist()] for number in np.unique(group)]
-    joined = [several for several in members if len(several) > 1]
-    labels = [np.zeros(observation.scan.shape, np.int32) for observation in observations]
-    for number, several in enumerate(joined, start=1):
-        for one in several:
-            labels[one.scan].ravel()[one.region.pixels.flat] = number
-    starts = [max(several, key=lambda one: one.n_pixels).region.fit for several in joined]
-    fits = refit([fit.surface for fit in starts], observations, labels, tolerance.flatness_m, n_rounds=2)
-    surfaces = [
-        MergedSurface(start if fit is None else fit, _pixels(several, observations), len(several))
-        for several, start, fit in zip(joined, starts, fits, strict=True)
-    ]
+    nothing = tuple(PixelSet.union([], observation.scan.shape) for observation in observations)
+    members = [[parts[k] for k in several] for several in groups.all()]
     single = [several[0] for several in members if len(several) == 1]
-    return surfaces + [MergedSurface(one.region.fit, _pixels([one], observations), 1) for one in single]
+    joined = [several for several in members if len(several) > 1]
+    starts = [max(several, key=lambda one: one.n_pixels).region.fit for several in joined]
+    pixels = [_pixels(several, nothing) for several in joined]
+    surfaces = [start.surface for start in starts]
+    fits = refit_each(surfaces, observations, pixels, tolerance.flatness_m, n_rounds=2)
+    return [
+        MergedSurface(start if fit is None else fit, own, len(several))
+        for start, fit, own, several in zip(starts, fits, pixels, joined, strict=True)
+    ] + [MergedSurface(one.region.fit, _pixels([one], nothing), 1) for one in single]
 
 
-def _pixels(parts: Sequence[_ScanRegion], observations: Sequence[Observation]) -> tuple[PixelSet, ...]:
-    """The pixels of some parts in each scan."""
-    return tuple(
-        PixelSet.union([one.region.pixels for one in parts if one.scan == number], observation.scan.shape)
-        for number, observation in enumerate(observations)
-    )
+def _pixels(parts: Sequence[_ScanRegion], nothing: Sequence[PixelSet]) -> tuple[PixelSet, ...]:
+    """The pixels of some parts, ordered by scan, in each scan; `nothing` are a scan's no pixels."""
+    pixels = list(nothing)
+    for scan, several in groupby(parts, key=lambda one: one.scan):
+        pixels[scan] = PixelSet.union([one.region.pixels for one in several], nothing[scan].shape)
+    return tuple(pixels)

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.evidence.form import Form
 from completion.observe.triple import dot, minus
 from scenes.checks import FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _LEAST_SCALE = 1e-150  # standard deviation that counts as none
 _RANK = 1e-12  # of the greatest eigenvalue of a correlation, below which one counts as none
@@ -49,6 +50,36 @@ def compare_planes(
                 for m in range(3):
                     total[i, j] += carried[i, k] * other[k, m] * carried[j, m]
     return density(height, total)
+
+
+@compiled
+def compare_plane_pairs(
+    pairs: NDArray[np.int64], forms: FloatArray, covariances: FloatArray, least_cosine: float
+) -> tuple[FloatArray, FloatArray]:
+    """`compare_planes` of pairs (k, 2) of planes, both numbers (k,).
+
+    `forms` (n, 12) are a plane's point, normal, u and v directions, `covariances` (n, 3, 3).
+    """
+    square, log_density = np.empty(len(pairs)), np.empty(len(pairs))
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        here, there = _plane_of(forms[i]), _plane_of(forms[j])
+        square[k], log_density[k] = compare_planes(here, there, covariances[i], covariances[j], least_cosine)
+    return square, log_density
+
+
+@inlined
+def _plane_of(a: FloatArray) -> Form:
+    """A plane by its numbers (12,)."""
+    return Form(
+        is_curved=False,
+        point=(a[0], a[1], a[2]),
+        axis=(a[3], a[4], a[5]),
+        first=(a[6], a[7], a[8]),
+        second=(a[9], a[10], a[11]),
+        radius=1.0,
+        outward=1.0,
+    )
 
 
 @compiled

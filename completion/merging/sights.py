@@ -62,17 +62,17 @@ def eye_of(scans: Packed, scan: int) -> Eye:
     """The eye of a scan."""
     a = scans.numbers[scan]
     return Eye(
-        ((a[0], a[1], a[2]), (a[3], a[4], a[5]), (a[6], a[7], a[8])),
-        (a[9], a[10], a[11]),
-        (a[12], a[13], a[14]),
-        (int(a[15]), int(a[16])),
-        a[17] != 0.0,
-        (a[18], a[19], a[20], a[21]),
-        a[22],
-        a[23],
-        a[24],
-        a[25],
-        a[26],
+        turn=((a[0], a[1], a[2]), (a[3], a[4], a[5]), (a[6], a[7], a[8])),
+        shift=(a[9], a[10], a[11]),
+        origin=(a[12], a[13], a[14]),
+        shape=(int(a[15]), int(a[16])),
+        is_spherical=a[17] != 0.0,
+        lens=(a[18], a[19], a[20], a[21]),
+        pixel_angle=a[22],
+        n_sigma=a[23],
+        flatness_m=a[24],
+        registration_m=a[25],
+        max_m=a[26],
     )
 
 

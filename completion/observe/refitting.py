@@ -4,53 +4,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import SurfaceFit
+from completion.observe.alike_residuals import block_sums, residual_correlation
+from completion.observe.normal_equations import NormalEquations, add_up
 from completion.observe.observation import Beams, Observation
-from completion.observe.packed_surfaces import residual_correlation
-from completion.observe.rays import Noise, Rays, deviation_at, ray_at
-from completion.observe.triple import Triple
+from completion.observe.pixel_set import PixelSet
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-from texture.engine.compiled import compiled
 
-_LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
-_MAX_CONDITION = 1e12
 _THINNING = 3  # of the pixels that covariances are read from
 _FEW = 2_000  # pixels of a surface that are not thinned
 _LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sums:
-    """Normal equations of one surface: J'WJ, J'We, e'We, J'J, sum of squared distances, number of pixels."""
-
-    matrix: FloatArray
-    vector: FloatArray
-    cost: float
-    square: float
-    n: int
-
-    def step(self) -> FloatArray | None:
-        """The Gauss-Newton step; None where the pixels determine no surface."""
-        scale = np.sqrt(np.diag(self.matrix))
-        if self.n <= len(self.vector) or not (scale > 0).all():
-            return None
-        values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
-        if not values[-1] < _MAX_CONDITION * values[0]:
-            return None
-        return np.asarray(vectors @ ((self.vector / scale) @ vectors / values) / scale)
-
-    def repeated(self, times: int) -> _Sums:
-        """The sums of so many times as many pixels like these."""
-        return _Sums(
-            self.matrix * times, self.vector * times, self.cost * times, self.square * times, self.n * times
-        )
 
 
 def refit(
@@ -86,12 +56,46 @@ def refit(
         None where the pixels determine no such surface.
     """
     beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
+    return _with_inflation(*_placed(surfaces, beams, flatness_m, n_rounds))
+
+
+def refit_each(
+    surfaces: Sequence[Surface],
+    observations: Sequence[Observation],
+    pixels: Sequence[Sequence[PixelSet]],
+    flatness_m: float,
+    n_rounds: int = 1,
+) -> list[SurfaceFit | None]:
+    """`refit` from the pixels of each surface in each of the n scans, (n,), one surface after another.
+
+    A pixel may belong to several surfaces. No memory of the size of an image is taken.
+    """
+    placed: list[Surface | None] = []
+    sums: list[NormalEquations] = []
+    blocks = np.zeros((len(surfaces), 4))
+    for k, (surface, own) in enumerate(zip(surfaces, pixels, strict=True)):
+        met = [Beams.at(seen, some.flat) for seen, some in zip(observations, own, strict=True) if len(some)]
+        (one,), (equations,), blocks[k : k + 1] = _placed([surface], met, flatness_m, n_rounds)
+        placed.append(one)
+        sums.append(equations)
+    return _with_inflation(placed, sums, blocks)
+
+
+def _placed(
+    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int
+) -> tuple[list[Surface | None], list[NormalEquations], FloatArray]:
+    """The surfaces after some steps, their normal equations there, and their `block_sums` (n, 4)."""
     placed = improve(surfaces, beams, flatness_m, n_rounds)
-    sums = _thinned_sums(placed, beams, flatness_m)
-    excess = residual_correlation(placed, observations, labels, flatness_m)
+    return placed, _thinned_sums(placed, beams, flatness_m), block_sums(placed, beams, flatness_m)
+
+
+def _with_inflation(
+    placed: Sequence[Surface | None], sums: Sequence[NormalEquations], blocks: FloatArray
+) -> list[SurfaceFit | None]:
+    """The fits, their covariances inflated by what the means over blocks (n, 4) say."""
     return [
         None if surface is None or found.step() is None else _fit(surface, found, growth)
-        for surface, found, growth in zip(placed, sums, excess, strict=True)
+        for surface, found, growth in zip(placed, sums, residual_correlation(blocks), strict=True)
     ]
 
 
@@ -101,28 +105,34 @@ def improve(
     """The surfaces after some Gauss-Newton steps, None where a step loses one."""
     placed: list[Surface | None] = list(surfaces)
     for _ in range(n_rounds):
-        sums = _accumulate(placed, beams, flatness_m)
+        sums = add_up(placed, beams, flatness_m)
         placed = [_moved(surface, found) for surface, found in zip(placed, sums, strict=True)]
     return placed
 
 
 def _thinned_sums(
     surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float
-) -> list[_Sums]:
+) -> list[NormalEquations]:
     """Normal equations from a share of the pixels, from all of them for small surfaces.
 
     Those that a grid's stride leaves of a narrow surface may stand in one line.
     """
-    some = [beam.thinned(_THINNING) for beam in beams]
-    sums = [found.repeated(_THINNING) for found in _accumulate(surfaces, some, flatness_m)]
+    some = [_thinned(beam) for beam in beams]
+    sums = [found.repeated(_THINNING) for found in add_up(surfaces, some, flatness_m)]
     small = np.array([number for number, found in enumerate(sums) if found.n < _FEW], dtype=np.int64)
     if len(small):
-        every = _accumulate(surfaces, [beam.of_surfaces(small + 1) for beam in beams], flatness_m)
+        every = add_up(surfaces, [beam.of_surfaces(small + 1) for beam in beams], flatness_m)
         sums = [every[k] if sums[k].n < _FEW else sums[k] for k in range(len(sums))]
     return sums
 
 
-def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
+def _thinned(beams: Beams) -> Beams:
+    """The beams of every third pixel of the scan, whichever of its pixels there are."""
+    kept = beams.pixel % _THINNING == 0
+    return replace(beams, pixel=beams.pixel[kept], label=beams.label[kept])
+
+
+def _fit(surface: Surface, sums: NormalEquations, inflation: float) -> SurfaceFit:
     """The fit, its covariance by the weighted residuals themselves."""
     freedom = sums.n - len(sums.vector)
     covariance = np.asarray(sums.cost / freedom * np.linalg.inv(sums.matrix) * inflation, dtype=np.float64)
@@ -130,7 +140,7 @@ def _fit(surface: Surface, sums: _Sums, inflation: float) -> SurfaceFit:
     return SurfaceFit(surface, rms, covariance, sums.n, inflation=float(inflation))
 
 
-def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
+def _moved(surface: Surface | None, sums: NormalEquations) -> Surface | None:
     """The surface after a step, None where it is lost."""
     if surface is None:
         return None
@@ -149,108 +159,3 @@ def _moved(surface: Surface | None, sums: _Sums) -> Surface | None:
     x, y, z = axis_frame(surface.direction)
     point = surface.point + step[0] * x + step[1] * y
     return Cylinder(point, z + step[2] * x + step[3] * y, radius, None, surface.concave)
-
-
-def _accumulate(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float) -> list[_Sums]:
-    """Normal equations of every surface, in one pass over each set of beams."""
-    n = len(surfaces)
-    matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
-    charts: dict[Triple, FloatArray] = {}  # by where beams start
-    for beam in beams:
-        origin = beam.rays.origin
-        if origin not in charts:
-            start = np.array(origin)
-            charts[origin] = np.array([_chart(surface, start) for surface in surfaces]).reshape(n, 14)
-        some = beam.pixel, beam.label, charts[origin], beam.ranges, beam.rays, beam.noise
-        _add_rays(*some, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
-    matrix += np.tril(matrix, -1).transpose(0, 2, 1)
-    size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
-    return [
-        _Sums(matrix[i, :k, :k], vector[i, :k], float(sums[i, 0]), float(sums[i, 1]), int(sums[i, 2]))
-        for i, k in enumerate(size)
-    ]
-
-
-def _chart(surface: Surface | None, origin: FloatArray) -> FloatArray:
-    """Kind (0 plane, 1 cylinder, -1 none), sensor in the frame, frame by rows, radius with its sign."""
-    if isinstance(surface, Plane):
-        frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
-        return np.concatenate([[0.0], frame @ (origin - surface.point), frame.ravel(), [0.0]])
-    if isinstance(surface, Cylinder):
-        frame = axis_frame(surface.direction)
-        signed = -surface.radius if surface.concave else surface.radius
-        return np.concatenate([[1.0], frame @ (origin - surface.point), frame.ravel(), [signed]])
-    return np.full(14, -1.0)
-
-
-@compiled
-def _add_rays(
-    pixels: NDArray[np.int32],
-    labels: NDArray[np.int32],
-    charts: FloatArray,
-    ranges: FloatArray,
-    rays: Rays,
-    noise: Noise,
-    flat: float,
-    least: float,
-    matrix: FloatArray,
-    vector: FloatArray,
-    sums: FloatArray,
-) -> None:
-    """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many."""
-    terms = np.zeros(5)
-    for i in range(labels.size):
-        label = labels[i] - 1
-        if label < 0 or charts[label, 0] < 0.0:
-            continue
-        row, column = pixels[i] // ranges.shape[1], pixels[i] % ranges.shape[1]
-        measured = ranges[row, column]
-        ex, ey, ez = ray_at(rays, row, column)
-        dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez
-        dy = charts[label, 7] * ex + charts[label, 8] * ey + charts[label, 9] * ez
-        dz = charts[label, 10] * ex + charts[label, 11] * ey + charts[label, 12] * ez
-        ox, oy, oz = charts[label, 1], charts[label, 2], charts[label, 3]
-        if charts[label, 0] == 0.0:
-            if abs(dz) < 1e-6:
-                continue
-            reach = -oz / dz
-            slope = dz
-            u, v = ox + reach * dx, oy + reach * dy
-        else:
-            radius = abs(charts[label, 13])
-            across = dx * dx + dy * dy
-            middle = -(ox * dx + oy * dy) / max(across, 1e-18)
-            fx, fy = ox + middle * dx, oy + middle * dy
-            depth = radius * radius - fx * fx - fy * fy
-            if depth <= 0.0 or across < 1e-12:
-                continue
-            half = np.sqrt(depth / across)
-            reach = middle - half if charts[label, 13] > 0 else middle + half
-            u, v, z = (ox + reach * dx) / radius, (oy + reach * dy) / radius, oz + reach * dz
-            slope = u * dx + v * dy
-            if abs(slope) < least:
-                continue
-        error, sigma = measured - reach, deviation_at(noise, measured)
-        weight = 1.0 / (sigma * sigma * slope * slope + flat * flat + 1e-30)
-        gap = error * slope
-        sums[label, 0] += weight * gap * gap
-        sums[label, 1] += gap * gap
-        sums[label, 2] += 1.0
-        if charts[label, 0] == 0.0:
-            wu, wv = weight * u, weight * v
-            vector[label, 0] += weight * gap
-            vector[label, 1] += wu * gap
-            vector[label, 2] += wv * gap
-            matrix[label, 0, 0] += weight
-            matrix[label, 1, 0] += wu
-            matrix[label, 1, 1] += wu * u
-            matrix[label, 2, 0] += wv
-            matrix[label, 2, 1] += wv * u
-            matrix[label, 2, 2] += wv * v
-            continue
-        terms[0], terms[1], terms[2], terms[3], terms[4] = u, v, z * u, z * v, 1.0
-        for a in range(5):
-            weighted = weight * terms[a]
-            vector[label, a] += weighted * gap
-            for b in range(a + 1):
-                matrix[label, a, b] += weighted * terms[b]

@@ -29,7 +29,7 @@ CAMERAS = (
 
 
 def scans_of(surface, through, rng):
-    """Scans of a surface, in blocks hidden, without echo, or with beams through it; the last ends before it."""
+    """Scans of a surface, in blocks hidden, without echo or crossed by beams; the last ends before it."""
     for camera, x in zip(CAMERAS, (-1.0, 0.5, 40.0), strict=True):
         pose = Pose.looking_at((x, 0.3 * x, 0.2), (0, 4, 0))
         rays = camera.directions().reshape(-1, 3) @ pose.rotation.T
