@@ -18,6 +18,8 @@ from completion.observe.rays import Noise
 from scenes.checks import FloatArray
 from texture.engine.compiled import inlined
 
+_BLOCK = 2**16  # ranges that are looked at together
+
 
 class Packed(NamedTuple):
     """Scans without their pixels, which stay where they are: a loop takes no list of arrays."""
@@ -45,9 +47,15 @@ class Sights:
             angles=np.concatenate([one.angles for one in sights]),
             first=np.cumsum([0, *(len(one.angles) for one in sights)]),
             address=np.array([one.ctypes.data for one in ranges], dtype=np.int64),
-            farthest=np.array([np.max(one, where=np.isfinite(one), initial=-np.inf) for one in ranges]),
+            farthest=np.array([_farthest(one) for one in ranges]),
         )
         return cls(packed, ranges)
+
+
+def _farthest(ranges: FloatArray) -> float:
+    """The greatest finite range, a block after the other; -inf where there is none."""
+    blocks = np.array_split(ranges, len(ranges) // _BLOCK + 1)
+    return max(float(np.max(one, where=np.isfinite(one), initial=-np.inf)) for one in blocks)
 
 
 def _numbers(sight: Sight) -> FloatArray:
