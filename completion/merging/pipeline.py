@@ -233,5 +233,6 @@ def _pixels(parts: Sequence[_ScanRegion], nothing: Sequence[PixelSet]) -> tuple[
     """The pixels of some parts, ordered by scan, in each scan; `nothing` are a scan's no pixels."""
     pixels = list(nothing)
     for scan, several in groupby(parts, key=lambda one: one.scan):
-        pixels[scan] = PixelSet.union([one.region.pixels for one in several], nothing[scan].shape)
+        own = [one.region.pixels for one in several]
+        pixels[scan] = own[0] if len(own) == 1 else PixelSet.union(own, nothing[scan].shape)
     return tuple(pixels)
