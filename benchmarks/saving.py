@@ -22,12 +22,12 @@ from tempfile import TemporaryDirectory
 
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from completion.result.completion import Completion, _placed
+from completion.result.completion import Completion, placed
 from completion.result.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
 from scenes.files.scan_files import read_scans
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.formats.meshes.ply import write_meshes_ply
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
@@ -71,11 +71,11 @@ FILES: dict[str, Callable[[Completion, Path], object]] = {
     "completion.json": lambda completion, path: write_json(path, completion_record(completion)),
     "completed.glb": lambda completion, path: completion.export(path),
     "polygons.json": lambda completion, path: completion.export(path),
-    "observed.ply": lambda completion, path: write_mesh_ply(
-        path, *_placed(completion, completion.derived.observed)
+    "observed.ply": lambda completion, path: write_meshes_ply(
+        path, placed(completion, completion.derived.observed_parts())
     ),
-    "hypothesised.ply": lambda completion, path: write_mesh_ply(
-        path, *_placed(completion, completion.hypothesised)
+    "hypothesised.ply": lambda completion, path: write_meshes_ply(
+        path, placed(completion, completion.derived.hypothesised_parts())
     ),
     "report.html": write_report,
 }

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,8 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.result.audit import AuditResult
-from completion.result.labelled_points import LabelledPoints, hypothesised_mesh, mesh_area, observed_mesh
+from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
+from completion.result.observed_points import observed_mesh, observed_parts, remainder
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
@@ -161,11 +162,19 @@ class DerivedModel:
                 found.append(TexturedMesh(index + 1, why, mesh, uv, int(self.atlas.page[index])))
         return tuple(found)
 
+    def hypothesised_parts(self) -> Iterator[LabelledPoints]:
+        """Yield the inferred area surface by surface, working frame."""
+        meshes = [one.inferred_cells for one in self.surfaces]
+        return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
+
     @cached_property
     def hypothesised(self) -> LabelledPoints:
         """All inferred area as one mesh, working frame."""
-        patches, meshes = [one.patch for one in self.surfaces], [one.inferred_cells for one in self.surfaces]
-        return hypothesised_mesh(patches, meshes, self.textures)
+        return joined(list(self.hypothesised_parts()))
+
+    def observed_parts(self) -> Iterator[LabelledPoints]:
+        """Yield all measured points, working frame, some rows of a scan at a time."""
+        return observed_parts(self.observations, self.owners)
 
     @cached_property
     def observed(self) -> LabelledPoints:
@@ -173,11 +182,12 @@ class DerivedModel:
         return observed_mesh(self.observations, self.owners)
 
     @cached_property
-    def remainder(self) -> LabelledPoints:
-        """Measured points that belong to no completed surface, with the triangles at them, working frame."""
-        points = self.observed
-        first, second, third = (points.surface == 0)[points.faces.T]
-        return points.part(first | second | third)
+    def remainder(self) -> tuple[LabelledPoints, int]:
+        """Measured points that belong to no completed surface, working frame; of every k-th row and column.
+
+        And k, which is 1 but where there are very many.
+        """
+        return remainder(self.observations, self.owners)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

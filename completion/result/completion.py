@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.result.completed_model import CompletedModel
-from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints
+from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.polygons import polygons_record
 from completion.result.record import completion_record, inferred_points, model_parts
 from completion.result.verification import Verification
-from scenes.checks import FloatArray, InputError
+from scenes.checks import InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.formats.e57.e57_writer import write_e57
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.obj import write_obj
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.formats.meshes.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import make_folder, write_bytes, write_json
 from scenes.run.staged_outputs import Stage, locked
@@ -121,36 +122,35 @@ def write_model(
     InputError
         The folder cannot be made or written, or another run writes there.
     """
-    meshes = {
-        "observed.ply": _placed(completion, completion.derived.observed),
-        "hypothesised.ply": _placed(completion, completion.hypothesised),
-    }
     content = _Content.of(completion, [".glb", ".json", *(f".{name}" for name in exports)])
     legend = [f"provenance {number} {name}" for number, name in PROVENANCE_NAMES.items()]
     target = make_folder(folder)
     with locked(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
             _export(content, stage.path(name))
-        for name, mesh in meshes.items():
-            write_mesh_ply(stage.path(name), *mesh, legend)
+        derived = completion.derived
+        for name, parts in (
+            ("observed.ply", derived.observed_parts()),
+            ("hypothesised.ply", derived.hypothesised_parts()),
+        ):
+            write_meshes_ply(stage.path(name), placed(completion, parts), legend)
         write_json(stage.path("completion.json"), record)
         stage.commit()
 
 
-def _placed(
-    completion: CompletedModel, points: LabelledPoints
-) -> tuple[FloatArray, NDArray[np.int32], dict[str, NDArray[Any]]]:
-    """Vertices (n, 3) in world coordinates, faces (m, 3), and what a PLY file tells of each vertex."""
-    known: dict[str, NDArray[Any]] = {
-        "red": points.colour[:, 0],
-        "green": points.colour[:, 1],
-        "blue": points.colour[:, 2],
-        "surface": points.surface,
-        "provenance": points.provenance,
-        "sd": points.sd.astype(np.float32),
-        "confidence": points.confidence.astype(np.float32),
-    }
-    return completion.world_from_reference.apply(points.vertices), points.faces, known
+def placed(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Iterator[PlyMesh]:
+    """Yield parts of a model in world coordinates, with what a PLY file tells of each vertex."""
+    for points in chain([joined([])], parts):  # without any the file has its properties all the same
+        known: dict[str, NDArray[Any]] = {
+            "red": points.colour[:, 0],
+            "green": points.colour[:, 1],
+            "blue": points.colour[:, 2],
+            "surface": points.surface,
+            "provenance": points.provenance,
+            "sd": points.sd.astype(np.float32),
+            "confidence": points.confidence.astype(np.float32),
+        }
+        yield PlyMesh(completion.world_from_reference.apply(points.vertices), points.faces, known)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +168,7 @@ class _Content:
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
-            clouds=inferred_points(completion) if is_e57 else (),
+            clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,17 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.boundary.meshing import ChartMesh
-from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch, Provenance
-from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture
 from scenes.checks import ColourArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
-from scenes.scan.colour import colour_bytes
 
 PROVENANCE_NAMES = {str(member.value): member.name.lower().replace("_", "-") for member in Provenance}
 """Names of the provenances in files, by their numbers as text."""
-_GREY = 160  # sRGB of what has no colour
+GREY = 160
+"""sRGB of what has no colour."""
 _OF_VERTICES = ("vertices", "surface", "provenance", "sd", "confidence", "colour")
 
 
@@ -56,6 +54,11 @@ class LabelledPoints:
     colour: ColourArray
 
     @property
+    def of_vertices(self) -> tuple[str, ...]:
+        """What is told of each vertex."""
+        return _OF_VERTICES
+
+    @property
     def area_m2(self) -> float:
         """Area of the triangles, square metres."""
         return mesh_area(self.vertices, self.faces)
@@ -74,19 +77,18 @@ def mesh_area(vertices: FloatArray, faces: NDArray[np.integer[Any]]) -> float:
     return float(triangle_areas(vertices[faces]).sum())
 
 
-def hypothesised_mesh(
+def hypothesised_parts(
     patches: Sequence[Patch], meshes: Sequence[ChartMesh], textures: Sequence[ChartTexture | None]
-) -> LabelledPoints:
-    """Return all inferred cells of surfaces as one mesh, working frame, in the colours of their textures.
+) -> Iterator[LabelledPoints]:
+    """Yield the inferred cells of each surface, working frame, in the colours of its texture.
 
-    `meshes` are the inferred cells of each patch, every cell by itself; `textures` may be fewer.
+    `meshes` are the inferred cells of each patch, every cell by itself; `textures` may be fewer. Surfaces of
+    which nothing was inferred are left out.
     """
-    found = []
     for index, (patch, mesh) in enumerate(zip(patches, meshes, strict=True)):
         if len(mesh.faces):
             texture = textures[index] if index < len(textures) else None
-            found.append(_labelled(patch, index + 1, mesh, texture))
-    return _joined(found)
+            yield _labelled(patch, index + 1, mesh, texture)
 
 
 def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None) -> LabelledPoints:
@@ -96,7 +98,7 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
     of_face = patch.provenance.ravel()[mesh.face_cell].astype(np.int32)
     np.maximum.at(provenance, mesh.faces.ravel(), np.repeat(of_face, 3))
     np.maximum.at(confidence, mesh.faces.ravel(), np.repeat(patch.confidence.ravel()[mesh.face_cell], 3))
-    colour = np.full((n, 3), _GREY, np.uint8)
+    colour = np.full((n, 3), GREY, np.uint8)
     if texture is not None:
         colour = texture.colour_at(patch.grid.uv_of(*mesh.cells.T))
     return LabelledPoints(
@@ -110,39 +112,8 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
     )
 
 
-def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
-    """Return all measured points of all scans as one mesh, working frame.
-
-    `owners`, (rows, columns) for each, hold the number of the surface of each pixel; 0 for none.
-    """
-    return _joined([_scan_mesh(seen, owner) for seen, owner in zip(observations, owners, strict=True)])
-
-
-def _scan_mesh(seen: Observation, owner: NDArray[np.int32]) -> LabelledPoints:
-    footprint = np.where(seen.valid, seen.scan.ranges, 0.0) * seen.scan.projection.pixel_angle
-    every = np.arange(seen.valid.size)
-    points, sigma = seen.points_at(every), seen.sigma_at(every).reshape(footprint.shape)
-    allowed = 6 * footprint + 6 * sigma
-    faces = mesh_range_image(points.reshape(*sigma.shape, 3), seen.valid, allowed, seen.scan.origin)
-    used = np.flatnonzero(seen.valid.ravel())
-    number = np.full(seen.valid.size, -1, np.int32)
-    number[used] = np.arange(len(used), dtype=np.int32)
-    colour = np.full((len(used), 3), _GREY, np.uint8)
-    if seen.scan.colour is not None:
-        colour = colour_bytes(seen.scan.colour.reshape(-1, 3)[used])
-    return LabelledPoints(
-        vertices=points[used],
-        faces=number[faces],
-        surface=owner.ravel()[used],
-        provenance=np.full(len(used), Provenance.MEASURED, np.int32),
-        sd=sigma.ravel()[used],
-        confidence=np.ones(len(used)),
-        colour=colour,
-    )
-
-
-def _joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
-    """All parts as one mesh, in their order."""
+def joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
+    """Return all parts as one mesh, in their order."""
     if len(parts) == 1:
         return parts[0]
     none, real, places = np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 3))

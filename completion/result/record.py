@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -36,7 +37,7 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
             if len(mesh.faces):
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
                 parts.append(_surface_part(completion, index, mesh, name))
-    rest = completion.derived.remainder
+    rest, _ = completion.derived.remainder
     if len(rest.faces):
         vertices = completion.world_from_reference.apply(rest.vertices)
         faces = rest.faces.astype(np.int64)
@@ -81,7 +82,7 @@ def display_mesh(
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
-    rest = completion.derived.remainder
+    rest, _ = completion.derived.remainder
     corners.append(rest.vertices[rest.faces])
     colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
     labels.append(np.zeros(len(rest.faces), np.int32))
@@ -98,24 +99,20 @@ def display_mesh(
     return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
 
 
-def inferred_points(completion: CompletedModel) -> list[InferredPoints]:
-    """Return the vertices of what is inferred, surface by surface, in the world."""
-    points, clouds = completion.hypothesised, []
-    for number in np.unique(points.surface):
-        chosen = points.surface == number
-        clouds.append(
-            InferredPoints(
-                name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
-                points=completion.world_from_reference.apply(points.vertices[chosen]),
-                colour=points.colour[chosen],
-                surface=points.surface[chosen],
-                provenance=points.provenance[chosen],
-                confidence=points.confidence[chosen],
-                sd=points.sd[chosen],
-                legend=dict(PROVENANCE_NAMES),
-            )
+def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:
+    """Yield the vertices of what is inferred, surface by surface, in the world."""
+    for points in completion.derived.hypothesised_parts():
+        number = int(points.surface[0])
+        yield InferredPoints(
+            name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
+            points=completion.world_from_reference.apply(points.vertices),
+            colour=points.colour,
+            surface=points.surface,
+            provenance=points.provenance,
+            confidence=points.confidence,
+            sd=points.sd,
+            legend=dict(PROVENANCE_NAMES),
         )
-    return clouds
 
 
 def completion_record(completion: CompletedModel, verification: Verification | None = None) -> dict[str, Any]:
@@ -135,6 +132,7 @@ def completion_record(completion: CompletedModel, verification: Verification | N
             {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
             for seen in completion.observations
         ],
+        "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
     if verification is not None:

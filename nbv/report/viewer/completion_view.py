@@ -144,7 +144,7 @@ def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> 
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest = completion.derived.remainder
+    rest, _ = completion.derived.remainder
     vertices = completion.world_from_reference.apply(rest.vertices)
     vertices, faces, kept = thinned(vertices, rest.faces, _MOST_FACES)
     n = len(faces)

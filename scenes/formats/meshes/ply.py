@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from shutil import copyfileobj
+from tempfile import SpooledTemporaryFile
 from typing import Any
 
 import numpy as np
@@ -15,8 +18,9 @@ from numpy.typing import NDArray
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
 from scenes.formats.guard import check_file, reading
 from scenes.formats.meshes.ply_structure import TYPES, header_lines
-from scenes.run.atomic import write_bytes
+from scenes.run.atomic import atomic_path
 
+_HELD = 1 << 24  # bytes of a file that are in memory at a time
 _NAME_OF_TYPE = {kind: name for name, kind in reversed(TYPES.items())}  # the older name of each
 
 
@@ -70,18 +74,62 @@ def write_mesh_ply(
     InputError
         Wrong shapes or types, faces out of range, a comment with a line end.
     """
-    points = check_vectors("vertices", vertices)
+    whole = PlyMesh(
+        np.asarray(vertices),
+        np.zeros((0, 3), np.int32) if faces is None else np.asarray(faces),
+        dict(vertex_properties or {}),
+    )
+    write_meshes_ply(path, [whole], comments)
+
+
+def write_meshes_ply(
+    path: str | PathLike[str], parts: Iterable[PlyMesh], comments: Sequence[str] = ()
+) -> None:
+    """Write parts as one mesh, one after the other, none of which is held longer; see `write_mesh_ply`.
+
+    All have the same properties. Triangles of a part are numbered from its first vertex on, and may have
+    corners in later parts.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes or types, faces out of range, a comment with a line end.
+    """
+    target, n_points, n_faces, most, dtype = Path(path), 0, 0, -1, np.dtype([])
+    with atomic_path(target) as temporary, ExitStack() as stack:
+        folder = temporary.parent
+        tables, corners = (
+            stack.enter_context(SpooledTemporaryFile(max_size=_HELD, dir=str(folder))) for _ in range(2)
+        )
+        for part in parts:
+            table, faces = _table(part), check_faces(part.faces, np.iinfo(np.int32).max)
+            if n_points and len(table) and table.dtype != dtype:
+                raise InputError(f"parts of a PLY file have properties {dtype.names}, {table.dtype.names}")
+            dtype = table.dtype if len(table) or not dtype.names else dtype
+            most = max(most, int(faces.max(initial=-1)) + n_points)
+            tables.write(table.view(np.uint8).data)
+            corners.write(_face_table(faces + np.int32(n_points)).view(np.uint8).data)
+            n_points, n_faces = n_points + len(table), n_faces + len(faces)
+        if most >= n_points:
+            raise InputError(f"a face has the corner {most}, but there are {n_points} vertices")
+        with temporary.open("wb") as file:
+            file.write(_header_text(dtype, n_points, n_faces, comments).encode("utf-8"))
+            for spooled in (tables, corners):
+                spooled.seek(0)
+                copyfileobj(spooled, file, _HELD)
+
+
+def _table(part: PlyMesh) -> NDArray[Any]:
+    """The vertices with their properties, as the file holds them."""
+    points = check_vectors("vertices", part.vertices)
     columns: dict[str, NDArray[Any]] = {axis: points[:, i] for i, axis in enumerate("xyz")}
-    for name, values in (vertex_properties or {}).items():
+    for name, values in part.vertex_properties.items():
         columns[name] = _as_column(name, values, len(points))
-    triangles = check_faces(np.zeros((0, 3), np.int32) if faces is None else faces, len(points))
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     table = np.empty(len(points), dtype)
     for name, column in columns.items():
         table[name] = column
-    header = _header_text(dtype, len(points), len(triangles), comments).encode("utf-8")
-    tables = (part.view(np.uint8).data for part in (table, _face_table(triangles)))
-    write_bytes(path, header, *tables)
+    return table
 
 
 def _as_column(name: str, values: NDArray[Any], n: int) -> NDArray[Any]:

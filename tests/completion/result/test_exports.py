@@ -109,7 +109,7 @@ def test_e57_keeps_scans_and_marks_what_is_inferred(room, tmp_path):
     assert told["format"] == INFERRED
     assert set(told["provenance"]) == {str(k) for k in range(7)}
     assert {f"unseen:{name}" for name in ("surface", "provenance", "confidence", "sd")} <= set(fields)
-    clouds = inferred_points(room)
+    clouds = list(inferred_points(room))
     assert len(names) == 1 + len(clouds)
     assert sum(len(cloud.points) for cloud in clouds) == len(room.hypothesised.vertices)
     np.testing.assert_allclose(others["cartesianX"], clouds[0].points[:, 0])
@@ -124,7 +124,7 @@ def test_e57_keeps_scans_and_marks_what_is_inferred(room, tmp_path):
 def test_the_extension_of_e57_is_read_by_its_library(room, tmp_path):
     lib = pytest.importorskip("pye57").libe57
     room.export(tmp_path / "a.e57")
-    cloud = inferred_points(room)[0]
+    cloud = next(inferred_points(room))
     file = lib.ImageFile(str(tmp_path / "a.e57"), "r")
     points = file.root()["data3D"][1]["points"]
     n = len(cloud.points)

@@ -6,7 +6,7 @@ from collections import Counter
 from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
-import completion.result.labelled_points as labelled_points
+import completion.result.observed_points as observed_points
 import completion.result.openings as openings
 import completion.result.outline as outline
 import completion.texturing.chart_texture as atlas
@@ -42,7 +42,7 @@ def test_a_run_with_report_derives_everything_once(tmp_path, monkeypatch):
     holes = count_calls(monkeypatch, openings.find_openings, lambda patch: patch)
     cells = count_calls(monkeypatch, outline.outline_cells, lambda patch: patch)
     pages = count_calls(monkeypatch, atlas.make_atlas, len)
-    scans = count_calls(monkeypatch, labelled_points.observed_mesh, lambda seen, _owners: len(seen))
+    scans = count_calls(monkeypatch, observed_points.remainder, lambda seen, _owners: len(seen))
     words = ["complete", str(tmp_path / "scan.npz"), "-o", str(tmp_path / "out"), "--export", "obj"]
     found = CliRunner().invoke(app, words)
     assert found.exit_code == 0, found.output

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Observed points: what scans measured as meshes, some rows of a scan at a time, in little memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.boundary.range_mesh import mesh_range_image
+from completion.extension.patch import Provenance
+from completion.observe.observation import Observation
+from completion.result.labelled_points import GREY, LabelledPoints, joined
+from scenes.scan.colour import colour_bytes
+
+_BAND = 1 << 18  # pixels that are meshed at a time
+_STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may be apart
+_MOST_FACES = 2_000_000  # of what belongs to no surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Band:
+    """Some rows of a scan, and the row after them, to which their triangles go on."""
+
+    points: LabelledPoints
+    n_own: int  # vertices before the row after
+
+
+def observed_parts(
+    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]
+) -> Iterator[LabelledPoints]:
+    """Yield all measured points of all scans, working frame, some rows of a scan at a time.
+
+    Triangles are numbered from the part's first vertex on; the last ones of a part have corners in the next.
+    `owners`, (rows, columns) for each scan, hold the number of the surface of each pixel; 0 for none.
+    """
+    for seen, owner in zip(observations, owners, strict=True):
+        for band in _bands(seen, owner, 1):
+            held = band.points
+            yield replace(held, **{name: getattr(held, name)[: band.n_own] for name in held.of_vertices})
+
+
+def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
+    """Return all measured points of all scans as one mesh, working frame; see `observed_parts`."""
+    return joined(list(observed_parts(observations, owners)))
+
+
+def remainder(
+    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]
+) -> tuple[LabelledPoints, int]:
+    """Return the points that belong to no surface, with the triangles at them, working frame.
+
+    Where these would be more than two million, it is made of every k-th row and column. Returns k as well.
+    """
+    n_free = sum(
+        int(np.count_nonzero((owner == 0) & seen.valid))
+        for seen, owner in zip(observations, owners, strict=True)
+    )
+    stride = max(1, int(np.ceil(np.sqrt(2 * n_free / _MOST_FACES))))
+    parts = []
+    for seen, owner in zip(observations, owners, strict=True):
+        for band in _bands(seen, owner, stride):
+            first, second, third = (band.points.surface == 0)[band.points.faces.T]
+            parts.append(band.points.part(first | second | third))
+    return joined(parts), stride
+
+
+def _bands(seen: Observation, owner: NDArray[np.int32], stride: int) -> Iterator[_Band]:
+    """Every stride-th row and column of a scan, so many rows at a time."""
+    rows, columns = (np.arange(0, size, stride) for size in owner.shape)
+    at_a_time = max(1, _BAND // len(columns))
+    for first in range(0, len(rows), at_a_time):
+        pixel = rows[first : first + at_a_time + 1, None] * owner.shape[1] + columns
+        yield _band(seen, owner, pixel, min(at_a_time, len(rows) - first), stride)
+
+
+def _band(
+    seen: Observation, owner: NDArray[np.int32], pixel: NDArray[np.int64], n_rows: int, stride: int
+) -> _Band:
+    """The mesh of flat pixels (rows, columns), of which `n_rows` rows are its own."""
+    ranges = seen.scan.ranges.ravel()[pixel]
+    valid = np.isfinite(ranges)
+    footprint = np.where(valid, ranges, 0.0) * (seen.scan.projection.pixel_angle * stride)
+    points, sigma = seen.points_at(pixel.ravel()), seen.noise.deviation(ranges.ravel())
+    allowed = _STEP * footprint + _STEP * sigma.reshape(pixel.shape)
+    faces = mesh_range_image(points.reshape(*pixel.shape, 3), valid, allowed, seen.scan.origin)
+    used = np.flatnonzero(valid)
+    number = np.full(valid.size, -1, np.int32)
+    number[used] = np.arange(len(used), dtype=np.int32)
+    held = pixel.ravel()[used]
+    colour = np.full((len(used), 3), GREY, np.uint8)
+    if seen.scan.colour is not None:
+        colour = colour_bytes(seen.scan.colour.reshape(-1, 3)[held])
+    mesh = LabelledPoints(
+        vertices=points[used],
+        faces=number[faces],
+        surface=owner.ravel()[held],
+        provenance=np.full(len(used), Provenance.MEASURED, np.int32),
+        sd=sigma[used],
+        confidence=np.ones(len(used)),
+        colour=colour,
+    )
+    return _Band(mesh, int(np.count_nonzero(valid[:n_rows])))
