@@ -32,6 +32,7 @@ from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.run.mapping import trim
 from scenes.run.memory import require, threads
 from scenes.run.spill import NoSpill, Spill
 from scenes.scan.range_image import RangeImage
@@ -194,7 +195,6 @@ class _Steps:
     tell: Progress
     journal: Journal
     spill: Spill | NoSpill
-    scans: Sequence[RangeImage]
 
     @classmethod
     @contextmanager
@@ -210,14 +210,12 @@ class _Steps:
             "complete fewer of them at once, smaller ones, or give more memory",
         )
         with threads(_BYTES_A_PIXEL * max(sizes), n_threads) as pool:
-            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal, spill, scans)
+            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal, spill)
 
     def keep(self, value: _Out) -> _Out:
         """The value, on disk where that is where values are kept; the memory of what was read is free."""
         kept = self.spill.keep(value)
-        self.spill.release()
-        for scan in self.scans:
-            scan.release()
+        trim()
         return kept
 
     def one(self, name: str, work: Callable[[], _Out]) -> _Out:

@@ -15,6 +15,7 @@ from completion.extension.patch import Patch, Provenance
 from completion.texturing.chart_texture import ChartTexture
 from scenes.checks import ColourArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.run.mapping import trim
 
 PROVENANCE_NAMES = {str(member.value): member.name.lower().replace("_", "-") for member in Provenance}
 """Names of the provenances in files, by their numbers as text."""
@@ -89,6 +90,7 @@ def hypothesised_parts(
         if len(mesh.faces):
             texture = textures[index] if index < len(textures) else None
             yield _labelled(patch, index + 1, mesh, texture)
+            trim()
 
 
 def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None) -> LabelledPoints:

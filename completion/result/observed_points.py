@@ -13,6 +13,7 @@ from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Provenance
 from completion.observe.observation import Observation
 from completion.result.labelled_points import GREY, LabelledPoints, joined
+from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
 
 _BAND = 1 << 18  # pixels that are meshed at a time
@@ -40,6 +41,7 @@ def observed_parts(
         for band in _bands(seen, owner, 1):
             held = band.points
             yield replace(held, **{name: getattr(held, name)[: band.n_own] for name in held.of_vertices})
+            trim()
 
 
 def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
@@ -58,12 +60,14 @@ def remainder(
         int(np.count_nonzero((owner == 0) & seen.valid))
         for seen, owner in zip(observations, owners, strict=True)
     )
+    trim()
     stride = max(1, int(np.ceil(np.sqrt(2 * n_free / _MOST_FACES))))
     parts = []
     for seen, owner in zip(observations, owners, strict=True):
         for band in _bands(seen, owner, stride):
             first, second, third = (band.points.surface == 0)[band.points.faces.T]
             parts.append(band.points.part(first | second | third))
+            trim()
     return joined(parts), stride
 
 

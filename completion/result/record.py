@@ -19,6 +19,7 @@ from scenes.checks import ColourArray
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
+from scenes.run.mapping import trim
 
 OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 """Colours of surface without texture, sRGB in 0..1."""
@@ -33,6 +34,7 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     """
     parts = []
     for index, surface in enumerate(completion.derived.surfaces):
+        trim()
         for state, mesh in (("observed", surface.observed), ("hypothesised", surface.hypothesised)):
             if len(mesh.faces):
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
@@ -158,6 +160,7 @@ def _verification_record(completion: CompletedModel, verification: Verification)
 def _surface_record(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
     patch, world = surface.patch, completion.world_from_reference
     fit = patch.source.fit
+    trim()
     return {
         "id": number,
         "kind": fit.surface.kind,

@@ -14,7 +14,9 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import IO, Any
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +30,16 @@ LARGE = 1 << 19
 A camera's frame of 640 x 480 pixels stays in memory: it has 9 MB at most, and a file takes 0.1 ms to make.
 """
 _BLOCK = 1 << 20  # bytes that are written or read at a time
+_RESIDENT = 1 << 26  # bytes of all mapped arrays together that nobody has to let go of
 _folders: list[Path] = []  # of this process: threads and forked workers have the same
 
 
 class _Mapping(mmap.mmap):
     """A file that none but this process, and those forked from it, can open."""
+
+
+_mappings: WeakSet[_Mapping] = WeakSet()
+_lock = Lock()
 
 
 def allocate(shape: Sequence[int], dtype: Any, fill: float = 0) -> NDArray[Any]:
@@ -79,6 +86,15 @@ def release(*arrays: Any) -> None:
             mapping.madvise(mmap.MADV_DONTNEED)
 
 
+def trim() -> None:
+    """Let the system take the memory of all mapped arrays, unless they are small, all together."""
+    with _lock:
+        mappings = list(_mappings)
+    if hasattr(mmap, "MADV_DONTNEED") and sum(map(len, mappings)) > _RESIDENT:
+        for mapping in mappings:
+            mapping.madvise(mmap.MADV_DONTNEED)
+
+
 def fill_from(array: NDArray[Any], stream: IO[bytes]) -> int:
     """Fill an array of any shape, C order, with the next bytes of a stream, a block at a time.
 
@@ -119,12 +135,15 @@ def _reserved(n_bytes: int) -> _Mapping:
                 os.posix_fallocate(file.fileno(), 0, n_bytes)
             else:
                 _write_zeros(file, n_bytes)
-            return _Mapping(file.fileno(), n_bytes)
+            mapping = _Mapping(file.fileno(), n_bytes)
     except OSError as error:
         raise InputError(
             f"{folder}: no room for {in_words(n_bytes)} of a scan's pixels: {error.strerror}; free some, or "
             "write the output to a larger disk (without an output, set TMPDIR to a folder there)"
         ) from error
+    with _lock:
+        _mappings.add(mapping)
+    return mapping
 
 
 def _write_zeros(file: IO[bytes], n_bytes: int) -> None:

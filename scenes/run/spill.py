@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.run.mapping import allocate, is_mapped, release
+from scenes.run.mapping import allocate, is_mapped
 
 _LEAST = 4 * mmap.PAGESIZE  # bytes of an array that is worth a place in a file
 _FILE = 1 << 26  # bytes; larger arrays have a file of their own
@@ -65,12 +65,6 @@ class Spill:
         result: _Value = kept
         return result
 
-    def release(self) -> None:
-        """Let the system take the memory of all arrays that are on disk; what is used next comes back."""
-        with self._lock:
-            files = list(self._files)
-        release(*files)
-
     def _copied(self, array: NDArray[Any]) -> NDArray[Any]:
         """The same array on disk."""
         place = self._place(array.nbytes)
@@ -101,6 +95,3 @@ class NoSpill:
     def keep(self, value: _Value) -> _Value:
         """Return the value."""
         return value
-
-    def release(self) -> None:
-        """Do nothing."""
