@@ -23,6 +23,7 @@ from completion.observe.rays import deviation_at
 from completion.observe.tolerance import Tolerance
 from completion.observe.triple import dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
@@ -136,6 +137,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
         owners = scans.owners[number].ravel()
         _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, found)
+        trim()
     observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.

@@ -17,6 +17,7 @@ from completion.evidence.sight import Eye, Sight, along_ray
 from completion.observe.rays import deviation_at, ray_at
 from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
 _ROUNDING = 1 - 1e-9  # of lengths that are compared beforehand
@@ -40,6 +41,7 @@ def free_cells(
         crossing = crossing_tiles(sight.eye, sight.noise, form, reach, around, float(sd.min()))
         if crossing.any():
             _count_beams(sight, form, crossing, around, cells)
+            trim()
     vetoed = count > 0
     if any(sight.noise.constant_m > 0 or sight.noise.quadratic_per_m > 0 for sight in sights):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS

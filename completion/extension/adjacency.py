@@ -16,6 +16,7 @@ from completion.evidence.evidence import Scans
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _STANDING = (0.25, 0.75)  # beta prior that an upright thing goes on to a wall or floor: one in four does
@@ -99,6 +100,7 @@ def _meets(
     n = len(surfaces)
     meetings = np.zeros((n + 1, n + 1), np.int64)
     for owner, observation in zip(owners, observations, strict=True):
+        trim()
         for step in ((0, 2), (2, 0)):
             a = owner[: owner.shape[0] - step[0], : owner.shape[1] - step[1]]
             b = owner[step[0] :, step[1] :]
@@ -129,8 +131,8 @@ def find_enclosing(
     door or a niche, and does not count. A point that was seen past the outline counts against the plane.
     Points count as on the surface within noise and `flatness_m`, metres, by which surfaces stray.
     """
-    stride = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // _N_BEAMS)
-    some = [(seen, np.flatnonzero(seen.valid)[::stride]) for seen in observations]
+    stride = max(1, sum(_n_returns(seen) for seen in observations) // _N_BEAMS)
+    some = [(seen, _returns(seen, stride)) for seen in observations]
     sigmas = np.concatenate([seen.sigma_at(pixel) for seen, pixel in some])
     scale = float(np.median(np.hypot(sigmas, flatness_m))) if len(sigmas) else 0.0
     beams = [(seen.scan.origin, seen.points_at(pixel), seen.rays_at(pixel)) for seen, pixel in some]
@@ -141,6 +143,17 @@ def find_enclosing(
         for one, size in zip(surfaces, sizes, strict=True)
     ]
     return np.array(found, dtype=np.bool_)
+
+
+def _n_returns(seen: Observation) -> int:
+    trim()
+    return int(np.count_nonzero(seen.valid))
+
+
+def _returns(seen: Observation, stride: int) -> NDArray[np.int64]:
+    """Every stride-th flat pixel (n,) that brought something back."""
+    trim()
+    return np.flatnonzero(seen.valid)[::stride].copy()
 
 
 def _holds(

@@ -19,6 +19,7 @@ from completion.observe.observation import Observation
 from completion.observe.rays import Rays, ray_at
 from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled, inlined
 
@@ -147,6 +148,7 @@ def farthest_hidden(
         origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, reach, low, high)
         rays = seen.rays_at(pixel[pixel >= 0])
         found.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
+        trim()
     return np.concatenate(found)
 
 

@@ -23,6 +23,7 @@ from completion.observe.refitting import improve, refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray, IntArray
+from scenes.run.mapping import trim
 
 _N_SAMPLE = 400  # points of a region that take part in the pair tests
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
@@ -138,6 +139,7 @@ def _join_alike(
         if groups.are_one(i, j) or _contradicted(groups.of(i), groups.of(j), differ, parts):
             continue
         joined = [parts[k] for k in sorted(groups.of(i) + groups.of(j))]
+        trim()
         if _hidden_between(parts[i], parts[j], sights) and _fits_all(joined, observations, tolerance):
             groups.join(i, j)
 
@@ -232,6 +234,7 @@ def _merged(
 def _pixels(parts: Sequence[_ScanRegion], nothing: Sequence[PixelSet]) -> tuple[PixelSet, ...]:
     """The pixels of some parts, ordered by scan, in each scan; `nothing` are a scan's no pixels."""
     pixels = list(nothing)
+    trim()
     for scan, several in groupby(parts, key=lambda one: one.scan):
         own = [one.region.pixels for one in several]
         pixels[scan] = own[0] if len(own) == 1 else PixelSet.union(own, nothing[scan].shape)

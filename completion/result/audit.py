@@ -20,6 +20,7 @@ from completion.observe.triple import dot
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 _TILE = 16  # pixels: side of the squares whose beams are left out together
@@ -102,6 +103,7 @@ def audit(
         allowed = tolerance.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
         through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
         beams += np.bincount(face[through], minlength=len(faces))
+        trim()
     convicted = beams > 0
     if noisy and convicted.any():
         at_vertex = np.bincount(faces.ravel(), np.repeat(beams, 3), minlength=len(vertices))

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.run.memory import in_words
+from scenes.run.memory import give_back, in_words, resident
 
 LARGE = 1 << 19
 """Rows times columns beyond which an array is mapped.
@@ -30,7 +30,8 @@ LARGE = 1 << 19
 A camera's frame of 640 x 480 pixels stays in memory: it has 9 MB at most, and a file takes 0.1 ms to make.
 """
 _BLOCK = 1 << 20  # bytes that are written or read at a time
-_RESIDENT = 1 << 26  # bytes of all mapped arrays together that nobody has to let go of
+_RESIDENT = 1 << 26  # bytes more than there were, from which on memory is given back
+_kept = 0  # bytes that were in memory when it was given back last
 _folders: list[Path] = []  # of this process: threads and forked workers have the same
 
 
@@ -87,12 +88,23 @@ def release(*arrays: Any) -> None:
 
 
 def trim() -> None:
-    """Let the system take the memory of all mapped arrays, unless they are small, all together."""
+    """Give memory back once more than 64 MB have come to it: pages of mapped arrays, and what was freed.
+
+    A few microseconds where there is nothing to do; loops over large scans ask often. Results are the same.
+    """
+    global _kept
+    held = resident()
+    if held < _kept:
+        _kept = held
+    if held - _kept <= _RESIDENT:
+        return
     with _lock:
         mappings = list(_mappings)
-    if hasattr(mmap, "MADV_DONTNEED") and sum(map(len, mappings)) > _RESIDENT:
+    if hasattr(mmap, "MADV_DONTNEED"):
         for mapping in mappings:
             mapping.madvise(mmap.MADV_DONTNEED)
+    give_back()
+    _kept = resident()
 
 
 def fill_from(array: NDArray[Any], stream: IO[bytes]) -> int:

@@ -7,6 +7,7 @@ Whoever allocates much asks first: `rows_within` for the size of a block, `requi
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -155,7 +156,11 @@ class _Usage(NamedTuple):
 
 def _usage() -> _Usage:
     try:
-        pages = [int(number) for number in Path("/proc/self/statm").read_text().split()]
+        statm = os.open("/proc/self/statm", os.O_RDONLY)  # loops ask often: `open` takes three times as long
+        try:
+            pages = [int(number) for number in os.read(statm, 256).split()]
+        finally:
+            os.close(statm)
     except OSError:  # no /proc: the largest that it was so far, where that is told
         if sys.platform == "win32":
             return _Usage(0, 0, 0)
@@ -163,6 +168,23 @@ def _usage() -> _Usage:
         return _Usage(peak, peak, peak)
     size = os.sysconf("SC_PAGE_SIZE")
     return _Usage(*(pages[k] * size for k in (0, 1, 5)))
+
+
+def resident() -> int:
+    """Return the bytes of this process that are in memory; where that is not told, the most so far."""
+    return _usage().resident
+
+
+def give_back() -> None:
+    """Have the C library give memory to the system that was freed; not all of them do so by themselves."""
+    trimmed = getattr(_c_library(), "malloc_trim", None)
+    if trimmed is not None:
+        trimmed(0)
+
+
+@cache
+def _c_library() -> ctypes.CDLL | None:
+    return ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 def in_blocks(
