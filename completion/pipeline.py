@@ -129,7 +129,7 @@ def complete(
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
         # 7. Audit: cast the measured beams against the inferred area of each surface.
-        bundles = [bundle(one) for one in observations]
+        bundles = [steps.keep(bundle(one)) for one in observations]
         found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
     return Completion(
         observations=seen.observations,

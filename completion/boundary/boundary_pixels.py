@@ -15,6 +15,7 @@ from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Surface
 
 _NEAR = 2.0  # steps between pixels, from a side
@@ -119,6 +120,7 @@ def _last_pixels(mask: BoolArray) -> list[NDArray[np.int64]]:
 def _pixels_beside(
     fit: SurfaceFit, last: NDArray[np.int64], seen: Observation, step: tuple[int, int], tolerance: Tolerance
 ) -> BoundaryPixels:
+    trim()
     chart = fit.surface
     beyond = last + step
     inside = ((beyond >= 0) & (beyond < seen.scan.shape)).all(axis=1)

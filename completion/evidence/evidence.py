@@ -116,7 +116,11 @@ class Scans:
     def __post_init__(self) -> None:
         sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)
         object.__setattr__(self, "sights", sights)
-        object.__setattr__(self, "reach", tuple(map(reach_of, self.observations)))
+        reaches = []
+        for seen in self.observations:
+            reaches.append(reach_of(seen))
+            trim()
+        object.__setattr__(self, "reach", tuple(reaches))
 
 
 def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import LineString, contains_xy
+from shapely import GeometryCollection, LineString, contains_xy
 from shapely.geometry.base import BaseGeometry
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
@@ -173,7 +173,12 @@ def _holds(
     n_inner = sum(len(outer) - int(np.count_nonzero(outer)) for outer in beyond)
     n_outer = sum(int(np.count_nonzero(outer)) for outer in beyond)
     if isinstance(surface, Plane) and n_inner < _INNER_SHARE * (n_inner + n_outer):
-        outline = LineString(surface.to_uv(merged.points(observations))).convex_hull
+        hulls = [
+            LineString(surface.to_uv(seen.points_at(pixels.flat))).convex_hull
+            for seen, pixels in zip(observations, merged.pixels, strict=True)
+            if len(pixels) > 1
+        ]
+        outline = GeometryCollection(hulls).convex_hull
         for (origin, _, rays), outer in zip(beams, beyond, strict=True):
             n_outer -= int(np.count_nonzero(_passes_inside(surface, outline, origin, rays[outer])))
     return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)

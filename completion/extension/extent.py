@@ -35,6 +35,7 @@ _MOST_CELLS = 1_000_000  # of one surface, however small they are asked for
 _RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
 _OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
+_MOST_PIXELS = 1_000_000  # that a cell's size is read from
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,8 +137,7 @@ def find_extent(
         The surface is neither a plane nor a cylinder.
     """
     merged, encloses = surfaces[index], adjacency.encloses
-    surface, points = merged.fit.surface, merged.points(observations)
-    points = points[:: max(1, len(points) // _MOST_POINTS)]
+    surface, points = merged.fit.surface, merged.points(observations, _MOST_POINTS)
 
     # 1. Neighbours: what it ends at, and what it meets in a crease.
     cuts = enclosing_cuts(index, surfaces, encloses, points) if Cue.ARCHITECTURAL in cues else []
@@ -226,8 +226,8 @@ def lay_grid(
     that was asked for.
     """
     footprint = np.concatenate([
-        pixels.pick(observation.scan.ranges) * observation.scan.projection.pixel_angle
-        for observation, pixels in zip(scans.observations, surface.pixels, strict=True)
+        seen.scan.ranges.ravel()[pixels] * seen.scan.projection.pixel_angle
+        for seen, pixels in zip(scans.observations, surface.sampled(_MOST_PIXELS), strict=True)
     ])  # fmt: skip
     cell, most = float(np.quantile(footprint, 0.25)), max_cells
     if cell_m is not None:

@@ -54,9 +54,20 @@ class MergedSurface:
         """Pixels in all scans together."""
         return sum(map(len, self.pixels))
 
-    def points(self, observations: Sequence[Observation]) -> FloatArray:
-        """Its measured points (n, 3) in the working frame."""
-        return np.concatenate([o.points_at(p.flat) for o, p in zip(observations, self.pixels, strict=True)])
+    def sampled(self, most: int) -> tuple[IntArray, ...]:
+        """Return every k-th of its flat pixels (n,) in each scan, counted on from scan to scan.
+
+        All of them, if there are fewer than twice `most`.
+        """
+        step, before = max(1, self.n_pixels // most), np.cumsum([0, *map(len, self.pixels)]).tolist()
+        return tuple(
+            held.flat[-start % step :: step] for held, start in zip(self.pixels, before, strict=False)
+        )
+
+    def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
+        """Its measured points (n, 3) in the working frame, or a sample of them."""
+        pixels = self.sampled(self.n_pixels + 1 if most is None else most)
+        return np.concatenate([seen.points_at(some) for seen, some in zip(observations, pixels, strict=True)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,6 +122,7 @@ def merge(
 
 
 def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
+    trim()
     pixel = region.pixels.flat
     n_pixels = len(pixel)
     pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]

@@ -12,6 +12,7 @@ from completion.observe.observation import Beams
 from completion.observe.packed_surfaces import gap_to, pack
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
@@ -26,6 +27,7 @@ def block_sums(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatn
     """
     sums = np.zeros((len(surfaces), 4))
     for beam in beams:
+        trim()
         origin = np.array(beam.rays.origin)
         models = np.array(
             [np.full(9, np.nan) if surface is None else pack(surface, origin) for surface in surfaces]

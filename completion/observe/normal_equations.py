@@ -14,6 +14,7 @@ from completion.observe.observation import Beams
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.observe.triple import Triple
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled
 
@@ -56,6 +57,7 @@ def add_up(
     matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
     charts: dict[Triple, FloatArray] = {}  # by where beams start
     for beam in beams:
+        trim()
         origin = beam.rays.origin
         if origin not in charts:
             start = np.array(origin)

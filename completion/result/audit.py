@@ -24,6 +24,7 @@ from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 _TILE = 16  # pixels: side of the squares whose beams are left out together
+_TILES = 512  # that are cast at a time
 _PIECES = 8  # along the longest side of a mesh, each with a sphere around it
 _SLACK = 1e-6  # of rounding, metres and radians
 
@@ -93,17 +94,16 @@ def audit(
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
     for seen, of_scan in zip(observations, bundles, strict=True):
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
-        pixels = _returned(chosen, seen.scan.ranges)
-        if not len(pixels):
-            continue
-        hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
-        met = np.flatnonzero(hits.hit)
-        face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
-        sd = vertex_sd[faces[face]].max(axis=1)
-        allowed = tolerance.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
-        through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
-        beams += np.bincount(face[through], minlength=len(faces))
-        trim()
+        for some in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
+            pixels = _returned(some, seen.scan.ranges)
+            hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
+            met = np.flatnonzero(hits.hit)
+            face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
+            sd = vertex_sd[faces[face]].max(axis=1)
+            allowed = tolerance.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
+            through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
+            beams += np.bincount(face[through], minlength=len(faces))
+            trim()
     convicted = beams > 0
     if noisy and convicted.any():
         at_vertex = np.bincount(faces.ravel(), np.repeat(beams, 3), minlength=len(vertices))

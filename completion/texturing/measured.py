@@ -18,6 +18,7 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.scan.colour import colour_bytes, unit_colour
 
 LARGEST_SIDE = 4096  # texels: what viewers take for one image
+_MOST_PIXELS = 1_000_000  # that a texel's size is read from
 _LEAST_COSINE = 0.05  # more oblique pixels say nothing of detail
 _Any = TypeVar("_Any", bound=np.generic)
 
@@ -73,8 +74,8 @@ def footprint(
 def _texel_size(patch: Patch, observations: Sequence[Observation]) -> float:
     """The quartile of the sizes of the surface's pixels, metres."""
     sizes = []
-    for observation, pixels in zip(observations, patch.source.pixels, strict=True):
-        points = observation.points_at(pixels.flat)
+    for observation, pixels in zip(observations, patch.source.sampled(_MOST_PIXELS), strict=True):
+        points = observation.points_at(pixels)
         sizes.append(footprint(observation, points, patch.grid.surface.normal(points))[0])
     return float(np.quantile(np.concatenate(sizes), 0.25))
 
