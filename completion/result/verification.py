@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from completion.evidence.evidence import Label, Scans, weigh
 from completion.extension.patch import Patch
-from completion.observe.observation import Observation, observe
-from completion.observe.tolerance import EvidenceOptions, Tolerance
+from completion.observe.observation import observe
+from completion.observe.tolerance import EvidenceOptions
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, InputError
 from scenes.scan.range_image import RangeImage
@@ -103,10 +103,12 @@ def verify(
     if not others:
         raise InputError("nothing to verify with: give at least one other scan")
     tolerance = (options or EvidenceOptions()).tolerance(registration_m=registration_m)
-    observations = [observe(scan, completion.world_from_reference, sigma_m) for scan in others]
+    observations = tuple(observe(scan, completion.world_from_reference, sigma_m) for scan in others)
+    nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
+    scans = Scans(observations, nobody, tolerance)
     return Verification(
         tuple(
-            SurfaceVerification(patch, completion.anchor(number), _findings(patch, observations, tolerance))
+            SurfaceVerification(patch, completion.anchor(number), _findings(patch, scans))
             for number, patch in enumerate(completion.patches, start=1)
         )
     )
@@ -118,9 +120,7 @@ def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int
     return int(np.argmax(np.bincount(own))) if len(own) else 0
 
 
-def _findings(patch: Patch, observations: Sequence[Observation], tolerance: Tolerance) -> NDArray[np.int8]:
-    nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
-    scans = Scans(tuple(observations), nobody, tolerance)
+def _findings(patch: Patch, scans: Scans) -> NDArray[np.int8]:
     evidence = weigh(patch.grid, patch.spread.ravel(), scans, owner=1)
     finding = np.select(
         [evidence.labels == Label.FREE, evidence.labels == Label.VISIBLE],

@@ -53,6 +53,42 @@ def test_an_edit_anywhere_below_compiles_anew(tmp_path, name, old, new, result):
     assert run(tmp_path) == (result, 1)
 
 
+TUPLES = {
+    "kinds.py": "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    x: int\n",
+    "caller.py": (
+        f"{IMPORT}from kinds import Pair\n\n\n@compiled\ndef outer(pair):\n    return pair.x + 14\n\n\n"
+        "print(outer(Pair(1)), sum(outer.stats.cache_hits.values()))\n"
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "renamed_to", "kind"), [("kinds.py", "Couple", "Couple"), ("sorts.py", "Pair", "Pair")]
+)
+def test_stored_code_for_a_type_that_is_no_more_is_made_anew(tmp_path, file, renamed_to, kind):
+    for name, text in TUPLES.items():
+        (tmp_path / name).write_text(text)
+    assert run(tmp_path) == (15, 0)
+    assert run(tmp_path) == (15, 1)
+    (tmp_path / "kinds.py").unlink()
+    (tmp_path / file).write_text(TUPLES["kinds.py"].replace("Pair", renamed_to))
+    caller = TUPLES["caller.py"].replace("Pair", kind).replace("kinds", file.removesuffix(".py"))
+    (tmp_path / "caller.py").write_text(caller)
+    assert run(tmp_path) == (15, 0)
+    assert run(tmp_path) == (15, 1)
+
+
+@pytest.mark.parametrize("left", [0, 30])
+def test_a_list_of_stored_code_that_was_cut_short_is_made_anew(tmp_path, left):
+    for name, text in TUPLES.items():
+        (tmp_path / name).write_text(text)
+    assert run(tmp_path) == (15, 0)
+    (index,) = tmp_path.glob("__pycache__/caller.outer*.nbi")
+    index.write_bytes(index.read_bytes()[:left])
+    assert run(tmp_path) == (15, 0)
+    assert run(tmp_path) == (15, 1)
+
+
 def test_without_a_folder_to_store_in_it_is_compiled_all_the_same(tmp_path):
     for file, text in FILES.items():
         (tmp_path / file).write_text(text)

@@ -9,6 +9,7 @@ too, so that a change in any of them compiles anew.
 from __future__ import annotations
 
 import linecache
+import pickle
 from collections.abc import Callable, Iterator, Mapping
 from hashlib import sha256
 from typing import Any, ParamSpec, TypeVar
@@ -16,6 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.extending import intrinsic
 
 P = ParamSpec("P")
@@ -34,11 +36,12 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
         made: Callable[P, R] = njit(nogil=True, cache=True, error_model="numpy")(function)
     except RuntimeError:
         made = njit(nogil=True, error_model="numpy")(function)
-    stored = getattr(getattr(made, "_cache", None), "_cache_file", None)  # none where nothing is compiled
-    if stored is not None:
+    cache = getattr(made, "_cache", None)  # none where nothing is compiled
+    if isinstance(cache, FunctionCache):  # none where nothing is stored
         path = function.__code__.co_filename
         parts = sorted(set(_parts(function.__globals__, {path})))
-        stored._source_stamp = stored._source_stamp, sha256("\n".join(parts).encode()).digest()
+        stamp = cache._cache_file._source_stamp, sha256("\n".join(parts).encode()).digest()
+        cache._cache_file = _Index(cache.cache_path, cache._impl.filename_base, stamp)
     return made
 
 
@@ -49,6 +52,21 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """
     made: Callable[P, R] = njit(nogil=True, error_model="numpy", forceinline=True)(function)
     return made
+
+
+class _Index(IndexDataCacheFile):  # type: ignore[misc]
+    """numba's list of what is stored for a function, by the types of its arguments.
+
+    A list that cannot be read counts as empty: the next compilation writes it anew. That is so where it names
+    a type that was renamed or removed since, or where a power cut left it short.
+    """
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            listed: dict[Any, str] = super()._load_index()
+        except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
+            return {}
+        return listed
 
 
 def _parts(names: Mapping[str, Any], seen: set[str]) -> Iterator[str]:

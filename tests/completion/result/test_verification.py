@@ -9,6 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from completion import Completion, EvidenceOptions, Finding, complete, verify
+from completion.evidence.evidence import Scans
+from completion.result import verification
 from completion.result.verification import counterpart
 from nbv.cli import app
 from nbv.report.completion_report import verification_sections
@@ -98,6 +100,13 @@ def test_findings_share_out_all_that_was_inferred(alone, other):
     assert shares[2] > 5
     again = verify(alone, [other, other])
     assert again.area_m2(Finding.CONFIRMED) == shares[0]
+
+
+def test_scans_are_made_ready_once_for_all_surfaces(alone, other, monkeypatch):
+    made = []
+    monkeypatch.setattr(verification, "Scans", lambda *parts: made.append(parts) or Scans(*parts))
+    assert len(verify(alone, [other]).surfaces) > 1
+    assert len(made) == 1
 
 
 def test_findings_are_what_rays_in_the_true_scene_say(alone, other):
