@@ -45,7 +45,10 @@ def observed_parts(
 
 
 def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
-    """Return all measured points of all scans as one mesh, working frame; see `observed_parts`."""
+    """Return all measured points of all scans as one mesh, working frame.
+
+    `owners`, (rows, columns) for each scan, as for `observed_parts`.
+    """
     return joined(list(observed_parts(observations, owners)))
 
 
@@ -55,6 +58,7 @@ def remainder(
     """Return the points that belong to no surface, with the triangles at them, working frame.
 
     Where these would be more than two million, it is made of every k-th row and column. Returns k as well.
+    `owners`, (rows, columns) for each scan, as for `observed_parts`.
     """
     n_free = sum(
         int(np.count_nonzero((owner == 0) & seen.valid))
