@@ -152,10 +152,21 @@ def verify_first(
     journal: Journal = NO_JOURNAL,
 ) -> Verification:
     """Complete the first scan alone and let the others confirm or refute what was inferred."""
-    plain = replace(options, texture=False, edits=())
+    alone = complete_first(scans, options, n_threads=n_threads, journal=journal)
     evidence = replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m)
-    alone = complete(scans[:1], plain, n_threads=n_threads, journal=journal)
     return verify(alone, scans[1:], evidence, registration_m=options.registration_m, sigma_m=options.sigma_m)
+
+
+def complete_first(
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    *,
+    n_threads: int | None = None,
+    journal: Journal = NO_JOURNAL,
+) -> Completion:
+    """Complete the first scan alone, without what a person says, and without texture."""
+    plain = replace(options, texture=False, edits=())
+    return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
 
 
 def number_pixels(
@@ -223,14 +234,21 @@ class _Steps:
         return self.keep(self.journal.step(name, work))
 
     def each(self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]) -> list[_Out]:
-        """Apply `work` to every item on the pool, in order."""
+        """Apply `work` to every item on the pool, in order; others may share the journal, and the work."""
+        todo = [(f"{stage}-{number:04d}", item) for number, item in enumerate(items, start=1)]
 
-        def step(number: int, item: _In) -> _Out:
-            name = f"{stage}-{number:04d}"
+        def step(name: str, item: _In) -> _Out:
             return self.keep(work(item)) if stage in _NOT_KEPT else self.one(name, lambda: work(item))
 
-        jobs = [self.pool.submit(step, number, item) for number, item in enumerate(items, start=1)]
-        self.tell(stage, 0, len(jobs))
+        def offer(index: int) -> None:
+            name, item = todo[index]
+            self.journal.offer(name, lambda: work(item))
+            trim()
+
+        self.tell(stage, 0, len(todo))
+        if stage not in _NOT_KEPT:
+            list(self.pool.map(offer, self.journal.turn(len(todo))))
+        jobs = [self.pool.submit(step, *one) for one in todo]
         results = []
         for done, job in enumerate(jobs, start=1):
             results.append(job.result())

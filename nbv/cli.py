@@ -177,6 +177,7 @@ def complete(
             "--export", metavar="obj|e57", help="Also completed.obj or .e57; repeat it.", show_default=False
         ),
     ] = None,
+    scheduler: Scheduler = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
@@ -199,6 +200,7 @@ def complete(
         exports=wanted,
         search=texture or "auto",
         cell_m=resolution,
+        scheduler=scheduler,
     )
     run_complete(shared, request, how)
 

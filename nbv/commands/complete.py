@@ -21,6 +21,7 @@ from completion.result.verification import Finding, Verification
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
+from nbv.scans.remote_completion import complete_by_workers
 from scenes.files.scan_request import ScanRequest, read_request
 
 
@@ -29,7 +30,7 @@ class CompleteRequest:
     """How scans are to be completed, in metres; the range noise is read off each scan when it is None.
 
     `search` is that of textures, `edits` a file, `exports` the formats ("obj", "e57") beside those that are
-    always written.
+    always written, `scheduler` who works; results do not depend on it.
     """
 
     mode: Mode
@@ -41,6 +42,7 @@ class CompleteRequest:
     exports: tuple[str, ...] = ()
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
+    scheduler: str | None = None
 
     def resolved(self) -> CompletionOptions:
         """Return the options, the edits read from their file."""
@@ -57,7 +59,8 @@ class CompleteRequest:
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
-        return {**asdict(self), "edits": None if self.edits is None else Path(self.edits).name}
+        own = {name: value for name, value in asdict(self).items() if name != "scheduler"}
+        return {**own, "edits": None if self.edits is None else Path(self.edits).name}
 
 
 def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> None:
@@ -73,6 +76,17 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         resolved = {**asked, "resolved": asdict(options.in_force(len(scans)))}
         journal = run.journal({**request.options(), **how.options()})
         run.will_call(solve_plane, 40)
+        if how.scheduler is not None:
+            complete_by_workers(
+                how.scheduler,
+                request,
+                options,
+                journal,
+                seed=shared.seed,
+                n_threads=shared.threads,
+                max_memory=shared.max_memory,
+                progress=run.progress,
+            )
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
         )

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, Self, TypeVar
+from uuid import uuid4
 
 from nbv.run.manifest import versions
 from scenes.checks import InputError
@@ -30,6 +32,14 @@ class Work(Protocol[Item_contra, Result_co]):
 
     def __call__(self, item: Item_contra, n_threads: int | None, /) -> Result_co:
         """Do it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """Which of the workers that do one piece of work together this one is, and on how many threads."""
+
+    number: int
+    n_threads: int
 
 
 class Workers(Protocol):
@@ -58,6 +68,7 @@ class ThisProcess:
 
 _WAIT_S = 30.0  # for the scheduler to answer, and for the first worker
 _DEATHS = 10  # of workers under the same piece of work, before it is blamed
+_TELL_S = 0.3  # between looks at how far workers are
 _LOCAL = "local"
 
 
@@ -126,7 +137,7 @@ class DaskWorkers:
             The scheduler was lost, or workers die whoever does a piece of the work.
         """
         distributed = _distributed()
-        lost = (distributed.KilledWorker, distributed.CancelledError, OSError)
+        lost = _lost(distributed)
         held = current_limits().changed()
         futures = {
             self.client.submit(
@@ -144,6 +155,107 @@ class DaskWorkers:
                     "what is done is kept: run the same command again to go on"
                 ) from error
             yield number, result
+
+    def together(
+        self, work: Callable[[Share], str], *, known: Callable[[], int], lost: Callable[[int], None]
+    ) -> None:
+        """Have all workers do a piece of work together, until one comes to its end.
+
+        Workers that come later take part, and one may die.
+
+        Parameters
+        ----------
+        work : callable
+            Sent to each worker: does what nobody else does, to the end of it all; returns what went wrong,
+            or "".
+        known : callable
+            Tells how many steps of it are done; called again and again.
+        lost : callable
+            Called with the number of a worker that has died.
+
+        Raises
+        ------
+        InputError
+            What went wrong on a worker. The scheduler was lost, or all workers for long, or they die and no
+            step is done meanwhile.
+        """
+        try:
+            with _Shares(self.client, work, known, lost, self._n_threads) as shares:
+                while not shares.are_done():
+                    shares.renew()
+        except _lost(_distributed()) as error:
+            raise InputError(
+                f"--scheduler {self._address}: work was lost for good ({type(error).__name__}: {error}); "
+                "what is done is kept: run the same command again to go on"
+            ) from error
+
+
+class _Shares:
+    """The tasks of workers that do one piece of work together, one a worker."""
+
+    def __init__(
+        self,
+        client: Any,
+        work: Callable[[Share], str],
+        known: Callable[[], int],
+        lost: Callable[[int], None],
+        n_threads: int | None,
+    ) -> None:
+        self._client, self._n_threads = client, n_threads
+        self._work, self._known, self._lost = work, known, lost
+        self._name, self._tasks = uuid4().hex, dict[str, tuple[int, Any]]()
+        self._n_given = self._n_steps = self._n_dead = 0
+        self._seen = time.monotonic()
+        self.renew()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.cancel([task for _, task in self._tasks.values()], force=True)
+
+    def renew(self) -> None:
+        """Give workers that have come a task each, and note which have gone."""
+        there = self._client.nthreads()
+        now, known = time.monotonic(), self._known()
+        if known > self._n_steps:
+            self._n_steps, self._n_dead = known, 0
+        for address in [one for one in self._tasks if one not in there]:
+            self._lost(self._tasks.pop(address)[0])
+            self._n_dead += 1
+        if there:
+            self._seen = now
+        if self._n_dead > _DEATHS or now - self._seen > _WAIT_S:
+            raise OSError(f"{self._n_dead} workers died, and {len(there)} are there")
+        for address, n_threads in there.items():
+            if address not in self._tasks:
+                share = Share(self._n_given, self._n_threads or n_threads)
+                held = current_limits().changed()
+                key = f"unseen-{self._name}-{share.number}"
+                task = self._client.submit(
+                    _share_on_worker, self._work, share, held, key=key, workers=[address], pure=False
+                )
+                self._tasks[address] = share.number, task
+                self._n_given += 1
+
+    def are_done(self) -> bool:
+        """Tell whether one has come to its end, after a moment where none has; raise what went wrong."""
+        ended = [task for _, task in self._tasks.values() if task.status in ("finished", "error")]
+        for task in ended:
+            if said := task.result():
+                raise InputError(said)
+        if not ended:
+            time.sleep(_TELL_S)
+        return bool(ended)
+
+
+def _share_on_worker(work: Callable[[Share], str], share: Share, held: Mapping[str, int]) -> str:
+    """Do a worker's share under the limits in force here; errors of the input are told, not raised."""
+    with limits(**held):
+        try:
+            return work(share)
+        except InputError as error:
+            return str(error)
 
 
 def _on_worker(
@@ -180,6 +292,11 @@ def _scheduler(distributed: ModuleType, address: str) -> Iterator[Any]:
         memory_limit=0,
     ) as here:
         yield here
+
+
+def _lost(distributed: ModuleType) -> tuple[type[BaseException], ...]:
+    """What is raised where workers or their scheduler are gone."""
+    return distributed.KilledWorker, distributed.CancelledError, OSError
 
 
 def _check_versions(client: Any, address: str) -> None:

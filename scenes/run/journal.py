@@ -12,7 +12,8 @@ import json
 import math
 import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from shutil import rmtree
@@ -29,6 +30,7 @@ from scenes.run.mapping import allocate, fill_from, release
 _KEY_FILE = "key.json"
 _Value = TypeVar("_Value")
 _STRUCTURE = "structure"
+_TRIES = 3  # to remove a folder that a worker may be writing to
 _LARGE = 1 << 30  # bytes; members of twice as many need room for longer sizes
 _PACKAGES = ("scenes", "texture", "completion", "nbv")
 _PLAIN = (str, int, float, bool, type(None))
@@ -47,6 +49,12 @@ class Journal(Protocol):
     def step(self, name: str, work: Callable[[], _Value]) -> _Value:
         """Return what a step came to; where it is not known `work` does it, and it is known from then on."""
 
+    def turn(self, n_steps: int) -> Sequence[int]:
+        """Return in which order to offer steps that are numbered from 0; none where nobody else does any."""
+
+    def offer(self, name: str, work: Callable[[], object]) -> None:
+        """Have a step done, unless it is known or another does it."""
+
 
 class NoJournal:
     """Remembers nothing: every step is done."""
@@ -54,6 +62,13 @@ class NoJournal:
     def step(self, name: str, work: Callable[[], _Value]) -> _Value:  # noqa: ARG002 - what is not kept needs no name
         """Return what `work` returns."""
         return work()
+
+    def turn(self, n_steps: int) -> Sequence[int]:  # noqa: ARG002 - nobody else does any
+        """Return nothing."""
+        return ()
+
+    def offer(self, name: str, work: Callable[[], object]) -> None:
+        """Do nothing: `step` will."""
 
 
 NO_JOURNAL = NoJournal()
@@ -94,24 +109,42 @@ class FileJournal:
         PackingError
             The value is not built of dataclasses of ours, arrays and plain values.
         """
-        file = self.folder / f"{name}.npz"
+        file = self._file(name)
         try:
             with file.open("rb") as stream:
                 known: _Value = unpack(stream)
         except (OSError, PackingError):
             value = work()
-            with atomic_path(file) as temporary, temporary.open("wb") as stream:
-                pack(value, stream)
+            with atomic_path(file) as temporary:
+                with temporary.open("wb") as stream:
+                    pack(value, stream)
+                if self._key() != self.key:
+                    raise InputError(f"{self.folder}: is the journal of another run by now") from None
             return value
         return known
+
+    def turn(self, n_steps: int) -> Sequence[int]:  # noqa: ARG002 - nobody else does any
+        """Return nothing."""
+        return ()
+
+    def offer(self, name: str, work: Callable[[], object]) -> None:
+        """Do nothing: `step` will."""
 
     def part(self, name: str) -> FileJournal:
         """Return the journal of a part of the run, whose steps are called as those of the whole."""
         return FileJournal(self.folder / name, self.key)
 
     def forget(self) -> None:
-        """Remove the journal: the run has ended."""
-        rmtree(self.folder, ignore_errors=True)
+        """Remove the journal: the run has ended. What a worker of it comes to later is not kept."""
+        with suppress(OSError):
+            (self.folder / _KEY_FILE).unlink()
+        for _ in range(_TRIES):
+            rmtree(self.folder, ignore_errors=True)
+            if not self.folder.exists():
+                return
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name}.npz"
 
     def _key(self) -> str | None:
         try:
