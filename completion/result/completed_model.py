@@ -26,6 +26,7 @@ from completion.result.straightening import surface_polygon
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
@@ -157,6 +158,7 @@ class DerivedModel:
         """What was measured of each surface, and what was inferred, by provenance."""
         found = []
         for index, surface in enumerate(self.surfaces):
+            trim()
             for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
                 uv = self.texture_coordinates(index, mesh)
                 found.append(TexturedMesh(index + 1, why, mesh, uv, int(self.atlas.page[index])))

@@ -18,6 +18,7 @@ from completion.result.openings import Opening
 from completion.result.outline import OutlineCells, runs_of
 from completion.result.straightening import polygon_parts
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 FORMAT = "unseen polygons 1"
@@ -57,6 +58,7 @@ def polygons_record(completion: CompletedModel) -> dict[str, Any]:
 
 
 def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
+    trim()
     patch, world = surface.patch, completion.world_from_reference
     normal = world.rotate(patch.grid.surface.normal(np.zeros((1, 3))))[0]
     area, boundary = surface.polygon, _BoundaryCells.of(patch.grid, surface.outline)

@@ -75,6 +75,7 @@ def display_mesh(
     corners, colours, labels, face_image, corner_uv = [], [], [], [], []
     atlas = completion.derived.atlas
     for index, surface in enumerate(completion.derived.surfaces):
+        trim()
         states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
         for state, mesh in enumerate(states):
             page = -1 if mark and state == 1 else int(atlas.page[index])

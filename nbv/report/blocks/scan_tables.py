@@ -10,6 +10,7 @@ import numpy as np
 from nbv.report.page.page import Cell, Table
 from nbv.run.wording import letters
 from scenes.pose import Pose
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 PLACE_COLUMNS = ("position x, y, z, m", "#heading, \u00b0", "#elevation, \u00b0")
@@ -28,6 +29,7 @@ def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table
     """A row for each scan: number or letter as in plan and 3-D view, name, place, pixels that measured."""
     rows = []
     for number, scan in enumerate(scans, start=1):
+        trim()
         hits = int(scan.valid.sum())
         share = hits / max(scan.valid.size, 1)
         farthest = f"{float(scan.ranges[scan.valid].max()):.2f}" if hits else ""

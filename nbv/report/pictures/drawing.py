@@ -14,6 +14,7 @@ from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, dots, hatch
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 _LAYERS = 12  # faces seen from behind that a ray may pass
@@ -181,6 +182,7 @@ def _seen_from(scans: Sequence[RangeImage], places: FloatArray) -> tuple[BoolArr
     """Tell which places (n, 3) lie behind what some scan measured, and through which some beam went."""
     behind, through = np.zeros((2, len(places)), dtype=np.bool_)
     for scan in scans:
+        trim()
         pixels = scan.pixels(places)
         inside = np.flatnonzero(np.isfinite(pixels).all(axis=1))
         limit = np.array(scan.shape) - 1

@@ -35,6 +35,7 @@ from nbv.report.viewer.scan_channels import (
 )
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 _PIECES = 40_000  # into which recognised surface is cut, about
@@ -122,6 +123,7 @@ def _surfaces(completion: CompletedModel) -> Iterator[_Pieces]:
 
 def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> _Pieces:
     """Cells of one surface, cut finely."""
+    trim()
     patch, mesh = completion.patches[part.number - 1], part.mesh
     whole = np.concatenate([mesh.vertices, part.uv, mesh.cells], axis=1)[mesh.faces]
     parts = cut_finely(whole.reshape(-1, 3, 7), limit_m2)[0]
