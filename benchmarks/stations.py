@@ -81,7 +81,7 @@ def measure(n_stations: int) -> dict[str, object]:
     """Complete so many stations in this process; return what it took."""
     complete(take_scans(2, 0.02), CompletionOptions(texture=False), n_threads=1)  # loads all compiled code
     read_scan(os.environ["MEASURE"] + "/small.npz")
-    idle = _peak()
+    idle = peak()
     scans = [read_scan(f"{os.environ['MEASURE']}/{number}.npz") for number in range(n_stations)]
     begun, stages, last = time.process_time(), {}, ["", time.process_time()]
 
@@ -99,14 +99,14 @@ def measure(n_stations: int) -> dict[str, object]:
     return {
         "stations": n_stations,
         "seconds": seconds,
-        "MB": (_peak() - idle) / 1e6,
+        "MB": (peak() - idle) / 1e6,
         "surfaces": len(done.patches),
         "digest": digest.hexdigest()[:8],
         "stages": {name: spent for name, spent in stages.items() if name},
     }
 
 
-def _peak() -> int:
+def peak() -> int:
     """Return the most memory that this process has held, bytes; `getrusage` would count its parent's too."""
     held = Path("/proc/self/status").read_text().partition("VmHWM:")[2]
     return int(held.split()[0]) * 1024

@@ -8,24 +8,25 @@ from dataclasses import dataclass
 from itertools import groupby, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from completion.evidence.sight import sight_of
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part, compare, compare_all, lies_on
+from completion.merging.agreement import compare, compare_all, lies_on
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
 from completion.merging.groups import Groups
+from completion.merging.pieces import Piece, fit_groups
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import improve, refit_each
+from completion.observe.refitting import improve
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 
-_N_SAMPLE = 400  # points of a region that take part in the pair tests
+_MOST_SCANS = 64  # that are merged together, each pair of them
+_BLOCK = 16  # scans, or blocks of them, that are merged together where there are more
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
 _APART = 4.0  # standard deviations of its warp by which any part of a surface may stand off the common fit
 _SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
@@ -70,18 +71,6 @@ class MergedSurface:
         return np.concatenate([seen.points_at(some) for seen, some in zip(observations, pixels, strict=True)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _ScanRegion:
-    """A region with the scan it is from and what the tests need."""
-
-    scan: int
-    region: Region
-    part: Part
-    n_pixels: int
-    systematic_m: float  # error that neighbouring ranges have in common
-    sample: NDArray[np.int32]  # (m,) flat pixels of the points in `part`
-
-
 def merge(
     observations: Sequence[Observation],
     regions: Sequence[Sequence[Region]],
@@ -97,6 +86,12 @@ def merge(
     The gap between them was hidden along a strip. Pairs are tried in the order of their agreement; groups
     join where all their pairs pass the test.
 
+    Each pair of scans of a sequence may see one surface, so that pairs grow with the square of their number.
+    More than 64 scans are therefore merged sixteen consecutive ones at a time, by the same tests. What is one
+    surface there, fitted anew to all its pixels, is one region among those of the next sixteen such blocks,
+    until sixteen or fewer blocks are left, which are merged together. Beams of all scans keep gaps open
+    throughout.
+
     Parameters
     ----------
     observations : sequence of Observation
@@ -108,36 +103,51 @@ def merge(
     across : bool
         Whether regions are joined across occluders at all.
     """
-    parts = [
-        _scan_region(index, region, observation, tolerance)
-        for index, (observation, found) in enumerate(zip(observations, regions, strict=True))
-        for region in found
+    pieces = [
+        [Piece.of_region(scan, region, seen, tolerance) for region in found]
+        for scan, (seen, found) in enumerate(zip(observations, regions, strict=True))
     ]
-    groups, sights = Groups(len(parts)), Sights.of([sight_of(seen, tolerance) for seen in observations])
+    groups = [[one] for own in pieces for one in own]
     if across:
-        _join_alike(groups, parts, observations, sights, tolerance)
-        _adopt_small(groups, parts, sights)
-    merged = _merged(groups, parts, observations, tolerance)
+        sights = Sights.of([sight_of(seen, tolerance) for seen in observations])
+        pieces = _in_blocks(pieces, observations, sights, tolerance)
+        groups = _grouped([one for own in pieces for one in own], observations, sights, tolerance)
+    merged = _merged(groups, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
-def _scan_region(scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> _ScanRegion:
-    trim()
-    pixel = region.pixels.flat
-    n_pixels = len(pixel)
-    pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
-    points = observation.points_at(pixel)
-    distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
-    systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
-    systematic = float(np.hypot(systematic, tolerance.registration_m))
-    scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
-    part = Part.of(region.fit, points, scale, systematic)
-    return _ScanRegion(scan, region, part, n_pixels, systematic_m=systematic, sample=pixel)
+def _in_blocks(
+    pieces: list[list[Piece]], observations: Sequence[Observation], sights: Sights, tolerance: Tolerance
+) -> list[list[Piece]]:
+    """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many."""
+    limit = _MOST_SCANS
+    while len(pieces) > limit:
+        limit, blocks = _BLOCK, []
+        for first in range(0, len(pieces), _BLOCK):
+            some = [one for own in pieces[first : first + _BLOCK] for one in own]
+            groups = _grouped(some, observations, sights, tolerance)
+            fitted = fit_groups(groups, observations, tolerance)
+            blocks.append([
+                Piece.fused(group, fit, observations)
+                for group, fit in zip(groups, fitted, strict=True)
+            ])  # fmt: skip
+        pieces = blocks
+    return pieces
+
+
+def _grouped(
+    pieces: Sequence[Piece], observations: Sequence[Observation], sights: Sights, tolerance: Tolerance
+) -> list[list[Piece]]:
+    """The pieces of each surface."""
+    groups = Groups(len(pieces))
+    _join_alike(groups, pieces, observations, sights, tolerance)
+    _adopt_small(groups, pieces, sights)
+    return [[pieces[k] for k in several] for several in groups.all()]
 
 
 def _join_alike(
     groups: Groups,
-    parts: Sequence[_ScanRegion],
+    parts: Sequence[Piece],
     observations: Sequence[Observation],
     sights: Sights,
     tolerance: Tolerance,
@@ -156,7 +166,7 @@ def _join_alike(
             groups.join(i, j)
 
 
-def _agreements(parts: Sequence[_ScanRegion]) -> tuple[IntArray, FloatArray, FloatArray]:
+def _agreements(parts: Sequence[Piece]) -> tuple[IntArray, FloatArray, FloatArray]:
     """The pairs (k, 2) that come into question at all, and how they compare: chi2 (k,), log evidence (k,)."""
     alone = [one.part for one in parts]
     pairs = find_candidates(alone)
@@ -167,7 +177,7 @@ def _contradicted(
     one: Sequence[int],
     other: Sequence[int],
     differ: dict[tuple[int, int], bool],
-    parts: Sequence[_ScanRegion],
+    parts: Sequence[Piece],
 ) -> bool:
     """Tell whether some pair across two groups fails the test that their best pair passed.
 
@@ -182,31 +192,30 @@ def _contradicted(
     return False
 
 
-def _fits_all(
-    parts: Sequence[_ScanRegion], observations: Sequence[Observation], tolerance: Tolerance
-) -> bool:
+def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
-    start = max(parts, key=lambda one: one.n_pixels).region.fit.surface
+    start = max(parts, key=lambda one: one.n_pixels).fit.surface
+    pairs = sorted((pair for one in parts for pair in one.sample), key=lambda pair: pair[0])
     beams = [
-        Beams.at(observations[scan], np.concatenate([one.sample for one in several]))
-        for scan, several in groupby(parts, key=lambda one: one.scan)
+        Beams.at(observations[scan], np.concatenate([own for _, own in several]))
+        for scan, several in groupby(pairs, key=lambda pair: pair[0])
     ]
     (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
     for one in parts:
-        own = one.region.fit.rms**2 + (_APART * one.systematic_m) ** 2
+        own = one.fit.rms**2 + (_APART * one.systematic_m) ** 2
         if not np.mean(np.square(joint.distance(one.part.points))) <= (1 + one.part.slack) * own:
             return False
     return True
 
 
-def _hidden_between(one: _ScanRegion, other: _ScanRegion, sights: Sights) -> bool:
+def _hidden_between(one: Piece, other: Piece, sights: Sights) -> bool:
     larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(groups: Groups, parts: Sequence[_ScanRegion], sights: Sights) -> None:
+def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     rank = {index: place for place, index in enumerate(by_size)}
@@ -226,28 +235,15 @@ def _adopt_small(groups: Groups, parts: Sequence[_ScanRegion], sights: Sights) -
 
 
 def _merged(
-    groups: Groups, parts: Sequence[_ScanRegion], observations: Sequence[Observation], tolerance: Tolerance
+    groups: Sequence[Sequence[Piece]], observations: Sequence[Observation], tolerance: Tolerance
 ) -> list[MergedSurface]:
-    """One surface for each group, those of several parts fitted anew."""
-    nothing = tuple(PixelSet.union([], observation.scan.shape) for observation in observations)
-    members = [[parts[k] for k in several] for several in groups.all()]
-    single = [several[0] for several in members if len(several) == 1]
-    joined = [several for several in members if len(several) > 1]
-    starts = [max(several, key=lambda one: one.n_pixels).region.fit for several in joined]
-    pixels = [_pixels(several, nothing) for several in joined]
-    surfaces = [start.surface for start in starts]
-    fits = refit_each(surfaces, observations, pixels, tolerance.flatness_m, n_rounds=2)
-    return [
-        MergedSurface(start if fit is None else fit, own, len(several))
-        for start, fit, own, several in zip(starts, fits, pixels, joined, strict=True)
-    ] + [MergedSurface(one.region.fit, _pixels([one], nothing), 1) for one in single]
-
-
-def _pixels(parts: Sequence[_ScanRegion], nothing: Sequence[PixelSet]) -> tuple[PixelSet, ...]:
-    """The pixels of some parts, ordered by scan, in each scan; `nothing` are a scan's no pixels."""
-    pixels = list(nothing)
-    trim()
-    for scan, several in groupby(parts, key=lambda one: one.scan):
-        own = [one.region.pixels for one in several]
-        pixels[scan] = own[0] if len(own) == 1 else PixelSet.union(own, nothing[scan].shape)
-    return tuple(pixels)
+    """One surface for each group, those of several pieces first."""
+    nothing = [PixelSet.union([], observation.scan.shape) for observation in observations]
+    ordered = sorted(groups, key=lambda pieces: len(pieces) == 1)
+    merged = []
+    for pieces, fitted in zip(ordered, fit_groups(ordered, observations, tolerance), strict=True):
+        pixels = list(nothing)
+        for scan, own in fitted.pixels:
+            pixels[scan] = own
+        merged.append(MergedSurface(fitted.fit, tuple(pixels), sum(one.n_regions for one in pieces)))
+    return merged

@@ -28,11 +28,14 @@ from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
 from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
+from scenes.run.mapping import trim
+from scenes.run.spill import NoSpill, Spill
 from scenes.scan.pixels import scaled
 from scenes.scan.range_image import RangeImage
 
 Units = Literal["mm", "cm", "m", "in"]
 Intrinsics = tuple[float, float, float, float]
+_FEW = 8  # scans that are read together into memory; of more, the pixels are in files
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 _TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
 _LAS_SUFFIXES = (".las", ".laz")
@@ -69,8 +72,11 @@ class ScanSource:
         number: int | None = None,
         poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
         units: Units = "m",
+        spill: Spill | NoSpill | None = None,
     ) -> list[RangeImage]:
         """Return all scans, or scan `number` from 1; poses and units as for `read_scans`.
+
+        Their arrays are where `spill` keeps them; unless given, that is as `spill_for` says.
 
         Raises InputError: damaged, no such scan, several frames without poses, or poses of another number.
         """
@@ -81,10 +87,23 @@ class ScanSource:
                 f"{self.path}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
                 "or pick one frame with PATH#k"
             )
-        scans = [self.readers[k]() for k in picked]
+        where = spill_for(len(picked)) if spill is None else spill
+        scans = [kept(self.readers[k](), where) for k in picked]
         if given is not None:
             scans = [scan.restated(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
         return [in_metres(scan, units) for scan in scans]
+
+
+def spill_for(n_scans: int) -> Spill | NoSpill:
+    """Return where the arrays of so many scans are kept: of more than eight, on disk."""
+    return Spill() if n_scans > _FEW else NoSpill()
+
+
+def kept(scan: RangeImage, spill: Spill | NoSpill) -> RangeImage:
+    """Return a scan with its arrays where they are kept; the memory of those on disk is free."""
+    held = spill.keep(scan)
+    trim()
+    return held
 
 
 def open_scans(

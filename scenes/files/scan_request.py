@@ -13,7 +13,7 @@ import numpy as np
 from scenes.checks import InputError
 from scenes.files.describe_scans import scan_warnings
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, split_index
+from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, spill_for, split_index
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
 from scenes.mesh.orientation import Axis, world_from_file_up
@@ -145,17 +145,18 @@ def _read_scans(request: ScanRequest) -> list[RangeImage]:
             opened[base] = open_scans(base, intrinsics=camera, depth_scale=request.depth_scale)
         return opened[base]
 
+    counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
     if request.poses is not None and len(parts) > 1:
         found = read_poses(Path(request.poses))
-        counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
         if sum(counts) != len(found):
             raise InputError(
                 f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [found[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
     scans: list[RangeImage] = []
+    spill = spill_for(sum(counts))
     for (base, number), poses in zip(parts, given, strict=True):
-        scans += source_of(base).read(number, poses, request.units)
+        scans += source_of(base).read(number, poses, request.units, spill)
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if len(scans) > 1 and (not registered or at_origin):

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: MIT
+"""How completing grows with the number of RGB-D frames: a simulated walk through a house, the first N of it.
+
+The camera is held 1.5 m above the floor. It goes 10 cm ahead at each frame while nothing stands nearer than
+0.7 m before it, else it turns to where there is more room, and meanwhile looks from side to side and up and
+down. Noise and steps are those of a depth camera (`khoshelham2012`), poses are exact, no two frames are
+alike. Each number of frames is read from files and completed in a process of its own, without texture, on
+one thread: CPU seconds, with reading, in all and a frame, the peak of memory above what the process held
+before it read the first frame, surfaces, cells of their charts, a digest of owners and inferred area, and CPU
+seconds of each stage, merging counted with segmentation. The last line is the exponent of a least-squares
+line through the logarithms:
+
+    python -m benchmarks.frames [N,N,...] [WIDTH] [SCENE X,Y,Z]
+
+WIDTH is 320 unless given, three quarters of it the height. SCENE is a mesh file, X,Y,Z (metres, z up) where
+the walk begins; without them it leads through the rooms of `benchmarks.stations`. The walk is kept in the
+folder FRAMES, where that variable is set, else forgotten.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.stations import building, peak
+from completion import CompletionOptions, complete
+from nbv import PinholeSensor, scan_scene
+from scenes import Pose, RayCaster
+from scenes.checks import FloatArray
+from scenes.files.scan_request import ScanRequest, read_request
+from scenes.files.scene_files import open_scene
+from scenes.formats.rgbd.rgbd_writer import write_rgbd
+from scenes.world.scene import Scene
+
+STEP_M, CLEAR_M = 0.1, 0.7
+TURN = np.radians(12.0)
+_SIDES = np.radians([-60, -45, -30, -15, 0, 15, 30, 45, 60])
+_HEIGHTS = np.array([-0.9, -0.4, 0.0, 0.2])  # from the camera, metres
+
+
+def walk(caster: RayCaster, start: FloatArray, n_frames: int) -> list[Pose]:
+    """Walk from `start` (3,), metres; return where the camera was and looked at each frame."""
+    poses, place, heading, turning = [], np.array(start, dtype=np.float64), 0.0, 0.0
+    for number in range(n_frames):
+        angle = heading + _SIDES
+        ahead = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)
+        origins = place + np.stack([0 * _HEIGHTS, 0 * _HEIGHTS, _HEIGHTS], axis=1)
+        ranges = caster.first_hit(
+            np.repeat(origins, len(ahead), axis=0), np.tile(ahead, (len(origins), 1))
+        ).ranges
+        room = np.minimum(ranges.reshape(len(origins), -1).min(axis=0), 5.0)
+        if room[2:7].min() > CLEAR_M and number % 97 < 90:
+            place, turning = place + STEP_M * ahead[4], 0.0
+        else:
+            turning = turning or (TURN if room[5:].sum() > room[:4].sum() else -TURN)
+            heading += turning
+        gaze = heading + np.radians(35) * np.sin(number / 9.0)
+        down = np.radians(-12) + np.radians(18) * np.sin(number / 23.0)
+        look = [np.cos(gaze) * np.cos(down), np.sin(gaze) * np.cos(down), np.sin(down)]
+        poses.append(Pose.looking_at(place, place + np.array(look)))
+    return poses
+
+
+def take_frames(scene: Scene, start: FloatArray, n_frames: int, width: int, folder: Path) -> None:
+    """Write the frames of a walk as an RGB-D folder."""
+    caster = RayCaster(scene.mesh.vertices, scene.mesh.faces)
+    camera = PinholeSensor(fov_deg=62.0, width=width, height=3 * width // 4, max_range_m=6.0)
+    frames = [
+        scan_scene(scene, pose, camera, noise="khoshelham2012", truth=False, rng=k, caster=caster)
+        for k, pose in enumerate(walk(caster, start, n_frames))
+    ]
+    write_rgbd(frames, folder)
+
+
+def measure(folder: Path, n_frames: int) -> dict[str, object]:
+    """Complete the first frames in this process; return what it took."""
+    warm = read_request(ScanRequest((f"{folder}#1", f"{folder}#2"))).scans
+    complete(warm, CompletionOptions(texture=False), n_threads=1)  # loads all compiled code
+    stages: dict[str, float] = {}
+    idle, begun, last = peak(), time.process_time(), ("read", time.process_time())
+
+    def listen(stage: str, _done: int, _total: int) -> None:
+        nonlocal last
+        now = time.process_time()
+        stages[last[0]] = stages.get(last[0], 0.0) + now - last[1]
+        last = (stage, now)
+
+    scans = read_request(ScanRequest(tuple(f"{folder}#{k + 1}" for k in range(n_frames)))).scans
+    done = complete(scans, CompletionOptions(texture=False), rng=0, n_threads=1, progress=listen)
+    seconds = time.process_time() - begun
+    listen("", 0, 0)
+    digest = hashlib.sha256()
+    for array in (*done.owners, *(patch.hypothesised for patch in done.patches)):
+        digest.update(array.tobytes())
+    return {
+        "seconds": seconds,
+        "MB": (peak() - idle) / 1e6,
+        "surfaces": len(done.patches),
+        "cells": sum(patch.grid.shape[0] * patch.grid.shape[1] for patch in done.patches),
+        "digest": digest.hexdigest()[:8],
+        "stages": {name: spent for name, spent in stages.items() if name},
+    }
+
+
+def main() -> None:
+    """Measure each number of frames in a process of its own; print a line each, and the exponent."""
+    words = sys.argv[1:]
+    numbers = [int(word) for word in (words[0] if words else "10,20,40,80").split(",")]
+    if os.environ.get("MEASURE"):
+        print(json.dumps(measure(Path(os.environ["MEASURE"]), numbers[0])))
+        return
+    scene = open_scene(words[2]) if len(words) > 3 else building(8)
+    start = np.array(words[3].split(",") if len(words) > 3 else [2.5, 1.5, 1.5], dtype=np.float64)
+    print("frames   CPU s a frame     MB surfaces M cells  digest    stages")
+    seconds = []
+    with TemporaryDirectory() as temporary:
+        folder = Path(os.environ.get("FRAMES", f"{temporary}/walk"))
+        if not folder.is_dir():
+            take_frames(scene, start, max(numbers), int(words[1]) if len(words) > 1 else 320, folder)
+        for number in numbers:
+            told = subprocess.run(
+                [sys.executable, "-m", "benchmarks.frames", str(number)],
+                env={**os.environ, "MEASURE": str(folder)}, check=True, capture_output=True, text=True,
+            ).stdout  # fmt: skip
+            found = json.loads(told)
+            seconds.append(found["seconds"])
+            spent = ", ".join(f"{name} {value:.1f}" for name, value in found["stages"].items())
+            print(
+                f"{number:6} {found['seconds']:7.1f} {found['seconds'] / number:7.2f} {found['MB']:6.0f} "
+                f"{found['surfaces']:8} {found['cells'] / 1e6:7.1f}  {found['digest']}  {spent}",
+                flush=True,
+            )
+    if len(numbers) > 1:
+        slope = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
+        print(f"CPU seconds grow with frames to the power of {slope:.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""Pieces: what merging compares: a region, or what some regions were found to be together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.fitting.result import SurfaceFit
+from completion.merging.agreement import Part
+from completion.observe.observation import Observation
+from completion.observe.pixel_set import PixelSet
+from completion.observe.refitting import refit_each
+from completion.observe.tolerance import Tolerance
+from completion.segmentation.regions import Region
+from scenes.run.mapping import trim
+
+_N_SAMPLE = 400  # points of a piece that take part in the pair tests
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A part of a surface with its pixels, and what the tests need."""
+
+    fit: SurfaceFit
+    pixels: tuple[tuple[int, PixelSet], ...]  # by scan, ascending
+    part: Part
+    n_regions: int
+    n_pixels: int
+    systematic_m: float  # error that neighbouring ranges have in common
+    sample: tuple[tuple[int, NDArray[np.int32]], ...]  # by scan: flat pixels of the points in `part`
+
+    @classmethod
+    def of_region(cls, scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> Piece:
+        """Return a region of a scan as a piece."""
+        trim()
+        pixel = region.pixels.flat
+        n_pixels = len(pixel)
+        pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
+        points = observation.points_at(pixel)
+        distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
+        systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
+        systematic = float(np.hypot(systematic, tolerance.registration_m))
+        scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
+        part = Part.of(region.fit, points, scale, systematic)
+        return cls(
+            fit=region.fit,
+            pixels=((scan, region.pixels),),
+            part=part,
+            n_regions=1,
+            n_pixels=n_pixels,
+            systematic_m=systematic,
+            sample=((scan, pixel),),
+        )
+
+    @classmethod
+    def fused(
+        cls,
+        pieces: Sequence[Piece],
+        fitted: Fitted,
+        observations: Sequence[Observation],
+    ) -> Piece:
+        """Return what some pieces of one surface are together, from all their pixels and the fit to them.
+
+        Its systematic error and scale are the means of theirs, by their pixels.
+        """
+        if len(pieces) == 1:
+            return pieces[0]
+        weight = np.array([one.n_pixels for one in pieces], dtype=np.float64)
+        systematic = float(np.average([one.systematic_m for one in pieces], weights=weight))
+        scale = float(np.average([one.part.scale for one in pieces], weights=weight))
+        flat = np.concatenate([own.flat for _, own in fitted.pixels])
+        scan = np.repeat([number for number, _ in fitted.pixels], [len(own) for _, own in fitted.pixels])
+        chosen = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
+        flat, scan = flat[chosen], scan[chosen]
+        sample = tuple((int(number), flat[scan == number]) for number in np.unique(scan))
+        points = np.concatenate([observations[number].points_at(own) for number, own in sample])
+        return cls(
+            fit=fitted.fit,
+            pixels=fitted.pixels,
+            part=Part.of(fitted.fit, points, scale, systematic),
+            n_regions=sum(one.n_regions for one in pieces),
+            n_pixels=int(weight.sum()),
+            systematic_m=systematic,
+            sample=sample,
+        )
+
+
+class Fitted(NamedTuple):
+    """All pixels of some pieces of one surface, and its fit to them."""
+
+    pixels: tuple[tuple[int, PixelSet], ...]  # by scan, ascending
+    fit: SurfaceFit
+
+
+def fit_groups(
+    groups: Sequence[Sequence[Piece]], observations: Sequence[Observation], tolerance: Tolerance
+) -> list[Fitted]:
+    """Fit a surface to all pixels of each group of pieces.
+
+    The fit of a piece alone stays. Where the pixels determine no surface, that of the largest piece does.
+    """
+    starts = [max(pieces, key=lambda one: one.n_pixels).fit for pieces in groups]
+    pixels = [_together(pieces) for pieces in groups]
+    several = [k for k, pieces in enumerate(groups) if len(pieces) > 1]
+    none = [PixelSet.union([], seen.scan.shape) for seen in observations]
+    every = [[*none] for _ in several]
+    for own, k in zip(every, several, strict=True):
+        for scan, some in pixels[k]:
+            own[scan] = some
+    surfaces = [starts[k].surface for k in several]
+    fits = refit_each(surfaces, observations, every, tolerance.flatness_m, n_rounds=2)
+    anew = {k: fit for k, fit in zip(several, fits, strict=True) if fit is not None}
+    return [Fitted(own, anew.get(k, starts[k])) for k, own in enumerate(pixels)]
+
+
+def _together(pieces: Sequence[Piece]) -> tuple[tuple[int, PixelSet], ...]:
+    """The pixels of some pieces, by scan."""
+    trim()
+    found: dict[int, list[PixelSet]] = {}
+    for scan, some in (pair for one in pieces for pair in one.pixels):
+        found.setdefault(scan, []).append(some)
+    return tuple(
+        (scan, own[0] if len(own) == 1 else PixelSet.union(own, own[0].shape))
+        for scan, own in sorted(found.items(), key=lambda item: item[0])
+    )
