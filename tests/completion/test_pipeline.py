@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,8 @@ from scenes.checks import InputError
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
+from scenes.run import mapping
+from scenes.scan import pixels
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, surfaces_close
@@ -323,3 +326,20 @@ def test_the_face_is_complete():
 def test_options_that_cannot_be_meant_are_refused_by_name(options, field, bad) -> None:
     with pytest.raises(InputError, match=f"{field} must be .* or more, got|{field} must be between .* got"):
         options(**{field: bad})
+
+
+def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):
+    scans = [example("chair_before_wall", "gaussian-2mm", side) for side in (100, 90)]
+    options = CompletionOptions(registration_m=0.001)
+    complete(scans, options, rng=0).save(tmp_path / "memory")
+    monkeypatch.setattr(pipeline, "_IN_MEMORY", 0)
+    for module in (mapping, pixels):
+        monkeypatch.setattr(module, "LARGE", 1_000)
+    monkeypatch.setattr(mapping, "_RESIDENT", -(10**12))  # memory is given back whenever somebody asks
+    mapped = [replace(scan, ranges=scan.ranges.copy()) for scan in scans]
+    assert all(mapping.is_mapped(scan.ranges) for scan in mapped)
+    found = complete(mapped, options, rng=0)
+    assert mapping.is_mapped(found.patches[0].confidence)
+    found.save(tmp_path / "disk")
+    for file in (tmp_path / "memory").iterdir():
+        assert file.read_bytes() == (tmp_path / "disk" / file.name).read_bytes(), file.name

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
-from scenes.formats.meshes.ply import read_mesh_ply, write_mesh_ply
+from scenes.formats.meshes.ply import PlyMesh, read_mesh_ply, write_mesh_ply, write_meshes_ply
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.pi, 1e-9, -7e5]], dtype=np.float64)
 FACES = np.array([[0, 1, 2], [1, 3, 2]], dtype=np.int32)
@@ -91,3 +91,33 @@ def test_damage_is_named(tmp_path: Path) -> None:
         path.write_bytes(broken)
         with pytest.raises(InputError, match=f"m.ply.*{message}"):
             read_mesh_ply(path)
+
+
+def test_parts_make_the_file_of_the_whole(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    vertices, faces = rng.normal(size=(30, 3)), rng.integers(0, 30, (50, 3)).astype(np.int32)
+    faces = faces[np.argsort(faces.min(axis=1), kind="stable")]
+    surface = np.arange(30, dtype=np.int32)
+    write_mesh_ply(tmp_path / "whole.ply", vertices, faces, {"surface": surface}, ["a comment"])
+    first = faces.min(axis=1) < 12  # their corners lie in both parts
+    parts = [
+        PlyMesh(vertices[:12], faces[first], {"surface": surface[:12]}),
+        PlyMesh(vertices[12:], faces[~first] - 12, {"surface": surface[12:]}),
+    ]
+    write_meshes_ply(tmp_path / "parts.ply", iter(parts), ["a comment"])
+    assert (tmp_path / "parts.ply").read_bytes() == (tmp_path / "whole.ply").read_bytes()
+
+
+@pytest.mark.parametrize("corner", [3, -1])
+def test_a_corner_that_no_part_has_is_refused(tmp_path: Path, corner: int) -> None:
+    parts = [PlyMesh(np.zeros((3, 3)), np.array([[0, 1, corner]], np.int32))]
+    with pytest.raises(InputError, match=r"corner 3, but there are 3 vertices|face 0 is"):
+        write_meshes_ply(tmp_path / "parts.ply", parts)
+    assert not list(tmp_path.iterdir())
+
+
+def test_parts_of_other_properties_are_refused(tmp_path: Path) -> None:
+    none = np.zeros((0, 3), np.int32)
+    parts = [PlyMesh(np.zeros((3, 3)), none), PlyMesh(np.zeros((3, 3)), none, {"a": np.zeros(3)})]
+    with pytest.raises(InputError, match="parts of a PLY file have properties"):
+        write_meshes_ply(tmp_path / "parts.ply", parts)
