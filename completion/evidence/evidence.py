@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.field_of_view import ball_around, may_see
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, is_beyond, progress_of, reach_of
@@ -138,7 +139,10 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         This surface's number in `scans.owners`.
     """
     found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
+    ball = ball_around(found.centres, grid.cell)
     for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
+        if not may_see(scans.sights[number].eye, ball):
+            continue
         owners = scans.owners[number].ravel()
         _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, found)
         trim()

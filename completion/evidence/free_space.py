@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.crossing import Rectangle, crossing_tiles
+from completion.evidence.field_of_view import ball_around, may_see
 from completion.evidence.form import Form, chart_of, form_of, reach_of, slope_at
 from completion.evidence.reach import TILE, Reach
 from completion.evidence.sight import Eye, Sight, along_ray
@@ -37,7 +38,10 @@ def free_cells(
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
     sd = predicted_sd.reshape(grid.shape)
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)
+    ball = ball_around(grid.centres(), grid.cell)
     for sight, reach in zip(sights, reaches, strict=True):
+        if not may_see(sight.eye, ball):
+            continue
         crossing = crossing_tiles(sight.eye, sight.noise, form, reach, around, float(sd.min()))
         if crossing.any():
             _count_beams(sight, form, crossing, around, cells)
