@@ -12,6 +12,7 @@ from benchmarks.completion.cases.free_space import meet, violation_of
 from benchmarks.completion.scenes.clutter import random_clutter
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import LabelledPoints
 from scenes.rays.raycast import RayCaster
 from tests.helpers.data_paths import ROOT
 
@@ -65,11 +66,10 @@ def test_pairs_of_rays_and_triangles_are_those_of_the_ray_caster(seed: int) -> N
     np.testing.assert_allclose(cosine[first], hits.incidence_cosine[ray[first]], atol=2e-3)
 
 
-def moved(completed: CompletedModel, towards: np.ndarray, share: float) -> CompletedModel:
-    """The completion with its inferred area moved by a share of the way to a place of the working frame."""
+def moved(completed: CompletedModel, towards: np.ndarray, share: float) -> LabelledPoints:
+    """The inferred area moved by a share of the way to a place of the working frame."""
     mesh = completed.hypothesised
-    vertices = mesh.vertices + share * (towards - mesh.vertices)
-    return replace(completed, hypothesised=replace(mesh, vertices=vertices))
+    return replace(mesh, vertices=mesh.vertices + share * (towards - mesh.vertices))
 
 
 @pytest.mark.parametrize("noise", ["none", "gaussian-5mm"])
@@ -81,7 +81,7 @@ def test_what_is_moved_before_seen_surface_is_found(noise: str) -> None:
     completed = complete(scans, OPTIONS, rng=0)
     assert violation_of(completed, scans, OPTIONS, len(scans)).n_faces == 0
     # In the first scan inferred area moves along its own shadow; the others look through it from aside.
-    planted = violation_of(moved(completed, np.zeros(3), 0.3), scans, OPTIONS, len(scans))
+    planted = violation_of(completed, scans, OPTIONS, len(scans), moved(completed, np.zeros(3), 0.3))
     assert planted.area_m2 > 0.01
     assert planted.deepest_m > 0.05
 
@@ -103,8 +103,7 @@ def test_one_beam_convicts_without_noise_and_two_with_it() -> None:
         surface=np.ones(3, np.int32),
         sd=np.zeros(3),
     )
-    single = replace(completed, hypothesised=mesh)
-    assert violation_of(single, [scan], OPTIONS, 1).n_faces == 1
-    assert violation_of(single, [replace(scan, sigma_m=1e-3)], OPTIONS, 1).n_faces == 0
+    assert violation_of(completed, [scan], OPTIONS, 1, mesh).n_faces == 1
+    assert violation_of(completed, [replace(scan, sigma_m=1e-3)], OPTIONS, 1, mesh).n_faces == 0
     twice = [replace(scan, sigma_m=1e-3)] * 2  # two scans' beams
-    assert violation_of(single, twice, OPTIONS, 1).n_faces == 1
+    assert violation_of(completed, twice, OPTIONS, 1, mesh).n_faces == 1

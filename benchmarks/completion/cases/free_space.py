@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from completion.options import CompletionOptions
 from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import LabelledPoints
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.scan.range_image import RangeImage
@@ -45,7 +46,11 @@ class Violation:
 
 
 def violation_of(
-    completed: CompletedModel, scans: Sequence[RangeImage], options: CompletionOptions, n_completed: int
+    completed: CompletedModel,
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    n_completed: int,
+    mesh: LabelledPoints | None = None,
 ) -> Violation:
     """Return how much of what was inferred the beams of `scans` went through.
 
@@ -64,8 +69,10 @@ def violation_of(
         Options of the completion.
     n_completed : int
         How many scans were completed.
+    mesh : LabelledPoints, optional
+        What to hold against the beams, working frame; all that was inferred when not given.
     """
-    mesh = completed.hypothesised
+    mesh = completed.hypothesised if mesh is None else mesh
     if not len(mesh.faces):
         return Violation(0.0, 0.0, 0)
     corners = completed.world_from_reference.apply(mesh.vertices)[mesh.faces]
