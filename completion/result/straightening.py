@@ -94,8 +94,25 @@ def straightened(polygon: Any, guides: Sequence[Guide], cell_m: float) -> Any:
     """
     dense = shapely.segmentize(polygon, cell_m)
     laid = shapely.transform(dense, lambda uv: _on_guides(uv, guides)) if guides else dense
-    corners = laid.simplify(_STRAIGHT * cell_m, preserve_topology=False)
-    return shapely.make_valid(corners).simplify(_ROUGH * cell_m)
+    corners = _from_corners(laid).simplify(_STRAIGHT * cell_m, preserve_topology=False)
+    return _from_corners(shapely.make_valid(corners)).simplify(_ROUGH * cell_m)
+
+
+def _from_corners(area: Any) -> Any:
+    """The same polygons, each ring from its place farthest from the middle on.
+
+    Simplifying keeps the place that a ring begins at (Douglas & Peucker 1973), which rounding would choose.
+    """
+
+    def begun(ring: Any) -> FloatArray:
+        places = shapely.get_coordinates(ring)[:-1]
+        away = np.square(places - places.mean(axis=0)).sum(axis=1)
+        return np.roll(places, -int(np.argmax(away)), axis=0)
+
+    polygons = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and not part.is_empty]
+    return shapely.MultiPolygon(
+        [shapely.Polygon(begun(part.exterior), [begun(hole) for hole in part.interiors]) for part in polygons]
+    )
 
 
 def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
