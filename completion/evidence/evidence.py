@@ -5,34 +5,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
-from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.field_of_view import ball_around, may_see
-from completion.evidence.form import Form, form_of, place_of
-from completion.evidence.free_space import free_cells
-from completion.evidence.reach import Reach, is_beyond, progress_of, reach_of
-from completion.evidence.sight import Sight, look, pixel_of, sight_of
-from completion.evidence.window import window_of
+from completion.evidence.reach import Reach, reach_of
+from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation
-from completion.observe.rays import deviation_at
 from completion.observe.tolerance import Tolerance
-from completion.observe.triple import dot, minus, plus
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray
 from scenes.run.mapping import trim
-from texture.engine.compiled import compiled, inlined
-
-_LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
-_MISSED_PIXELS = 0.5  # how far a cylinder's limb is from a ray that may miss it
-_LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
-_BLOCK = 16  # cells: side of the blocks that are held against a scan together
-_ROUNDING_M = 1e-9
-_NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 
 
 class Label(IntEnum):
@@ -43,9 +26,6 @@ class Label(IntEnum):
     OCCLUDED = 2  # something nearer stood before it
     VISIBLE = 3  # measured there
     FREE = 4  # a beam went through: nothing can be there
-
-
-_NO_RETURN, _OCCLUDED, _VISIBLE = int(Label.NO_RETURN), int(Label.OCCLUDED), int(Label.VISIBLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,208 +102,3 @@ class Scans:
             reaches.append(reach_of(seen))
             trim()
         object.__setattr__(self, "reach", tuple(reaches))
-
-
-def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:
-    """Label the cells of a grid from all scans; a beam that went through a cell is a veto.
-
-    Parameters
-    ----------
-    grid : ChartGrid
-        The cells.
-    predicted_sd : (rows * columns,) float
-        Standard deviation of the surface along its normal at each cell, metres.
-    scans : Scans
-        All scans.
-    owner : int
-        This surface's number in `scans.owners`.
-    """
-    found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
-    ball = ball_around(found.centres, grid.cell)
-    for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
-        if not may_see(scans.sights[number].eye, ball):
-            continue
-        owners = scans.owners[number].ravel()
-        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, found)
-        trim()
-    observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
-
-    # Measured cells far from the surface's own pixels are of something else on its plane.
-    near = cv2.dilate(own.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
-    observed &= near.astype(np.bool_)
-
-    # Veto: nothing is where beams went through, but what was measured.
-    vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach)
-    labels = found.labels.reshape(grid.shape)
-    labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
-    return Evidence(
-        labels=labels,
-        observed=observed,
-        own=own,
-        pixel=found.pixel.reshape(grid.shape),
-        scan=found.scan.reshape(grid.shape),
-        occluder=np.maximum(found.occluder, 0).reshape(grid.shape),
-        through=found.through.reshape(grid.shape) & ~observed,
-        limb=found.limb.reshape(grid.shape) & ~observed,
-    )
-
-
-class _Found(NamedTuple):
-    """Cells (n,) and what was found of them so far; see `Evidence`."""
-
-    centres: FloatArray  # (n, 3) metres
-    predicted_sd: FloatArray  # of the surface along its normal, metres
-    labels: NDArray[np.int8]
-    observed: BoolArray
-    own: BoolArray
-    pixel: NDArray[np.int64]
-    scan: NDArray[np.int32]
-    footprint: FloatArray  # of that pixel, times a constant
-    occluder: NDArray[np.int32]  # -1 while no scan says that the cell is occluded
-    through: BoolArray
-    limb: BoolArray
-
-    @classmethod
-    def of(cls, centres: FloatArray, predicted_sd: FloatArray) -> _Found:
-        """Nothing, yet."""
-        n = len(centres)
-        observed, own, through, limb = np.zeros((4, n), dtype=np.bool_)
-        return cls(
-            centres=centres,
-            predicted_sd=predicted_sd,
-            labels=np.full(n, Label.OUT, np.int8),
-            observed=observed,
-            own=own,
-            pixel=np.full(n, -1, np.int64),
-            scan=np.full(n, -1, np.int32),
-            footprint=np.full(n, np.inf),
-            occluder=np.full(n, -1, np.int32),
-            through=through,
-            limb=limb,
-        )
-
-
-class _Blocks(NamedTuple):
-    """Blocks of 16 x 16 cells, which are held against a scan together."""
-
-    shape: tuple[int, int]  # rows and columns of cells
-    corner: tuple[float, float]  # of cell (0, 0) in the chart, metres
-    size: tuple[float, float]  # of a cell, metres
-    is_hidden: BoolArray  # (rows, columns) all cells are occluded or more, by a known scan
-    sd: FloatArray  # (rows, columns) largest predicted deviation of the surface in those that are, metres
-
-    @classmethod
-    def of(cls, grid: ChartGrid) -> _Blocks:
-        """Nothing is hidden, yet."""
-        (u, v), (wide, tall) = grid.corner.tolist(), grid.cell.tolist()
-        shape = -(-grid.shape[0] // _BLOCK), -(-grid.shape[1] // _BLOCK)
-        return cls(grid.shape, (u, v), (wide, tall), np.zeros(shape, dtype=np.bool_), np.zeros(shape))
-
-
-@compiled
-def _hold(
-    sight: Sight,
-    form: Form,
-    reach: Reach,
-    blocks: _Blocks,
-    owners: NDArray[np.int32],
-    owner: int,
-    number: int,
-    found: _Found,
-) -> None:
-    """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
-
-    Left out are blocks that the scan does not look at, and of a plane those that are hidden already and that
-    the scan did not get to: they have nothing to learn from it.
-    """
-    eye, (rows, columns) = sight.eye, blocks.shape
-    height = dot(minus(eye.origin, form.point), form.axis)
-    progress = progress_of(reach, plus((0.0, 0.0, 0.0), -np.sign(height), form.axis))
-    for i in range(blocks.sd.shape[0]):
-        for j in range(blocks.sd.shape[1]):
-            top, left = i * _BLOCK, j * _BLOCK
-            bottom, right = min(top + _BLOCK, rows), min(left + _BLOCK, columns)
-            wide, tall = (right - left) * blocks.size[0] / 2, (bottom - top) * blocks.size[1] / 2
-            u, v = (
-                blocks.corner[0] + left * blocks.size[0] + wide,
-                blocks.corner[1] + top * blocks.size[1] + tall,
-            )
-            middle, radius = place_of(form, u, v), np.sqrt(wide * wide + tall * tall) + _ROUNDING_M
-            window = window_of(eye, sight.angles, middle, radius)
-            if window[1] < 0 or window[3] < 0:
-                continue
-            if blocks.is_hidden[i, j] and not form.is_curved:
-                away = minus(middle, eye.origin)
-                distance = np.sqrt(dot(away, away))
-                if is_beyond(sight, reach, progress, window, distance, radius, height, blocks.sd[i, j]):
-                    continue
-            for row in range(top, bottom):
-                first, end = row * columns + left, row * columns + right
-                _hold_cells(sight, form, first, end, owners, owner, number, found)
-            if not blocks.is_hidden[i, j]:
-                _note_hidden(blocks, i, j, found)
-
-
-@inlined
-def _note_hidden(blocks: _Blocks, i: int, j: int, found: _Found) -> None:
-    """Note whether all cells of a block are hidden or more."""
-    rows, columns = blocks.shape
-    sd = 0.0
-    for row in range(i * _BLOCK, min((i + 1) * _BLOCK, rows)):
-        for cell in range(row * columns + j * _BLOCK, row * columns + min((j + 1) * _BLOCK, columns)):
-            if found.labels[cell] < _OCCLUDED or found.occluder[cell] < 0:
-                return
-            sd = max(sd, found.predicted_sd[cell])
-    blocks.is_hidden[i, j], blocks.sd[i, j] = True, sd
-
-
-@inlined
-def _hold_cells(
-    sight: Sight,
-    form: Form,
-    first: int,
-    end: int,
-    owners: NDArray[np.int32],
-    owner: int,
-    number: int,
-    found: _Found,
-) -> None:
-    """Hold the centres of cells `first`..`end` against the pixels of one scan that see them."""
-    centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
-    own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
-    occluder, through, at_limb = found.occluder, found.through, found.limb
-    eye, ranges = sight.eye, sight.ranges
-    for cell in range(first, end):
-        place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
-        pixel = pixel_of(eye, sight.angles, place)
-        if pixel < 0:
-            continue
-        measured = ranges[pixel]
-        said = look(eye, form, place, predicted_sd[cell], (measured, deviation_at(sight.noise, measured)))
-        is_sure = said.allowed <= eye.max_m
-        label = _NO_RETURN  # free space is claimed by the beams themselves: a cell's centre is not its beam
-        if said.behind > said.allowed:
-            # 1. Something stands before the cell.
-            label = _OCCLUDED
-            if occluder[cell] < 0:
-                occluder[cell] = owners[pixel]
-        elif said.behind >= -said.allowed:
-            # 2. It is measured by the surface's own pixels, or surely by pixels of no surface. Of several
-            #    keep the one with the smallest footprint.
-            is_own = owners[pixel] == owner
-            is_measured = is_own or (owners[pixel] == 0 and is_sure)
-            label = _VISIBLE if is_measured or is_sure else _NO_RETURN
-            own[cell] |= is_own
-            observed[cell] |= is_measured
-            footprint = said.distance * said.distance / max(said.cosine, _LEAST_COSINE)
-            if is_measured and footprint <= footprints[cell]:
-                footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
-
-        # 3. Note cells that beams seem to have passed, and those too oblique to tell.
-        limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
-        if np.isfinite(measured) and said.behind < -said.allowed and is_sure:
-            through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
-        at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
-
-        # 4. Keep the strongest label of all scans.
-        labels[cell] = max(labels[cell], label)

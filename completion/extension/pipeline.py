@@ -18,7 +18,8 @@ from completion.boundary.meshing import Trim
 from completion.edits.application import EditedSurface
 from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Evidence, Label, Scans, weigh
+from completion.evidence.evidence import Evidence, Label, Scans
+from completion.evidence.weighing import weigh
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, provenance_of

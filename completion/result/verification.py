@@ -10,7 +10,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.evidence import Label, Scans, weigh
+from completion.evidence.evidence import Label, Scans
+from completion.evidence.weighing import weigh
 from completion.extension.patch import Patch
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions

@@ -7,11 +7,12 @@ import pytest
 from completion.boundary.meshing import mesh_cells
 from completion.boundary.range_mesh import mesh_range_image
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Label, Scans, weigh
+from completion.evidence.evidence import Label, Scans
 from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import reach_of
 from completion.evidence.sight import look, sight_of
+from completion.evidence.weighing import weigh
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.result.audit import audit, bundle

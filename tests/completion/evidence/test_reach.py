@@ -4,14 +4,15 @@
 import numpy as np
 import pytest
 
-from completion.evidence import evidence as module
+from completion.evidence import weighing as module
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.crossing import Rectangle, crossing_tiles
-from completion.evidence.evidence import Evidence, Scans, weigh
+from completion.evidence.evidence import Evidence, Scans
 from completion.evidence.form import form_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import TILE, farthest_along, is_beyond, progress_of, reach_of
 from completion.evidence.sight import look, pixel_of, sight_of
+from completion.evidence.weighing import weigh
 from completion.evidence.window import window_of
 from completion.extension.bounds import farthest_hidden
 from completion.observe.observation import observe
