@@ -10,11 +10,11 @@ before it read the first frame, surfaces, cells of their charts, a digest of own
 seconds of each stage, merging counted with segmentation. The last line is the exponent of a least-squares
 line through the logarithms:
 
-    python -m benchmarks.frames [N,N,...] [WIDTH] [SCENE X,Y,Z]
+    python -m benchmarks.frames [N,N,...] [WIDTH] [SCENE X,Y,Z [UP]]
 
-WIDTH is 320 unless given, three quarters of it the height. SCENE is a mesh file, X,Y,Z (metres, z up) where
-the walk begins; without them it leads through the rooms of `benchmarks.stations`. The walk is kept in the
-folder FRAMES, where that variable is set, else forgotten.
+WIDTH is 320 unless given, three quarters of it the height. SCENE is a mesh file, UP its axis that is up (z
+unless given), X,Y,Z (metres, z up) where the walk begins; without them it leads through the rooms of
+`benchmarks.stations`. The walk is kept in the folder FRAMES, where that variable is set, else forgotten.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.stations import building, peak
+from benchmarks.growth import peak, print_growth
+from benchmarks.stations import building
 from completion import CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
 from scenes import Pose, RayCaster
@@ -38,6 +40,10 @@ from scenes.checks import FloatArray
 from scenes.files.scan_request import ScanRequest, read_request
 from scenes.files.scene_files import open_scene
 from scenes.formats.rgbd.rgbd_writer import write_rgbd
+from scenes.mesh.orientation import Axis
+from scenes.run.mapping import trim
+from scenes.run.spill import Spill
+from scenes.scan.colour import colour_bytes
 from scenes.world.scene import Scene
 
 STEP_M, CLEAR_M = 0.1, 0.7
@@ -70,13 +76,14 @@ def walk(caster: RayCaster, start: FloatArray, n_frames: int) -> list[Pose]:
 
 
 def take_frames(scene: Scene, start: FloatArray, n_frames: int, width: int, folder: Path) -> None:
-    """Write the frames of a walk as an RGB-D folder."""
-    caster = RayCaster(scene.mesh.vertices, scene.mesh.faces)
+    """Write the frames of a walk as an RGB-D folder; until then they are in files as well."""
+    caster, spill = RayCaster(scene.mesh.vertices, scene.mesh.faces), Spill()
     camera = PinholeSensor(fov_deg=62.0, width=width, height=3 * width // 4, max_range_m=6.0)
-    frames = [
-        scan_scene(scene, pose, camera, noise="khoshelham2012", truth=False, rng=k, caster=caster)
-        for k, pose in enumerate(walk(caster, start, n_frames))
-    ]
+    frames = []
+    for k, pose in enumerate(walk(caster, start, n_frames)):
+        frame = scan_scene(scene, pose, camera, noise="khoshelham2012", truth=False, rng=k, caster=caster)
+        frames.append(spill.keep(replace(frame, colour=colour_bytes(frame.colour))))
+        trim()
     write_rgbd(frames, folder)
 
 
@@ -102,9 +109,10 @@ def measure(folder: Path, n_frames: int) -> dict[str, object]:
         digest.update(array.tobytes())
     return {
         "seconds": seconds,
+        "a frame": seconds / n_frames,
         "MB": (peak() - idle) / 1e6,
         "surfaces": len(done.patches),
-        "cells": sum(patch.grid.shape[0] * patch.grid.shape[1] for patch in done.patches),
+        "M cells": sum(patch.grid.shape[0] * patch.grid.shape[1] for patch in done.patches) / 1e6,
         "digest": digest.hexdigest()[:8],
         "stages": {name: spent for name, spent in stages.items() if name},
     }
@@ -117,30 +125,24 @@ def main() -> None:
     if os.environ.get("MEASURE"):
         print(json.dumps(measure(Path(os.environ["MEASURE"]), numbers[0])))
         return
-    scene = open_scene(words[2]) if len(words) > 3 else building(8)
-    start = np.array(words[3].split(",") if len(words) > 3 else [2.5, 1.5, 1.5], dtype=np.float64)
-    print("frames   CPU s a frame     MB surfaces M cells  digest    stages")
-    seconds = []
+    print("  frames   CPU s  a frame     MB surfaces M cells  digest   stages")
+    columns = {
+        "seconds": "7.1f", "a frame": "8.3f", "MB": "6.0f", "surfaces": "8", "M cells": "7.1f", "digest": "8"
+    }  # fmt: skip
     with TemporaryDirectory() as temporary:
         folder = Path(os.environ.get("FRAMES", f"{temporary}/walk"))
         if not folder.is_dir():
+            scene, start = _place(words[2:])
             take_frames(scene, start, max(numbers), int(words[1]) if len(words) > 1 else 320, folder)
-        for number in numbers:
-            told = subprocess.run(
-                [sys.executable, "-m", "benchmarks.frames", str(number)],
-                env={**os.environ, "MEASURE": str(folder)}, check=True, capture_output=True, text=True,
-            ).stdout  # fmt: skip
-            found = json.loads(told)
-            seconds.append(found["seconds"])
-            spent = ", ".join(f"{name} {value:.1f}" for name, value in found["stages"].items())
-            print(
-                f"{number:6} {found['seconds']:7.1f} {found['seconds'] / number:7.2f} {found['MB']:6.0f} "
-                f"{found['surfaces']:8} {found['cells'] / 1e6:7.1f}  {found['digest']}  {spent}",
-                flush=True,
-            )
-    if len(numbers) > 1:
-        slope = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
-        print(f"CPU seconds grow with frames to the power of {slope:.2f}")
+        print_growth("benchmarks.frames", numbers, [], folder, columns)
+
+
+def _place(words: Sequence[str]) -> tuple[Scene, FloatArray]:
+    """The scene, and where a walk through it begins (3,), metres, by the words of the command line."""
+    if len(words) < 2:
+        return building(8), np.array([2.5, 1.5, 1.5])
+    up: Axis = {"x": "x", "y": "y", "z": "z"}[words[2] if len(words) > 2 else "z"]
+    return open_scene(words[0], up=up), np.array(words[1].split(","), dtype=np.float64)
 
 
 if __name__ == "__main__":

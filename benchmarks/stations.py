@@ -16,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -24,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.growth import peak, print_growth
 from completion import CompletionOptions, complete
 from nbv import SphericalSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster, Scene
@@ -106,12 +106,6 @@ def measure(n_stations: int) -> dict[str, object]:
     }
 
 
-def peak() -> int:
-    """Return the most memory that this process has held, bytes; `getrusage` would count its parent's too."""
-    held = Path("/proc/self/status").read_text().partition("VmHWM:")[2]
-    return int(held.split()[0]) * 1024
-
-
 def main() -> None:
     """Measure each number of stations in a process of its own; print a line each, and the exponent."""
     numbers = [int(word) for word in (sys.argv[1] if len(sys.argv) > 1 else "1,2,4,8").split(",")]
@@ -120,27 +114,13 @@ def main() -> None:
         print(json.dumps(measure(numbers[0])))
         return
     print(f"{'stations':>8} {'CPU s':>7} {'MB':>8} {'surfaces':>8}  digest    CPU s until each stage began")
-    seconds = []
-    with TemporaryDirectory() as folder:
-        write_scan(take_scans(1, 0.02)[0], Path(folder, "small.npz"))
+    columns = {"seconds": "7.1f", "MB": "8.0f", "surfaces": "8", "digest": "9"}
+    with TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        write_scan(take_scans(1, 0.02)[0], folder / "small.npz")
         for number, scan in enumerate(take_scans(max(numbers), megapixels)):
-            write_scan(scan, Path(folder, f"{number}.npz"))
-        for number in numbers:
-            told = subprocess.run(
-                [sys.executable, "-m", "benchmarks.stations", str(number), str(megapixels)],
-                env={**os.environ, "MEASURE": folder}, check=True, capture_output=True, text=True,
-            ).stdout  # fmt: skip
-            found = json.loads(told)
-            seconds.append(found["seconds"])
-            spent = ", ".join(f"{name} {value:.1f}" for name, value in found["stages"].items())
-            print(
-                f"{number:8} {found['seconds']:7.1f} {found['MB']:8.0f} {found['surfaces']:8}  "
-                f"{found['digest']}  {spent}",
-                flush=True,
-            )
-    if len(numbers) > 1:
-        slope = np.polyfit(np.log(numbers), np.log(seconds), 1)[0]
-        print(f"CPU seconds grow with stations to the power of {slope:.2f}")
+            write_scan(scan, folder / f"{number}.npz")
+        print_growth("benchmarks.stations", numbers, [str(megapixels)], folder, columns)
 
 
 if __name__ == "__main__":
