@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import fill, find_lattice, measure_phase_error
+from texture.analysis.lattice import _refine
 from texture.analysis.phase import Correlator
 
 
@@ -66,6 +67,14 @@ def test_a_period_between_pixels_is_found_by_its_repetitions() -> None:
     found = find_lattice(wave.astype(np.uint8)).periods
     assert len(found) == 1
     np.testing.assert_allclose(np.abs(found[0]), [0, 7.3], atol=0.5 / 5)  # five of them lie in a third
+
+
+def test_the_repetition_before_is_none_of_the_next() -> None:
+    """What resembles itself at every small displacement would lead a short period back to nothing."""
+    rows, columns = np.indices((43, 53))
+    correlation = 1 - 0.1 * np.hypot(rows - 21, columns - 26)
+    refined = _refine(correlation, (21, 26), np.array([2, -1]))
+    assert np.abs(refined - [2, -1]).max() <= 1
 
 
 def test_turning_the_image_turns_its_lattice() -> None:

@@ -210,13 +210,17 @@ def _shorten(place: IntArray, period: IntArray) -> IntArray:
 
 
 def _refine(correlation: FloatArray, reach: tuple[int, int], period: IntArray) -> FloatArray:
-    """Return a period to fractions of a pixel: that of its furthest repetition, followed pixel by pixel."""
+    """Return a period to fractions of a pixel: that of its furthest repetition, followed pixel by pixel.
+
+    What lies more than a pixel off the period is no repetition of it: of a short period it may be the one
+    before.
+    """
     refined, n = period.astype(np.float64), 1
     while (np.abs(np.rint((n + 1) * refined)) < np.array(reach)).all():
         expected = np.rint((n + 1) * refined).astype(np.int64) + np.array(reach)
         around = np.array([correlation[tuple(expected + step)] for step in _BESIDE])
-        if around.max() < REPEATED:
+        found = (expected - np.array(reach) + _BESIDE[int(np.argmax(around))]) / (n + 1)
+        if around.max() < REPEATED or np.abs(found - period).max() > 1:
             break
-        n += 1
-        refined = (expected - np.array(reach) + _BESIDE[int(np.argmax(around))]) / n
+        refined, n = found, n + 1
     return refined
