@@ -58,7 +58,7 @@ def score_frame(data: DataSet, frame: int, mode: Mode) -> tuple[HiddenScore, Ima
     others = [data.scan(number) for number in range(1, data.n_frames + 1) if number != frame]
     completed = complete(scan, CompletionOptions(mode=mode, texture=False), rng=0)
     samples = sample(hypothesis_of(completed, [scan]), 0.01)
-    result = score_by_others(scan, others, samples)
+    result = score_by_others([scan], others, samples)
     shown = np.full((*scan.shape, 3), 255, np.uint8)
     if scan.colour is not None:
         shown = (unit_colour(scan.colour) * 127 + 128).astype(np.uint8)

@@ -322,7 +322,7 @@ def test_another_scan_knows_what_one_could_not_see() -> None:
     cases = ((0.0, 1, 1, 0, 0.6 * 0.4), (0.1, 0, 0, 0, SHADOW_M2), (-0.1, np.nan, 0, 1, SHADOW_M2))
     for offset, precision, recall, unknown, area in cases:
         samples = sample(wall.rectangle(offset=offset), CELL)
-        result = score_by_others(wall.scan, [other], samples)
+        result = score_by_others([wall.scan], [other], samples)
         assert result.precision == pytest.approx(precision, abs=1e-9, nan_ok=True)
         assert result.recall == pytest.approx(recall, abs=1e-9)
         assert result.unknown_share == pytest.approx(unknown, abs=1e-9)
@@ -336,7 +336,7 @@ def test_another_scan_knows_what_one_could_not_see() -> None:
             if is_right:
                 assert buffer.correctness == 1
                 assert buffer.accuracy_m == pytest.approx(abs(offset), abs=1e-6)
-    blind = score_by_others(wall.scan, [wall.scan], sample(wall.rectangle(), CELL))
+    blind = score_by_others([wall.scan], [wall.scan], sample(wall.rectangle(), CELL))
     assert all(np.isnan([b.completeness, b.correctness, b.accuracy_m]).all() for b in blind.buffers)
     assert blind.n_reference == 0
     assert np.isnan(blind.recall)

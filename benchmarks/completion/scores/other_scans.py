@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Other scans as reference: what was inferred from one scan, scored by what registered ones saw there."""
+"""Other scans as reference: what was inferred from some, scored by what registered ones saw there."""
 
 from __future__ import annotations
 
@@ -64,24 +64,24 @@ class HiddenScore:
 
 
 def score_by_others(
-    scan: RangeImage,
+    scans: Sequence[RangeImage],
     others: Sequence[RangeImage],
     samples: Samples,
     *,
     tolerance_m: float = 0.03,
     apart_m: float = 0.1,
 ) -> HiddenScore:
-    """Score what was inferred from `scan` alone by what registered scans saw.
+    """Score what was inferred from `scans` by what other registered ones saw.
 
-    Only area counts that stands behind something in `scan` and farther than `apart_m` from all that it
-    measured, and so do reference points: slivers beside seen surface would decide everything else. Area is
-    right within `tolerance_m` of a reference point; else wrong where a beam of another scan goes through
-    it by more than that; else nothing is known of it.
+    Only area counts that stands behind something in one of `scans` and farther than `apart_m` from all that
+    they measured, and so do reference points: slivers beside seen surface would decide everything else.
+    Area is right within `tolerance_m` of a reference point; else wrong where a beam of another scan goes
+    through it by more than that; else nothing is known of it.
 
     Parameters
     ----------
-    scan : RangeImage
-        The scan that was completed.
+    scans : sequence of RangeImage
+        Those that were completed together.
     others : sequence of RangeImage
         Registered scans of the same place.
     samples : Samples
@@ -89,10 +89,10 @@ def score_by_others(
     tolerance_m, apart_m : float
         Metres.
     """
-    own = cKDTree(scan.points()[scan.valid])
-    counted = _hidden_and_apart(scan, own, samples.points, tolerance_m, apart_m)
+    own = cKDTree(np.concatenate([scan.points()[scan.valid] for scan in scans]))
+    counted = _hidden_and_apart(scans, own, samples.points, tolerance_m, apart_m)
     reference = _thinned(np.concatenate([other.points()[other.valid] for other in others]))
-    reference = reference[_hidden_and_apart(scan, own, reference, tolerance_m, apart_m)]
+    reference = reference[_hidden_and_apart(scans, own, reference, tolerance_m, apart_m)]
     right = counted & _near(samples.points, reference, tolerance_m)
     crossed = np.zeros(len(right), dtype=np.bool_)
     for other in others:
@@ -114,11 +114,13 @@ def score_by_others(
 
 
 def _hidden_and_apart(
-    scan: RangeImage, own: cKDTree, points: FloatArray, tolerance_m: float, apart_m: float
+    scans: Sequence[RangeImage], own: cKDTree, points: FloatArray, tolerance_m: float, apart_m: float
 ) -> BoolArray:
-    """Points that something stands before in `scan`, far from all that it measured."""
-    distance, measured = _ranges_at(scan, points)
-    hidden = measured < distance - tolerance_m
+    """Points that something stands before in one of the scans, far from all that they measured."""
+    hidden = np.zeros(len(points), dtype=np.bool_)
+    for scan in scans:
+        distance, measured = _ranges_at(scan, points)
+        hidden |= measured < distance - tolerance_m
     near = np.zeros(len(points), dtype=np.bool_)
     near[hidden] = np.isfinite(own.query(points[hidden], distance_upper_bound=apart_m)[0])
     return np.asarray(hidden & ~near, dtype=np.bool_)
