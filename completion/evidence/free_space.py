@@ -47,7 +47,7 @@ def free_cells(
             _count_beams(sight, form, crossing, around, cells)
             trim()
     vetoed = count > 0
-    if any(sight.noise.constant_m > 0 or sight.noise.quadratic_per_m > 0 for sight in sights):
+    if any(max(sight.noise) > 0 for sight in sights):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
     if form.is_curved:
         vetoed = _around(vetoed.astype(np.int32), grid.wraps) > 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Observation: a scan prepared for completion, its range noise, and its beams with the surface each met."""
+"""Observation: a scan prepared for completion, and its beams with the surface each met."""
 
 from __future__ import annotations
 
@@ -7,113 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.special import gammaincinv
 
-from completion.observe.rays import Noise, Rays, deviations, pick_points, pick_rays, rays_of
-from completion.observe.tiles import cut_tiles
+from completion.observe.range_noise import RangeNoise, estimate_noise
+from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-
-_N_RANGE_BINS = 12
-_TILE = 7
-_WINDOW = 9
-_FREEDOM = _TILE**2 - 3  # of a plane in a tile
-_QUARTILE = float(2 * gammaincinv(_FREEDOM / 2, 0.25) / _FREEDOM)  # of a flat tile's variance (chi square)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RangeNoise:
-    """Standard deviation of the range as a function of range: sqrt(constant^2 + (quadratic r^2)^2), metres.
-
-    The form serves terrestrial scanners (constant) and triangulating cameras, whose error grows with the
-    square of the distance (Khoshelham & Elberink 2012).
-    """
-
-    constant_m: float
-    quadratic_per_m: float
-
-    def sigma(self, ranges: FloatArray) -> FloatArray:
-        """Standard deviation (n,) of single ranges (n,), metres."""
-        return np.asarray(np.hypot(self.constant_m, self.quadratic_per_m * np.square(ranges)))
-
-    def bias(self, ranges: FloatArray) -> FloatArray:
-        """Common error (n,) of neighbouring ranges (n,) to a flat wall, metres.
-
-        Triangulating cameras bend flat walls by as much as their noise or twice as much, since both come
-        from errors of the disparity: on walls before five such cameras, means over blocks of 10 x 10 pixels
-        scatter by 1.1 to 2 standard deviations of the noise.
-        """
-        return np.asarray(2.0 * self.quadratic_per_m * np.square(ranges), dtype=np.float64)
-
-    def window_pixels(self, reach: float) -> int:
-        """Pixels along the side of the window whose average a range at this distance is; 1 for a single ray.
-
-        Cameras whose error grows with the square of the distance find a disparity by matching windows, about
-        9 pixels wide (Konolige & Mihelich 2011): on tables before four such cameras the residuals'
-        autocorrelation falls in a line to nothing at 8 to 9 pixels.
-        """
-        return _WINDOW if self.quadratic_per_m * reach**2 > self.constant_m else 1
-
-    def deviation(self, ranges: FloatArray) -> FloatArray:
-        """Expected error (n,) of single ranges (n,) to a flat wall, metres: noise and typical bias.
-
-        0 where nothing came back.
-        """
-        return deviations(self.numbers(), ranges)
-
-    def numbers(self, bulge: float = 0.0) -> Noise:
-        """Return the expected error of single ranges to a flat wall for compiled loops: noise, typical bias.
-
-        And `bulge` times the range, by which what is not quite flat strays.
-        """
-        return Noise(self.constant_m, bulge, self.quadratic_per_m)
-
-
-def estimate_noise(scan: RangeImage) -> RangeNoise:
-    """Estimate the range noise from the roughness of a scan's tiles.
-
-    By range: tiles that hold an edge are rougher than the noise, so each range bin takes the lower quartile,
-    corrected to the mean of flat tiles. Depths that come in steps add a twelfth of the step's square, which
-    tiles inside one step cannot show. The variances are fitted by a constant and a fourth-power term, both at
-    least zero.
-    """
-    tiles = cut_tiles(scan.ranges, rays_of(scan), Noise(1.0, 0.0, 0.0), 0.0, _TILE)
-    usable = np.isfinite(tiles.misfit)
-    if usable.sum() * _TILE**2 < 100:
-        return RangeNoise(0.0, 0.0)
-    ranges, square = np.linalg.norm(tiles.centre[usable], axis=-1), tiles.misfit[usable]
-    edges = np.quantile(ranges, np.linspace(0, 1, _N_RANGE_BINS + 1))
-    which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, _N_RANGE_BINS - 1)
-    bins = [b for b in range(_N_RANGE_BINS) if (which == b).sum() >= 5]
-    if not bins:
-        return RangeNoise(0.0, 0.0)
-    middle = np.array([np.median(ranges[which == b]) for b in bins])
-    step = _steps(scan, edges)[bins]
-    variance = np.array([np.quantile(square[which == b], 0.25) for b in bins]) / _QUARTILE + step**2 / 12
-    weight = 1.0 / np.maximum(variance, 1e-16)  # relative errors: near bins count as much as far ones
-    basis = np.stack([np.ones_like(middle), middle**4], axis=1)
-    terms, _ = nnls(basis * weight[:, None], variance * weight)
-    return RangeNoise(float(np.sqrt(terms[0])), float(np.sqrt(terms[1])))
-
-
-def _steps(scan: RangeImage, edges: FloatArray) -> FloatArray:
-    """Typical step of the depths whose ranges lie between consecutive edges."""
-    ranges = scan.ranges[scan.valid]
-    pinhole = scan.projection.kind == "pinhole"
-    depth = scan.points_in_sensor()[scan.valid][:, 2] if pinhole else ranges
-    which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, len(edges) - 2)
-    return np.array([_quantisation_step(depth[which == b]) for b in range(len(edges) - 1)])
-
-
-def _quantisation_step(depth: FloatArray) -> float:
-    """Typical distance between the values that `depth` takes, 0 where hardly any value comes twice."""
-    values, count = np.unique(depth, return_counts=True)
-    if len(values) < 2 or len(depth) < 4 * len(values):
-        return 0.0
-    common = values[count >= np.median(count) / 4]
-    return float(np.median(np.diff(common))) if len(common) > 1 else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +36,7 @@ class Observation:
     @property
     def is_noisy(self) -> bool:
         """Whether the ranges carry noise at all."""
-        return self.noise.constant_m > 0 or self.noise.quadratic_per_m > 0
+        return self.noise.is_known
 
     @property
     def valid(self) -> BoolArray:

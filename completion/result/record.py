@@ -132,7 +132,11 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "mode": completion.mode,
         "n_scans": len(completion.observations),
         "range_noise": [
-            {"constant_m": seen.noise.constant_m, "quadratic_per_m": seen.noise.quadratic_per_m}
+            {
+                "constant_m": seen.noise.constant_m,
+                "linear": seen.noise.linear,
+                "quadratic_per_m": seen.noise.quadratic_per_m,
+            }
             for seen in completion.observations
         ],
         "remainder_step": completion.derived.remainder[1],

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.observe.observation import estimate_noise
+from completion.observe.range_noise import estimate_noise
 from nbv.online.feasible_viewpoints import floor_level
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions

@@ -12,8 +12,9 @@ from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
 from completion.merging.pipeline import MergedSurface
-from completion.observe.observation import Observation, RangeNoise, observe
+from completion.observe.observation import Observation, observe
 from completion.observe.pixel_set import PixelSet
+from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import rays_of
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

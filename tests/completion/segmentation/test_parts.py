@@ -12,8 +12,9 @@ from completion.fitting.euclidean import fit_cylinder, fit_plane
 from completion.merging.agreement import Part, compare, compare_at_points, lies_on
 from completion.merging.candidates import find_candidates
 from completion.merging.pipeline import merge
-from completion.observe.observation import RangeNoise, observe
+from completion.observe.observation import observe
 from completion.observe.packed_surfaces import pack, unpack
+from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import Noise, rays_of
 from completion.observe.refitting import refit
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from completion.merging.pipeline import merge
-from completion.observe.observation import Observation, estimate_noise, observe
+from completion.observe.observation import Observation, observe
+from completion.observe.range_noise import estimate_noise
 from completion.observe.refitting import refit
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
