@@ -18,6 +18,7 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
 from completion.result.audit import AuditResult
+from completion.result.doubts import doubts_of
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
 from completion.result.observed_points import observed_mesh, observed_parts, remainder
 from completion.result.openings import Opening, find_openings
@@ -234,6 +235,11 @@ class CompletedModel:
         """Inferred area that observed beams went through, by the audit, square metres."""
         return self.audit.violation_m2
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting it, in plain words."""
+        return doubts_of(self.observations, self.patches)
+
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.
 
@@ -280,7 +286,7 @@ class CompletedModel:
                 Share("inferred", inferred / whole, INFERRED),
             ),
             pictures=thumbnails(first.ranges, first.colour, first.projection)[:1],
-            note=f"and {rest} more" if rest > 0 else "",
+            note=" · ".join([*([f"and {rest} more"] if rest > 0 else []), *self.warnings]),
         ).to_html()
 
 

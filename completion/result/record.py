@@ -121,6 +121,7 @@ def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:
 def completion_record(completion: CompletedModel, verification: Verification | None = None) -> dict[str, Any]:
     """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
     record: dict[str, Any] = {
+        "warnings": list(completion.warnings),
         "edits": [edit_record(edit) for edit in completion.edits],
         "surfaces": [
             _surface_record(completion, number, surface)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,7 +90,10 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
         )
-        run.warn(coarser_cells(completion, how.cell_m))
+        found = [text for text in completion.warnings if text not in given.doubts]
+        found += coarser_cells(completion, how.cell_m)
+        run.warn(found)
+        warnings = [*given.doubts, *found]
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
@@ -98,7 +101,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
                 scans, options, n_threads=shared.threads, journal=journal.part("first")
             )
         run.watch.enter("save")
-        record = completion_record(completion, verification)
+        record = {**completion_record(completion, verification), "warnings": warnings}
         write_model(completion, run.stage.folder, record, how.exports)
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
@@ -106,8 +109,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         page = completion_page(
             completion, request.title, n_threads=shared.threads, first_scan=record.get("first_scan")
         )
-        run.report(page, asked)
-        run.finish(resolved, summary_of(completion), lines_of(completion, verification))
+        run.report(replace(page, warnings=tuple(warnings)), asked)
+        summary = {**summary_of(completion), "warnings": warnings}
+        run.finish(resolved, summary, lines_of(completion, verification))
 
 
 def coarser_cells(completion: Completion, cell_m: float | None) -> list[str]:

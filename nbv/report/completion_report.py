@@ -67,6 +67,7 @@ def completion_page(
             *edit_sections(completion),
             *verification_sections(first_scan),
         ),
+        warnings=completion.warnings,
     )
 
 
