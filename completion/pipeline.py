@@ -22,6 +22,7 @@ from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.merging.pipeline import MergedSurface, merge
+from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
 from completion.result.audit import AuditResult, Bundles, audit, bundle
@@ -93,21 +94,23 @@ def complete(
         observations = steps.each(
             "noise and normals", lambda scan: observe(scan, world_from_reference, options.sigma_m), scans
         )
+        keys = find_key_frames(observations)
 
         # 2. Segment: cut each scan into regions on planes and cylinders.
         regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
 
         # 3. Merge: join the regions that are one surface, then join and part as a person says.
         across = Cue.MERGING in options.cues
-        merged = steps.one("merge", lambda: merge(observations, regions, tolerance, across=across))
+        merged = steps.one("merge", lambda: merge(observations, regions, tolerance, across=across, keys=keys))
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
         owners = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
-        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance)
+        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance, keys)
 
         # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [
-            steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance)) for one in surfaces
+            steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
+            for one in surfaces
         ]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
@@ -141,6 +144,7 @@ def complete(
         mode=options.mode,
         edits=options.edits,
         world_from_reference=world_from_reference,
+        key_frames=keys,
     )
 
 

@@ -56,20 +56,25 @@ class BoundaryPixels:
 
 
 def find_boundary_pixels(
-    fit: SurfaceFit, pixels: Sequence[PixelSet], observations: Sequence[Observation], tolerance: Tolerance
+    fit: SurfaceFit,
+    pixels: Sequence[PixelSet],
+    observations: Sequence[Observation],
+    tolerance: Tolerance,
+    keys: Sequence[int] | None = None,
 ) -> BoundaryPixels:
-    """Classify every boundary pixel of a surface, in all scans, from its pixels.
+    """Classify every boundary pixel of a surface from its pixels, in all scans or in the key frames `keys`.
 
     A range is compared with the surface's own along the neighbouring ray, never with the range of the last
     pixel: a fixed step in range would fire at grazing incidence. Places are in the chart of the fit's
-    surface.
+    surface. One that no key frame measured has the boundary that the others saw.
     """
+    measured = [number for number, held in enumerate(pixels) if len(held)]
+    chosen = measured if keys is None else sorted(set(measured) & set(keys)) or measured
     none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
     parts = [none] + [
-        _pixels_beside(fit, last, seen, step, tolerance)
-        for held, seen in zip(pixels, observations, strict=True)
-        if len(held)
-        for step, last in zip(_STEPS, _last_pixels(held.mask), strict=True)
+        _pixels_beside(fit, last, observations[number], step, tolerance)
+        for number in chosen
+        for step, last in zip(_STEPS, _last_pixels(pixels[number].mask), strict=True)
         if len(last)
     ]
     return BoundaryPixels(

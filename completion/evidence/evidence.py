@@ -41,12 +41,12 @@ class Evidence:
     own : (rows, columns) bool
         Cells measured by its own pixels; only these are samples of its texture.
     pixel : (rows, columns) int64
-        Flat pixel that sees each observed cell best, -1 elsewhere.
+        Flat pixel that sees each observed cell best, of key frames if one does, -1 elsewhere.
     scan : (rows, columns) int32
         The scan it belongs to, -1 elsewhere.
     occluder : (rows, columns) int32
-        Number of the surface that stands before each occluded cell, by the last scan that says so; 0 for none
-        known.
+        Number of the surface that stands before each occluded cell, by the last scan that says so, of key
+        frames if one does; 0 for none known.
     through : (rows, columns) bool
         Cells that some beam seems to have passed: the pixel at their centre measured farther. That is too
         little for a veto, but the surface is not hidden there.
@@ -91,8 +91,16 @@ class Scans:
     observations: tuple[Observation, ...]  # the scans, working frame
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
+    keys: tuple[int, ...] | None = None  # numbers of the key frames, ascending; None: all are
     sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
     reach: tuple[Reach, ...] = field(init=False)  # of each scan
+
+    @property
+    def order(self) -> tuple[tuple[int, bool], ...]:
+        """All scans, and whether each is a key frame: these come first, the last one at the head."""
+        keys = range(len(self.observations)) if self.keys is None else self.keys
+        others = sorted(set(range(len(self.observations))) - set(keys), reverse=True)
+        return (*((number, True) for number in reversed(keys)), *((number, False) for number in others))
 
     def __post_init__(self) -> None:
         sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)

@@ -22,6 +22,7 @@ from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
 _ROUNDING = 1 - 1e-9  # of lengths that are compared beforehand
+_MOST_CELLS = 16 * TILE**2  # that are looked at before the beams of a tile are
 _LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are noisy
 
 
@@ -82,7 +83,7 @@ def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangl
     rows, columns = sight.eye.shape
     for i in range(crossing.shape[0]):
         for j in range(crossing.shape[1]):
-            if crossing[i, j]:
+            if crossing[i, j] and not _is_decided(sight, form, i, j, cells):
                 for row in range(i * TILE, min((i + 1) * TILE, rows)):
                     for column in range(j * TILE, min((j + 1) * TILE, columns)):
                         measured = sight.ranges[row * columns + column]
@@ -90,6 +91,38 @@ def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangl
                             ray = ray_at(sight.rays, row, column)
                             if form.is_curved or _crosses(sight.eye, form, around, ray, measured):
                                 _count_beam(sight, form, ray, measured, cells)
+
+
+@inlined
+def _is_decided(sight: Sight, form: Form, i: int, j: int, cells: _Cells) -> bool:
+    """Tell whether all cells of a plane that beams of a tile may go through are vetoed already, each by two.
+
+    The beams lie between those of the tile's corners, and so do the places where they meet the plane.
+    """
+    eye, rays = sight.eye, sight.rays
+    if form.is_curved or eye.is_spherical or rays.points.shape[0]:
+        return False
+    height, (rows, columns) = dot(minus(eye.origin, form.point), form.axis), cells.beams.shape
+    left, right, low, high = np.inf, -np.inf, np.inf, -np.inf
+    for row in (i * TILE, min((i + 1) * TILE, eye.shape[0]) - 1):
+        for column in (j * TILE, min((j + 1) * TILE, eye.shape[1]) - 1):
+            ray = ray_at(rays, row, column)
+            slope = -dot(ray, form.axis)
+            if not slope * height > 0.0:
+                return False
+            u, v = chart_of(form, plus(eye.origin, height / slope, ray))
+            left, right, low, high = min(left, u), max(right, u), min(low, v), max(high, v)
+    first = max(np.floor((left - cells.corner[0]) / cells.size[0]) - 1.0, 0.0)
+    last = min(np.floor((right - cells.corner[0]) / cells.size[0]) + 1.0, columns - 1.0)
+    top = max(np.floor((low - cells.corner[1]) / cells.size[1]) - 1.0, 0.0)
+    bottom = min(np.floor((high - cells.corner[1]) / cells.size[1]) + 1.0, rows - 1.0)
+    if (last - first + 1.0) * (bottom - top + 1.0) > _MOST_CELLS:
+        return False
+    for row in range(int(top), int(bottom) + 1):
+        for column in range(int(first), int(last) + 1):
+            if cells.beams[row, column] < _LEAST_BEAMS:
+                return False
+    return True
 
 
 @inlined

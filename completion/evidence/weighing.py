@@ -48,11 +48,11 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     """
     found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
     ball = ball_around(found.centres, grid.cell)
-    for number in reversed(range(len(scans.observations))):  # of equal claims the first scan's counts
+    for number, is_key in scans.order:  # of equal claims the first scan's counts
         if not may_see(scans.sights[number].eye, ball):
             continue
         owners = scans.owners[number].ravel()
-        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, found)
+        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, found)
         trim()
     observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
 
@@ -70,7 +70,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         own=own,
         pixel=found.pixel.reshape(grid.shape),
         scan=found.scan.reshape(grid.shape),
-        occluder=np.maximum(found.occluder, 0).reshape(grid.shape),
+        occluder=np.where(labels == Label.OCCLUDED, np.maximum(found.occluder, 0).reshape(grid.shape), 0),
         through=found.through.reshape(grid.shape) & ~observed,
         limb=found.limb.reshape(grid.shape) & ~observed,
     )
@@ -117,7 +117,7 @@ class _Blocks(NamedTuple):
     shape: tuple[int, int]  # rows and columns of cells
     corner: tuple[float, float]  # of cell (0, 0) in the chart, metres
     size: tuple[float, float]  # of a cell, metres
-    is_hidden: BoolArray  # (rows, columns) all cells are occluded or more, by a known scan
+    is_hidden: BoolArray  # (rows, columns) all cells are measured or occluded, by something known
     sd: FloatArray  # (rows, columns) largest predicted deviation of the surface in those that are, metres
 
     @classmethod
@@ -137,12 +137,14 @@ def _hold(
     owners: NDArray[np.int32],
     owner: int,
     number: int,
+    is_key: bool,
     found: _Found,
 ) -> None:
     """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
 
     Left out are blocks that the scan does not look at, and of a plane those that are hidden already and that
-    the scan did not get to: they have nothing to learn from it.
+    the scan did not get to: they have nothing to learn from it. So have cells that key frames measured from
+    any other frame.
     """
     eye, (rows, columns) = sight.eye, blocks.shape
     height = dot(minus(eye.origin, form.point), form.axis)
@@ -167,7 +169,7 @@ def _hold(
                     continue
             for row in range(top, bottom):
                 first, end = row * columns + left, row * columns + right
-                _hold_cells(sight, form, first, end, owners, owner, number, found)
+                _hold_cells(sight, form, first, end, owners, owner, number, is_key, found)
             if not blocks.is_hidden[i, j]:
                 _note_hidden(blocks, i, j, found)
 
@@ -179,7 +181,8 @@ def _note_hidden(blocks: _Blocks, i: int, j: int, found: _Found) -> None:
     sd = 0.0
     for row in range(i * _BLOCK, min((i + 1) * _BLOCK, rows)):
         for cell in range(row * columns + j * _BLOCK, row * columns + min((j + 1) * _BLOCK, columns)):
-            if found.labels[cell] < _OCCLUDED or found.occluder[cell] < 0:
+            label = found.labels[cell]
+            if label < _OCCLUDED or (label == _OCCLUDED and found.occluder[cell] < 0):
                 return
             sd = max(sd, found.predicted_sd[cell])
     blocks.is_hidden[i, j], blocks.sd[i, j] = True, sd
@@ -194,6 +197,7 @@ def _hold_cells(
     owners: NDArray[np.int32],
     owner: int,
     number: int,
+    is_key: bool,
     found: _Found,
 ) -> None:
     """Hold the centres of cells `first`..`end` against the pixels of one scan that see them."""
@@ -202,6 +206,8 @@ def _hold_cells(
     occluder, through, at_limb = found.occluder, found.through, found.limb
     eye, ranges = sight.eye, sight.ranges
     for cell in range(first, end):
+        if own[cell] and not is_key:
+            continue
         place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
         pixel = pixel_of(eye, sight.angles, place)
         if pixel < 0:

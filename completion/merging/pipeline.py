@@ -77,6 +77,7 @@ def merge(
     tolerance: Tolerance,
     *,
     across: bool = True,
+    keys: Sequence[int] | None = None,
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
 
@@ -89,7 +90,7 @@ def merge(
     Each pair of scans of a sequence may see one surface, so that pairs grow with the square of their number.
     More than 64 scans are therefore merged sixteen consecutive ones at a time, by the same tests. What is one
     surface there, fitted anew to all its pixels, is one region among those of the next sixteen such blocks,
-    until sixteen or fewer blocks are left, which are merged together. Beams of all scans keep gaps open
+    until sixteen or fewer blocks are left, which are merged together. Beams of all key frames keep gaps open
     throughout.
 
     Parameters
@@ -102,6 +103,8 @@ def merge(
         Flatness, registration, and what the gap test allows.
     across : bool
         Whether regions are joined across occluders at all.
+    keys : sequence of int, optional
+        Numbers of the key frames; all scans when not given.
     """
     pieces = [
         [Piece.of_region(scan, region, seen, tolerance) for region in found]
@@ -109,11 +112,15 @@ def merge(
     ]
     groups = [[one] for own in pieces for one in own]
     if across:
-        sights = Sights.of([sight_of(seen, tolerance) for seen in observations])
+        sights = Sights.of([sight_of(seen, tolerance) for seen in _chosen(observations, keys)])
         pieces = _in_blocks(pieces, observations, sights, tolerance)
         groups = _grouped([one for own in pieces for one in own], observations, sights, tolerance)
     merged = _merged(groups, observations, tolerance)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
+
+
+def _chosen(observations: Sequence[Observation], keys: Sequence[int] | None) -> Sequence[Observation]:
+    return observations if keys is None else [observations[number] for number in keys]
 
 
 def _in_blocks(

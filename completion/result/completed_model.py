@@ -206,6 +206,7 @@ class CompletedModel:
     mode: Mode
     edits: tuple[Edit, ...]
     world_from_reference: Pose
+    key_frames: tuple[int, ...]
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -55,6 +55,8 @@ class Completion(CompletedModel):
         What a person said of the surfaces, world coordinates.
     world_from_reference : Pose
         From the working frame to the world.
+    key_frames : tuple of int
+        Numbers, from 0, of the scans that show something new; all of up to 64.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

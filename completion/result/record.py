@@ -143,6 +143,8 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    if len(completion.key_frames) < len(completion.observations):
+        record["key_frames"] = [number + 1 for number in completion.key_frames]
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
+from time import monotonic
 from typing import IO, Any
 from weakref import WeakSet
 
@@ -31,7 +32,9 @@ A camera's frame of 640 x 480 pixels stays in memory: it has 9 MB at most, and a
 """
 _BLOCK = 1 << 20  # bytes that are written or read at a time
 _RESIDENT = 1 << 26  # bytes more than there were, from which on memory is given back
+_PAUSE_S = 5e-3  # seconds in which nobody looks again: little memory comes meanwhile, and a look takes 50 us
 _kept = 0  # bytes that were in memory when it was given back last
+_looked = 0.0  # when somebody looked last, seconds
 _folders: list[Path] = []  # of this process: threads and forked workers have the same
 
 
@@ -90,10 +93,14 @@ def release(*arrays: Any) -> None:
 def trim() -> None:
     """Give memory back once more than 64 MB have come to it: pages of mapped arrays, and what was freed.
 
-    A few microseconds where there is nothing to do; loops over large scans ask often. Results are the same.
+    Less than a microsecond where somebody has just looked; loops over large scans ask often. Results are the
+    same.
     """
-    global _kept
-    held = resident()
+    global _kept, _looked
+    now = monotonic()
+    if now - _looked < _PAUSE_S:
+        return
+    _looked, held = now, resident()
     if held < _kept:
         _kept = held
     if held - _kept <= _RESIDENT:

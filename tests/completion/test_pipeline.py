@@ -335,6 +335,7 @@ def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "_IN_MEMORY", 0)
     for module in (mapping, pixels):
         monkeypatch.setattr(module, "LARGE", 1_000)
+    monkeypatch.setattr(mapping, "_PAUSE_S", 0.0)
     monkeypatch.setattr(mapping, "_RESIDENT", -(10**12))  # memory is given back whenever somebody asks
     mapped = [replace(scan, ranges=scan.ranges.copy()) for scan in scans]
     assert all(mapping.is_mapped(scan.ranges) for scan in mapped)

@@ -47,6 +47,35 @@ def free_of(grid, sd, scan):
     return free_cells(grid, sd, [sight_of(seen, USUAL)], [reach_of(seen)])
 
 
+def test_scans_together_veto_what_each_of_them_does():
+    """Tiles whose cells are decided are left out: here the same frame comes again and again, then others."""
+    scans = [SCAN] * 3 + [
+        replace(SCAN, ranges=np.roll(SCAN.ranges, shift, (0, 1))) for shift in ((9, 0), (0, 23), (31, -17))
+    ]
+    seen = [observe(scan, Pose.identity()) for scan in scans]
+    found = free_cells(GRID, EXACT, [sight_of(one, USUAL) for one in seen], list(map(reach_of, seen)))
+    each = [free_of(GRID, EXACT, scan) for scan in scans[2:]]
+    assert len({one.sum() for one in each}) > 1
+    np.testing.assert_array_equal(found, np.logical_or.reduce(each))
+
+
+def test_other_frames_vote_and_colour_only_what_no_key_frame_measured():
+    nearer = replace(
+        SCAN, ranges=SCAN.ranges * 0.8, world_from_sensor=Pose.from_parts(np.eye(3), np.array([0, 0, 0.6]))
+    )
+    seen = tuple(observe(scan, Pose.identity()) for scan in (SCAN, nearer))
+    owners = tuple((np.abs(one.scan.points()[..., 2] - 3) < 0.01).astype(np.int32) for one in seen)
+    both, first = (weigh(GRID, EXACT, Scans(seen, owners, USUAL, keys), 1) for keys in (None, (0,)))
+    alone = weigh(GRID, EXACT, Scans(seen[:1], owners[:1], USUAL), 1)
+    for name in ("labels", "observed", "own", "through", "limb"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(both, name))
+    assert (both.labels != alone.labels).any()
+    np.testing.assert_array_equal(first.scan[alone.own], 0)
+    np.testing.assert_array_equal(first.pixel[alone.own], alone.pixel[alone.own])
+    assert (both.scan[alone.own] == 1).any()
+    assert (first.scan[first.own & ~alone.own] == 1).all()
+
+
 def label_at(found, x: float, y: float) -> int:
     _, cell = GRID.cells_of(np.array([[x, y, 3.0]]))
     return int(found.labels.ravel()[cell[0]])
@@ -108,7 +137,7 @@ def test_two_scans_are_weighed_whatever_their_order(one, other, label, is_measur
     _, cell = GRID.cells_of(np.array([[0.02, 0.02, 3.0]]))
     assert found.observed.ravel()[cell[0]] == found.own.ravel()[cell[0]] == is_measured
     assert (found.pixel.ravel()[cell[0]] >= 0) == is_measured or one == other == "nobody's"
-    assert (found.occluder.ravel()[cell[0]] == 2) == ("before" in (one, other))
+    assert (found.occluder.ravel()[cell[0]] == 2) == (label == Label.OCCLUDED)
 
 
 def test_free_in_any_scan_beats_occluded_and_visible_cells_stay():
