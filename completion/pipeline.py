@@ -35,7 +35,7 @@ from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.mapping import trim
 from scenes.run.memory import require, threads
-from scenes.run.spill import NoSpill, Spill
+from scenes.run.spill import NO_SPILL, NoSpill, Spill
 from scenes.scan.range_image import RangeImage
 
 Progress = Callable[[str, int, int], None]
@@ -101,7 +101,10 @@ def complete(
 
         # 3. Merge: join the regions that are one surface, then join and part as a person says.
         across = Cue.MERGING in options.cues
-        merged = steps.one("merge", lambda: merge(observations, regions, tolerance, across=across, keys=keys))
+        merged = steps.one(
+            "merge",
+            lambda: merge(observations, regions, tolerance, across=across, keys=keys, spill=steps.spill),
+        )
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
         owners = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
@@ -218,7 +221,7 @@ class _Steps:
     ) -> Iterator[_Steps]:
         """As many threads as the memory allows for these scans; refuse more pixels than fit."""
         sizes = [scan.ranges.size for scan in scans]
-        spill = Spill() if sum(sizes) > _IN_MEMORY else NoSpill()
+        spill = Spill() if sum(sizes) > _IN_MEMORY else NO_SPILL
         require(
             _BYTES_KEPT * min(sum(sizes), _IN_MEMORY),
             f"completing {len(scans)} scans of {sum(sizes):,} pixels",

@@ -15,6 +15,7 @@ from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.evidence.evidence import Scans
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
+from completion.observe.pixel_set import PixelSet
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -173,15 +174,20 @@ def _holds(
     n_inner = sum(len(outer) - int(np.count_nonzero(outer)) for outer in beyond)
     n_outer = sum(int(np.count_nonzero(outer)) for outer in beyond)
     if isinstance(surface, Plane) and n_inner < _INNER_SHARE * (n_inner + n_outer):
-        hulls = [
-            LineString(surface.to_uv(seen.points_at(pixels.flat))).convex_hull
-            for seen, pixels in zip(observations, merged.pixels, strict=True)
-            if len(pixels) > 1
-        ]
-        outline = GeometryCollection(hulls).convex_hull
+        outline = _outline(surface, merged.pixels, observations)
         for (origin, _, rays), outer in zip(beams, beyond, strict=True):
             n_outer -= int(np.count_nonzero(_passes_inside(surface, outline, origin, rays[outer])))
     return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)
+
+
+def _outline(plane: Plane, pixels: Sequence[PixelSet], observations: Sequence[Observation]) -> BaseGeometry:
+    """The convex hull of a plane's pixels in all scans, in its chart."""
+    hulls = []
+    for seen, some in zip(observations, pixels, strict=True):
+        if len(some) > 1:
+            hulls.append(LineString(plane.to_uv(seen.points_at(some.flat))).convex_hull)
+            trim()
+    return GeometryCollection(hulls).convex_hull
 
 
 def _passes_inside(plane: Plane, outline: BaseGeometry, origin: FloatArray, rays: FloatArray) -> BoolArray:

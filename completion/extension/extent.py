@@ -26,6 +26,7 @@ from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 Mode = Literal["conservative", "standard", "bold"]
@@ -225,11 +226,7 @@ def lay_grid(
     Or of side `cell_m`. They are larger where there would be more than `max_cells`, or 1,000,000 of a side
     that was asked for.
     """
-    footprint = np.concatenate([
-        seen.scan.ranges.ravel()[pixels] * seen.scan.projection.pixel_angle
-        for seen, pixels in zip(scans.observations, surface.sampled(_MOST_PIXELS), strict=True)
-    ])  # fmt: skip
-    cell, most = float(np.quantile(footprint, 0.25)), max_cells
+    cell, most = float(np.quantile(_footprints(surface, scans.observations), 0.25)), max_cells
     if cell_m is not None:
         cell, most = cell_m, _MOST_CELLS
     low, high = _hidden_box(extent, scans)
@@ -239,6 +236,15 @@ def lay_grid(
     if np.isfinite(extent.chart.period):
         cell = min(cell, extent.chart.period / 48)
     return ChartGrid.over(extent.chart, low, high, cell, full_turn=extent.full_turn)
+
+
+def _footprints(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
+    """How wide the pixels (n,) of a surface are on it where it faces them, metres."""
+    footprints = []
+    for seen, pixels in zip(observations, surface.sampled(_MOST_PIXELS), strict=True):
+        footprints.append(seen.scan.ranges.ravel()[pixels] * seen.scan.projection.pixel_angle)
+        trim()
+    return np.concatenate(footprints)
 
 
 def _hidden_box(extent: Extent, scans: Scans) -> tuple[FloatArray, FloatArray]:

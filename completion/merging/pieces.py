@@ -18,6 +18,7 @@ from completion.observe.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.run.mapping import trim
+from scenes.run.spill import NoSpill, Spill
 
 _N_SAMPLE = 400  # points of a piece that take part in the pair tests
 
@@ -98,14 +99,17 @@ class Fitted(NamedTuple):
 
 
 def fit_groups(
-    groups: Sequence[Sequence[Piece]], observations: Sequence[Observation], tolerance: Tolerance
+    groups: Sequence[Sequence[Piece]],
+    observations: Sequence[Observation],
+    tolerance: Tolerance,
+    spill: Spill | NoSpill,
 ) -> list[Fitted]:
-    """Fit a surface to all pixels of each group of pieces.
+    """Fit a surface to all pixels of each group of pieces, which are kept where `spill` keeps them.
 
     The fit of a piece alone stays. Where the pixels determine no surface, that of the largest piece does.
     """
     starts = [max(pieces, key=lambda one: one.n_pixels).fit for pieces in groups]
-    pixels = [_together(pieces) for pieces in groups]
+    pixels = [spill.keep(_together(pieces)) for pieces in groups]
     several = [k for k, pieces in enumerate(groups) if len(pieces) > 1]
     none = [PixelSet.union([], seen.scan.shape) for seen in observations]
     every = [[*none] for _ in several]

@@ -24,6 +24,7 @@ from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
+from scenes.run.spill import NO_SPILL, NoSpill, Spill
 
 _MOST_SCANS = 64  # that are merged together, each pair of them
 _BLOCK = 16  # scans, or blocks of them, that are merged together where there are more
@@ -68,7 +69,11 @@ class MergedSurface:
     def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
         """Its measured points (n, 3) in the working frame, or a sample of them."""
         pixels = self.sampled(self.n_pixels + 1 if most is None else most)
-        return np.concatenate([seen.points_at(some) for seen, some in zip(observations, pixels, strict=True)])
+        points = []
+        for seen, some in zip(observations, pixels, strict=True):
+            points.append(seen.points_at(some))
+            trim()
+        return np.concatenate(points)
 
 
 def merge(
@@ -78,6 +83,7 @@ def merge(
     *,
     across: bool = True,
     keys: Sequence[int] | None = None,
+    spill: Spill | NoSpill = NO_SPILL,
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
 
@@ -105,6 +111,8 @@ def merge(
         Whether regions are joined across occluders at all.
     keys : sequence of int, optional
         Numbers of the key frames; all scans when not given.
+    spill : Spill or NoSpill
+        Where the pixels of what is joined are kept.
     """
     pieces = [
         [Piece.of_region(scan, region, seen, tolerance) for region in found]
@@ -113,9 +121,9 @@ def merge(
     groups = [[one] for own in pieces for one in own]
     if across:
         sights = Sights.of([sight_of(seen, tolerance) for seen in _chosen(observations, keys)])
-        pieces = _in_blocks(pieces, observations, sights, tolerance)
+        pieces = _in_blocks(pieces, observations, sights, tolerance, spill)
         groups = _grouped([one for own in pieces for one in own], observations, sights, tolerance)
-    merged = _merged(groups, observations, tolerance)
+    merged = _merged(groups, observations, tolerance, spill)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
@@ -124,7 +132,11 @@ def _chosen(observations: Sequence[Observation], keys: Sequence[int] | None) -> 
 
 
 def _in_blocks(
-    pieces: list[list[Piece]], observations: Sequence[Observation], sights: Sights, tolerance: Tolerance
+    pieces: list[list[Piece]],
+    observations: Sequence[Observation],
+    sights: Sights,
+    tolerance: Tolerance,
+    spill: Spill | NoSpill,
 ) -> list[list[Piece]]:
     """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many."""
     limit = _MOST_SCANS
@@ -133,7 +145,7 @@ def _in_blocks(
         for first in range(0, len(pieces), _BLOCK):
             some = [one for own in pieces[first : first + _BLOCK] for one in own]
             groups = _grouped(some, observations, sights, tolerance)
-            fitted = fit_groups(groups, observations, tolerance)
+            fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
                 Piece.fused(group, fit, observations)
                 for group, fit in zip(groups, fitted, strict=True)
@@ -242,13 +254,16 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights) -> None
 
 
 def _merged(
-    groups: Sequence[Sequence[Piece]], observations: Sequence[Observation], tolerance: Tolerance
+    groups: Sequence[Sequence[Piece]],
+    observations: Sequence[Observation],
+    tolerance: Tolerance,
+    spill: Spill | NoSpill,
 ) -> list[MergedSurface]:
     """One surface for each group, those of several pieces first."""
     nothing = [PixelSet.union([], observation.scan.shape) for observation in observations]
     ordered = sorted(groups, key=lambda pieces: len(pieces) == 1)
     merged = []
-    for pieces, fitted in zip(ordered, fit_groups(ordered, observations, tolerance), strict=True):
+    for pieces, fitted in zip(ordered, fit_groups(ordered, observations, tolerance, spill), strict=True):
         pixels = list(nothing)
         for scan, own in fitted.pixels:
             pixels[scan] = own

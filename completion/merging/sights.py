@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from completion.evidence.sight import Eye, Sight
 from completion.observe.rays import Noise
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from texture.engine.compiled import inlined
 
 _BLOCK = 2**16  # ranges that are looked at together
@@ -55,7 +56,9 @@ class Sights:
 def _farthest(ranges: FloatArray) -> float:
     """The greatest finite range, a block after the other; -inf where there is none."""
     blocks = np.array_split(ranges, len(ranges) // _BLOCK + 1)
-    return max(float(np.max(one, where=np.isfinite(one), initial=-np.inf)) for one in blocks)
+    farthest = max(float(np.max(one, where=np.isfinite(one), initial=-np.inf)) for one in blocks)
+    trim()
+    return farthest
 
 
 def _numbers(sight: Sight) -> FloatArray:

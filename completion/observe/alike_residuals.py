@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ _BLOCK = 10  # pixels: neighbours within so many have residuals alike
 _LEAST_BLOCKS = 8
 
 
-def block_sums(surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float) -> FloatArray:
+def block_sums(surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float) -> FloatArray:
     """Return of each surface (n, 4): n * mean^2 of each block's residuals, blocks; squares, pixels.
 
     The beams of each scan are in the order of its pixels. None has no residuals.

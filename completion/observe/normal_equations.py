@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,7 +50,7 @@ class NormalEquations:
 
 
 def add_up(
-    surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float
+    surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float
 ) -> list[NormalEquations]:
     """Return the normal equations of every surface, in one pass over each set of beams."""
     n = len(surfaces)

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,21 +68,36 @@ def refit_each(
 ) -> list[SurfaceFit | None]:
     """`refit` from the pixels of each surface in each of the n scans, (n,), one surface after another.
 
-    A pixel may belong to several surfaces. No memory of the size of an image is taken.
+    A pixel may belong to several surfaces. No memory of the size of an image is taken, nor of the pixels that
+    a surface has in all scans.
     """
     placed: list[Surface | None] = []
     sums: list[NormalEquations] = []
     blocks = np.zeros((len(surfaces), 4))
     for k, (surface, own) in enumerate(zip(surfaces, pixels, strict=True)):
-        met = [Beams.at(seen, some.flat) for seen, some in zip(observations, own, strict=True) if len(some)]
-        (one,), (equations,), blocks[k : k + 1] = _placed([surface], met, flatness_m, n_rounds)
+        beams = _BeamsOfOne(observations, own)
+        (one,), (equations,), blocks[k : k + 1] = _placed([surface], beams, flatness_m, n_rounds)
         placed.append(one)
         sums.append(equations)
     return _with_inflation(placed, sums, blocks)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _BeamsOfOne:
+    """The beams that met one surface, made scan by scan each time that they are gone through."""
+
+    observations: Sequence[Observation]
+    pixels: Sequence[PixelSet]  # of each scan
+
+    def __iter__(self) -> Iterator[Beams]:
+        """Return the beams of each scan that has any."""
+        for seen, some in zip(self.observations, self.pixels, strict=True):
+            if len(some):
+                yield Beams.at(seen, some.flat)
+
+
 def _placed(
-    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int
+    surfaces: Sequence[Surface], beams: Iterable[Beams], flatness_m: float, n_rounds: int
 ) -> tuple[list[Surface | None], list[NormalEquations], FloatArray]:
     """The surfaces after some steps, their normal equations there, and their `block_sums` (n, 4)."""
     placed = improve(surfaces, beams, flatness_m, n_rounds)
@@ -100,9 +115,12 @@ def _with_inflation(
 
 
 def improve(
-    surfaces: Sequence[Surface], beams: Sequence[Beams], flatness_m: float, n_rounds: int = 1
+    surfaces: Sequence[Surface], beams: Iterable[Beams], flatness_m: float, n_rounds: int = 1
 ) -> list[Surface | None]:
-    """The surfaces after some Gauss-Newton steps, None where a step loses one."""
+    """The surfaces after some Gauss-Newton steps, None where a step loses one.
+
+    Each step goes through the beams again.
+    """
     placed: list[Surface | None] = list(surfaces)
     for _ in range(n_rounds):
         sums = add_up(placed, beams, flatness_m)
@@ -111,17 +129,17 @@ def improve(
 
 
 def _thinned_sums(
-    surfaces: Sequence[Surface | None], beams: Sequence[Beams], flatness_m: float
+    surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float
 ) -> list[NormalEquations]:
     """Normal equations from a share of the pixels, from all of them for small surfaces.
 
     Those that a grid's stride leaves of a narrow surface may stand in one line.
     """
-    some = [_thinned(beam) for beam in beams]
+    some = map(_thinned, beams)
     sums = [found.repeated(_THINNING) for found in add_up(surfaces, some, flatness_m)]
     small = np.array([number for number, found in enumerate(sums) if found.n < _FEW], dtype=np.int64)
     if len(small):
-        every = add_up(surfaces, [beam.of_surfaces(small + 1) for beam in beams], flatness_m)
+        every = add_up(surfaces, (beam.of_surfaces(small + 1) for beam in beams), flatness_m)
         sums = [every[k] if sums[k].n < _FEW else sums[k] for k in range(len(sums))]
     return sums
 

@@ -25,7 +25,7 @@ from texture.engine.compiled import compiled
 
 _TILE = 16  # pixels: side of the squares whose beams are left out together
 _TILES = 512  # that are cast at a time
-_PIECES = 8  # along the longest side of a mesh, each with a sphere around it
+_PIECES = 32  # along the longest side of a mesh, each with a sphere around it
 _SLACK = 1e-6  # of rounding, metres and radians
 
 
@@ -178,17 +178,20 @@ def _towards(
     bundles: Bundles, origin: tuple[float, float, float], centres: FloatArray, radii: FloatArray
 ) -> NDArray[np.int64]:
     """The squares (k,) of whose beams some may meet one of the spheres before they end."""
-    n = len(radii)
-    way, cosine, sine, near = np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n)
-    for k in range(n):
+    most, farthest, n = len(radii), bundles.far.max(), 0
+    way, cosine, sine, near = np.empty((most, 3)), np.empty(most), np.empty(most), np.empty(most)
+    for sphere in range(most):
         for axis in range(3):
-            way[k, axis] = centres[k, axis] - origin[axis]
-        distance = np.sqrt(way[k, 0] ** 2 + way[k, 1] ** 2 + way[k, 2] ** 2)
-        near[k] = distance - radii[k]
-        if near[k] > 0.0:
-            way[k] /= distance
-            sine[k] = radii[k] / distance
-            cosine[k] = np.sqrt(1.0 - sine[k] * sine[k])
+            way[n, axis] = centres[sphere, axis] - origin[axis]
+        distance = np.sqrt(way[n, 0] ** 2 + way[n, 1] ** 2 + way[n, 2] ** 2)
+        near[n] = distance - radii[sphere]
+        if near[n] > farthest:
+            continue
+        if near[n] > 0.0:
+            way[n] /= distance
+            sine[n] = radii[sphere] / distance
+            cosine[n] = np.sqrt(1.0 - sine[n] * sine[n])
+        n += 1
     chosen, count = np.empty(len(bundles.far), np.int64), 0
     for square in range(len(bundles.far)):
         for k in range(n):

@@ -95,3 +95,6 @@ class NoSpill:
     def keep(self, value: _Value) -> _Value:
         """Return the value."""
         return value
+
+
+NO_SPILL = NoSpill()
