@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.evidence.evidence import Scans
+from completion.extension.insets import find_insets
 from completion.merging.pipeline import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
@@ -35,19 +36,21 @@ class Adjacency:
     encloses: BoolArray  # (n,) walls, floor, ceiling, vault: nearly all points on their inner side
     meets: BoolArray  # (n, n) pairs that lie side by side in some scan, in a crease or across a jump
     standing: FloatArray  # (n,) probability that what is upright on an enclosing plane goes on to it
+    is_inset: BoolArray  # (n,) panes, door leaves, backs of niches: seen through a wall
 
 
 def find_adjacency(
     surfaces: Sequence[MergedSurface], boundaries: Sequence[BoundaryPixels], scans: Scans
 ) -> Adjacency:
-    """Find which surfaces enclose the room, which meet, and how surely things stand on each.
+    """Find which surfaces enclose the room or are insets, which meet, and how surely things stand on each.
 
     Surfaces are in the working frame, the boundary pixels of each in its own chart.
     """
     observations, flatness_m = scans.observations, scans.tolerance.flatness_m
-    encloses = find_enclosing(surfaces, observations, flatness_m)
+    is_inset = find_insets(surfaces, observations, flatness_m) >= 0
+    encloses = find_enclosing(surfaces, observations, flatness_m) & ~is_inset
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
-    return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets))
+    return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets), is_inset)
 
 
 def is_upright(surface: Surface, base: Plane) -> bool:

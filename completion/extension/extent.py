@@ -66,6 +66,8 @@ class Extent:
         Whether a cylinder may be closed around its back.
     encloses : bool
         Whether the surface is a plane that bounds all that was measured, as walls and floors do.
+    is_inset : bool
+        Whether it is a pane or the back of a niche, which ends at its reveal.
     by_edit : (2, 2) bool
         Which of its ends a person set.
     """
@@ -81,6 +83,7 @@ class Extent:
     ended: BoolArray
     full_turn: bool
     encloses: bool
+    is_inset: bool = False
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
 
     def window(self) -> tuple[FloatArray, FloatArray]:
@@ -162,9 +165,8 @@ def find_extent(
     # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
     low, high = np.quantile(chart.to_uv(points), (_OUTLYING, 1 - _OUTLYING), axis=0)
     sides = ended_sides(boundaries[index].recharted(surface, chart), low, high)
-    ended = np.isfinite(sides)
-    low = np.where(ended[0], np.minimum(low, sides[0]), low)
-    high = np.where(ended[1], np.maximum(high, sides[1]), high)
+    ended = np.isfinite(sides) | adjacency.is_inset[index]
+    low, high = np.fmin(low, sides[0]), np.fmax(high, sides[1])
 
     # 4. Ends: where enclosing planes close the sides, and how probably it goes on to them.
     closing = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
@@ -172,6 +174,7 @@ def find_extent(
     stands = [adjacency.standing[number] * is_upright(surface, plane) for number, plane in closing]
     goes_on = encloses[index] or isinstance(chart, Cylinder)
     probability = np.where(np.isfinite(ends), 1.0 if goes_on else np.array([*stands, 0.0])[which], 0.0)
+    probability *= not adjacency.is_inset[index]
     return Extent(
         chart=chart,
         enclosures=tuple(
@@ -188,6 +191,7 @@ def find_extent(
         ended=ended,
         full_turn=full_turn,
         encloses=bool(encloses[index]) and isinstance(chart, Plane),
+        is_inset=bool(adjacency.is_inset[index]),
     )
 
 

@@ -117,6 +117,15 @@ def in_hull(cells: BoolArray, among: BoolArray) -> BoolArray:
     return result
 
 
+def in_hulls(cells: BoolArray, among: BoolArray) -> BoolArray:
+    """Cells among some (rows, columns) in the convex hull of any connected part of `cells`."""
+    part, _ = ndimage.label(cells, structure=np.ones((3, 3)))
+    inside = np.zeros(cells.shape, dtype=np.bool_)
+    for number, box in enumerate(ndimage.find_objects(part), start=1):
+        inside[box] |= in_hull(part[box] == number, among[box])
+    return inside
+
+
 def _extremes(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Indices of the first and last cell in each row; `rows` ascends, and columns ascend in each."""
     first = np.flatnonzero(np.diff(rows, prepend=-1))

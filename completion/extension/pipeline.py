@@ -22,7 +22,7 @@ from completion.evidence.evidence import Evidence, Label, Scans
 from completion.evidence.weighing import weigh
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
-from completion.extension.patch import Patch, Provenance, in_hull, provenance_of
+from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -85,6 +85,8 @@ def extend(
     hidden = possible & grid.within(*extent.window())
     if rules.mode == "conservative":
         hidden = in_hull(evidence.observed, hidden)
+    if extent.is_inset:
+        hidden = in_hulls(evidence.observed, hidden)
 
     # 3. Divide: continue the surface's own edges through the hidden cells, which fall into regions.
     edges = _boundary_edges(extent, boundary.recharted(surface.fit.surface, extent.chart))
