@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import METRES_PER_UNIT, ScanSource, Units, in_metres, split_index
+from scenes.files.scan_files import METRES_PER_UNIT, ScanSource, Units, split_index
 from scenes.files.scene_files import units_doubt
 from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
 from scenes.formats.trajectory import read_poses
@@ -26,7 +26,7 @@ _NO_RAYS = "no ray can be traced: to use these points as a scan say where the sc
 def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
     """Return what the scans of a file or folder hold, or its scan `number` from 1."""
     picked = range(len(source.readers)) if number is None else [number - 1]
-    scans = [in_metres(source.readers[k](), units) for k in picked]
+    scans = [source.in_metres(source.readers[k](), units) for k in picked]
     warnings = [] if source.registered else ["frames have no poses; give --poses FILE or a pose.txt"]
     if len(scans) > 1 and source.registered and _all_at_one_place(scans):
         warnings.append("all scans have the same pose; if they were taken from several places, register them")

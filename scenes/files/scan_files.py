@@ -26,20 +26,25 @@ from scenes.formats.scans.pcd import read_pcd, write_pcd
 from scenes.formats.scans.ptx import PtxFile, write_ptx
 from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
 from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
+from scenes.formats.scans.uos import SUFFIX as UOS_SUFFIX
+from scenes.formats.scans.uos import is_uos, open_uos, read_uos
 from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.run.spill import NoSpill, Spill
 from scenes.scan.pixels import scaled
 from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import without_saturated
 
 Units = Literal["mm", "cm", "m", "in"]
 Intrinsics = tuple[float, float, float, float]
+_OWN_UNITS: tuple[Units, ...] = ("m", "cm")  # of 3DTK's files: not said, or what they are in
+_KNOWN_CODES = ("npz", "rgbd")  # kinds that tell numbers for no return otherwise
 _FEW = 8  # scans that are read together into memory; of more, the pixels are in files
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
 _TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
 _LAS_SUFFIXES = (".las", ".laz")
-SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
+SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", UOS_SUFFIX, *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
 
 
@@ -59,6 +64,8 @@ class ScanSource:
         False when frames of a folder have no poses.
     times : tuple of float, optional
         When each was taken, seconds, where a folder tells.
+    units : tuple of str
+        Which units may be said of it; where the format has its own, the readers give metres.
     """
 
     path: Path
@@ -66,6 +73,7 @@ class ScanSource:
     readers: tuple[Callable[[], RangeImage], ...]
     registered: bool = True
     times: tuple[float, ...] | None = None
+    units: tuple[Units, ...] = ("mm", "cm", "m", "in")
 
     def read(
         self,
@@ -91,7 +99,18 @@ class ScanSource:
         scans = [kept(self.readers[k](), where) for k in picked]
         if given is not None:
             scans = [scan.restated(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
-        return [in_metres(scan, units) for scan in scans]
+        return [self.in_metres(scan, units) for scan in scans]
+
+    def in_metres(self, scan: RangeImage, units: Units) -> RangeImage:
+        """Return a scan of it, whose lengths are in `units`, in metres.
+
+        Raises InputError: other units than the format's own.
+        """
+        if units not in self.units:
+            raise InputError(
+                f"{self.path}: {self.kind} is in {self.units[-1]} by its format; leave out --units"
+            )
+        return scan if self.units == _OWN_UNITS else in_metres(scan, units)
 
 
 def spill_for(n_scans: int) -> Spill | NoSpill:
@@ -116,6 +135,8 @@ def open_scans(
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
+    if is_uos(source):
+        return _open_3dtk(source)
     if source.is_dir():
         folder = open_rgbd(source)
         readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
@@ -132,14 +153,21 @@ def open_scans(
         return ScanSource(source, kind, _guarded(source, kind, _readers(source, suffix, intrinsics)))
 
 
+def _open_3dtk(source: Path) -> ScanSource:
+    found = open_uos(source)
+    readers = [partial(read_uos, found, k) for k in range(len(found.scans))]
+    return ScanSource(source, "3dtk", _guarded(source, "3dtk", readers), found.registered, units=_OWN_UNITS)
+
+
 def _guarded(
     source: Path, kind: str, readers: Sequence[Callable[[], RangeImage]]
 ) -> tuple[Callable[[], RangeImage], ...]:
-    """The readers, of which none raises anything but InputError."""
+    """The readers, of which none raises anything but InputError, nor takes full numbers for ranges."""
 
     def guarded(reader: Callable[[], RangeImage]) -> RangeImage:
         with reading(source, f"{kind} scan"):
-            return reader()
+            scan = reader()
+            return scan if kind.startswith(_KNOWN_CODES) else without_saturated(scan)
 
     return tuple(partial(guarded, reader) for reader in readers)
 
@@ -205,8 +233,8 @@ def read_scans(
     Parameters
     ----------
     path : str or path
-        `.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv` or an RGB-D folder; `#k` counts from 1 in natural
-        order. Files of mere points are scans where they tell the place of the scanner: those of ours do.
+        `.npz .ply .pcd .ptx .e57 .3d .las .laz .xyz .csv` or a folder (RGB-D, 3DTK); `#k` counts from 1 in
+        natural order. Files of mere points are scans where they tell the place of the scanner: ours do.
     intrinsics : (fx, fy, cx, cy), optional
         Pixels; goes before what a file or folder says. Used by folders and .pcd.
     depth_scale : float, optional

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Trajectories: files of poses, one a frame, in the plain, TUM, Redwood, JSON and COLMAP forms."""
+"""Trajectories: files of poses, one a frame: plain, TUM, Redwood, matrices, JSON and COLMAP."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
 _ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
 _FORMS = (
     "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
-    "JSON lists of 4x4 matrices, and images.txt of COLMAP"
+    "4x4 matrices, four lines each, lines of their first 12 (KITTI) or all 16 numbers, JSON lists of 4x4 "
+    "matrices, and images.txt of COLMAP"
 )
 _COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
 _WORDS = len(_COLMAP.split())
@@ -29,7 +30,8 @@ def read_poses(path: Path) -> list[Pose]:
     """Return the poses of a file, `world_from_sensor`, in the file's order.
 
     Plain lines hold `tx ty tz qx qy qz qw`, TUM lines a timestamp before that; a Redwood .log holds blocks
-    of one line of integers and four of a matrix; JSON a list of 4x4 matrices, or a `plan.json` of ours.
+    of one line of integers and four of a matrix; other files four lines a matrix, as of 7-Scenes, or one
+    line, all of it or its first three rows, as of KITTI; JSON a list of 4x4 matrices, or a `plan.json`.
     `images.txt` of COLMAP is turned from sensor-from-world to world-from-sensor, its images in the natural
     order of their names.
 
@@ -42,6 +44,10 @@ def read_poses(path: Path) -> list[Pose]:
         if is_colmap(text):
             return _number_checked(colmap_matrices(text))
         rows = _number_rows(text)
+        if rows and {len(row) for row in rows} == {4}:
+            return _number_checked(_square_matrices(rows))
+        if rows and {len(row) for row in rows} in ({12}, {16}):
+            return _number_checked([_filled_matrix(row) for row in rows])
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
         return _number_checked([_matrix(row[-7:], k) for k, row in enumerate(_equal_rows(rows), start=1)])
@@ -108,6 +114,19 @@ def _matrix(numbers: Sequence[float], number: int) -> FloatArray:
     matrix[:3, :3] = rotation_of(numbers[3:], f"pose {number}")
     matrix[:3, 3] = numbers[:3]
     return matrix
+
+
+def _square_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    """Blocks of four lines of four numbers."""
+    if len(rows) % 4:
+        raise InputError(f"{len(rows)} lines of four numbers are no whole number of 4x4 matrices")
+    return [np.array(rows[start : start + 4]) for start in range(0, len(rows), 4)]
+
+
+def _filled_matrix(row: list[float]) -> FloatArray:
+    """A matrix of its 12 or 16 numbers, row by row."""
+    numbers = row if len(row) == 16 else [*row, 0.0, 0.0, 0.0, 1.0]
+    return np.array(numbers).reshape(4, 4)
 
 
 def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:

@@ -17,10 +17,14 @@ from scenes.formats.image import open_image
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import saturation_start
 
 DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 _MOST_DISPARITY = 2047  # 11 bits; that number itself means that nothing was measured
 _EIGHT_BITS = 255
+_FULLEST = 65535
+_SEVEN_SCENES = " (--intrinsics 585,585,320,240 for 7-Scenes)"
+_FULL = tuple(2**bits - 1 for bits in range(11, 16))  # what a narrower sensor writes for no return, if at all
 _TURNED = 0.9  # share of multiples of 8; one in eight by chance, all of depths below 8.2 m by turned bits
 _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - disparity), of the NYU toolbox
 Intrinsics = tuple[float, float, float, float]
@@ -80,6 +84,26 @@ def depth_warnings(counts: FloatArray) -> tuple[str, ...]:
     return (f"its depths are whole numbers up to {known.max():g}: 8-bit depth in a wider image?",)
 
 
+def without_codes(counts: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return an image (rows, columns) whose numbers for no return are 0, and a warning where there are some.
+
+    65535 is one always: a 16-bit number that is full. So is a narrower one, 2^11 - 1 to 2^15 - 1, that is
+    the largest, there over and over, and far beyond all others.
+    """
+    full = counts == _FULLEST
+    known = counts[(counts > 0) & (counts < _FULLEST)]
+    start = saturation_start(known) if len(known) else np.inf
+    if start in _FULL and known.max() == start:
+        full |= counts == start
+    if not full.any():
+        return counts, ()
+    codes = ", ".join(f"{code:g}" for code in np.unique(counts[full]))
+    return np.where(full, 0.0, counts), (
+        f"{int(full.sum())} of {counts.size} depths are {codes}: a full number, which means no return, and "
+        "were left out",
+    )
+
+
 def suspected_encoding(counts: FloatArray) -> str:
     """Return why the counts (rows, columns) may be no linear depth, "" where nothing speaks against it."""
     known = counts[counts > 0]
@@ -117,7 +141,7 @@ class RgbdFolder:
     Attributes
     ----------
     layout : str
-        "plain", "redwood", "align3d" or "tum".
+        "plain", "redwood", "align3d", "tum" or "frames".
     frames : tuple of RgbdFrame
         Frame k of `PATH#k` is the k-th, from 1.
     intrinsics : (fx, fy, cx, cy), optional
@@ -164,9 +188,10 @@ def read_frame(
         scale = 1.0
     missing += ["depth values a metre (--depth-scale N: Kinect 1000, TUM 5000)"] * (scale is None)
     if camera is None or scale is None:
+        hint = _SEVEN_SCENES if folder.layout == "frames" else ""
         raise InputError(
             f"{folder.folder}: no file beside the images tells the {' and the '.join(missing)}; "
-            "give them, or put a camera.json with fx, fy, cx, cy, depth_scale there"
+            f"give them{hint}, or put a camera.json with fx, fy, cx, cy, depth_scale there"
         )
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--depth-scale must be a positive number of depth values a metre, got {scale}")
@@ -181,8 +206,11 @@ def read_frame(
     colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
     pose = frame.pose or Pose.identity()
     with reading(frame.depth, "a depth image"):
+        told: tuple[str, ...] = ()
+        if folder.depth_encoding == "linear":
+            counts, told = without_codes(counts)
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
-        warnings = (*range_warnings(depth_m), *depth_warnings(counts))
+        warnings = (*told, *range_warnings(depth_m), *depth_warnings(counts))
     scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
     return scan.restated(warnings=warnings)
 

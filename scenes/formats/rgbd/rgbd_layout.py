@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,8 @@ _DEPTH_FOLDERS = ("depth", "depths")
 _COLOUR_FOLDERS = ("color", "colour", "rgb", "image", "images")
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp"}
 _CAMERAS = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesense.json", "camera.txt",
-            "intrinsics.txt")  # fmt: skip
+            "intrinsics.txt", "camera-intrinsics.txt")  # fmt: skip
+_FRAME = re.compile(r"(frame-\d+)\.depth\.(?:png|pgm|tiff?)", re.IGNORECASE)
 _POSES = ("pose.txt", "poses.txt", "trajectory.txt", "trajectory.log", "poses.json")
 
 
@@ -33,6 +35,8 @@ def open_rgbd(folder: Path) -> RgbdFolder:
       that way and to 118 mm the other, over 2.7 cm of motion). Frames without images are skipped.
     * TUM: `rgb.txt` and `depth.txt` (or `associations.txt`) with `groundtruth.txt`; 5000 values a metre.
     * Redwood: `color/`, `depth/` and `trajectory.log`, camera to world; 1000 values a metre.
+    * frames (7-Scenes, tsdf-fusion): `frame-000000.depth.png` in millimetres, `.color.png` or `.jpg`, and
+      `.pose.txt`, a 4x4 matrix, camera to world.
     * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`, which may also name the
       `depth_encoding` (see `scenes.formats.rgbd.rgbd`).
 
@@ -43,6 +47,8 @@ def open_rgbd(folder: Path) -> RgbdFolder:
             found = _open_align3d(folder)
         elif (folder / "depth.txt").is_file() or (folder / "associations.txt").is_file():
             found = _open_tum(folder)
+        elif any(_FRAME.fullmatch(inside.name) for inside in folder.iterdir()):
+            found = _open_frames(folder)
         else:
             found = _open_plain(folder)
         if not found.frames:
@@ -68,7 +74,8 @@ def _open_plain(folder: Path) -> RgbdFolder:
     if not depths:
         raise InputError(
             "is not an RGB-D folder: expected depth images in depth/, colour images in color/, "
-            "poses in pose.txt or trajectory.log, the camera in camera.json; or TUM or align3d files"
+            "poses in pose.txt or trajectory.log, the camera in camera.json; or TUM or align3d files, or "
+            "frame-000000.depth.png, .color.png and .pose.txt; or 3DTK's scan000.3d"
         )
     if colours and len(colours) != len(depths):
         raise InputError(f"holds {len(colours)} colour and {len(depths)} depth images; give as many of both")
@@ -81,6 +88,25 @@ def _open_plain(folder: Path) -> RgbdFolder:
     redwood = bool(files) and files[0].suffix == ".log"
     found = _with_camera(RgbdFolder("redwood" if redwood else "plain", frames), folder)
     return replace(found, depth_scale=1000.0) if redwood and found.depth_scale is None else found
+
+
+def _open_frames(folder: Path) -> RgbdFolder:
+    """7-Scenes and tsdf-fusion: frame-NNNNNN.depth.png, .color.png or .jpg, .pose.txt side by side."""
+    names = [found for inside in folder.iterdir() if (found := _FRAME.fullmatch(inside.name))]
+    check_limit("entries", len(names), "its frames")
+    frames = []
+    for found in sorted(names, key=lambda one: natural_key(one.string)):
+        stem = found.group(1)
+        images = [folder / f"{stem}.color{suffix}" for suffix in (".png", ".jpg", ".jpeg", ".ppm")]
+        colour = next((image for image in images if image.is_file()), None)
+        pose = folder / f"{stem}.pose.txt"
+        poses = read_poses(_inside(folder, pose.name)) if pose.is_file() else [None]
+        if len(poses) != 1:
+            raise InputError(f"{pose.name} holds {len(poses)} poses; expected one 4x4 matrix")
+        depth = _inside(folder, found.string)
+        frames.append(RgbdFrame(depth, colour and _inside(folder, colour.name), poses[0]))
+    found_camera = _with_camera(RgbdFolder("frames", tuple(frames)), folder)
+    return replace(found_camera, depth_scale=found_camera.depth_scale or 1000.0)
 
 
 def _with_camera(found: RgbdFolder, folder: Path) -> RgbdFolder:

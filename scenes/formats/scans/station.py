@@ -3,38 +3,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, check_point, check_points
 from scenes.formats.guard import check_size
+from scenes.formats.scans.angle_grid import AngleGrid, find_grid, is_filled, neighbour_steps, swept_poles
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import saturation_start, saturation_warning
 
-_N_SAMPLE = 20_000  # points whose neighbours are looked at
 _FILLED = 0.95  # of the pixels between filled ones that must have a point
+_KEPT = 0.95  # of the points, below which it is said why not
+_FEWEST = 100  # points
 _WIDER = 1.2  # from one try to the next
 _SPARSE, _FEW = 1000, 1_000_000  # pixels for each point, and in all cases, beyond which no image is tried
 _APART, _MOST_APART = 0.2, 0.3  # relative: ranges in one pixel, and the share of such pixels
 _NARROW = np.cos(np.radians(60.0))  # half angle up to which the image's middle is put where the points are
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Bins:
-    """Pixels that points fall into."""
-
-    projection: SphericalProjection
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-
-    @property
-    def flat(self) -> NDArray[np.int64]:
-        return self.row * self.projection.shape[1] + self.column
 
 
 def scan_from_station(
@@ -45,8 +33,12 @@ def scan_from_station(
 ) -> RangeImage:
     """Return the points as one scan from `origin`, whose `sensor` says that it was made of points.
 
-    The image is spherical, its pixels as small as leaves hardly any of them empty between others. Each keeps
-    the point nearest to its middle exactly as it was measured; pixels without one had no return.
+    The image is spherical. Where the points lie on a grid of angles about x, y, z or the axis that rows
+    or columns of points run about, each has its pixel. Else the pixels are as small as leaves hardly any of
+    them empty between others; single empty ones take the nearest point. Each pixel keeps the point nearest to
+    its middle exactly as it was measured; others had no return. `sensor` tells how many points were kept,
+    `warnings` why not nearly all. Ranges that only say that the scanner's number was full are left out, with
+    a warning.
 
     Parameters
     ----------
@@ -66,89 +58,126 @@ def scan_from_station(
         there took them.
     """
     stood, cloud = check_point("origin", origin), check_points("points", points)
+    _check_number(len(cloud))
+    away = np.linalg.norm(cloud - stood, axis=1)
+    start = saturation_start(away[away > 0])
+    real = (away > 0) & (away < start)
+    _check_number(int(real.sum()))
+    swept = swept_poles((cloud[real] - stood) / away[real, None])
     order = np.lexsort(cloud.T)  # so that the file's order does not matter
-    order = order[np.linalg.norm(cloud[order] - stood, axis=1) > 0]
-    cloud = cloud[order]
-    if len(cloud) < 100:
-        raise InputError(f"{len(cloud)} points are too few for a scan; at least 100 are needed")
-    pose = _pose(cloud, stood)
-    seen = pose.inverse().apply(cloud)
-    angles = np.column_stack([
-        np.arctan2(seen[:, 0], seen[:, 2]),
-        np.arctan2(-seen[:, 1], np.hypot(seen[:, 0], seen[:, 2])),
-    ])  # fmt: skip
-    bins = _binned(angles)
-    ranges = np.linalg.norm(seen, axis=1)
+    order = order[real[order]]
+    cloud, ranges = cloud[order], away[order]
+    rays = (cloud - stood) / ranges[:, None]
+    grid = find_grid(rays, [*np.eye(3)[[2, 0, 1]], *swept])
+    bins = _binned(rays) if grid is None else grid
     _check_single(bins.flat, ranges, stood)
-    middle = np.column_stack([bins.projection.azimuths[bins.column], bins.projection.elevations[bins.row]])
-    off = np.hypot(*(angles - middle).T)
-    nearest = np.lexsort((off, bins.flat))
-    _, first = np.unique(bins.flat[nearest], return_index=True)
-    kept = nearest[first]
-    image = np.full((*bins.projection.shape, 3), np.nan)
-    image[bins.row[kept], bins.column[kept]] = seen[kept]
+    down = -bins.pole
+    pose = Pose.from_parts(np.column_stack([np.cross(down, bins.forward), down, bins.forward]), stood)
+    seen = pose.inverse().apply(cloud)
+    kept = _nearest(bins, rays)
+    told = [] if start == np.inf else [saturation_warning(len(away) - int(real.sum()), start, len(away))]
+    chosen = np.full(bins.projection.shape, -1)
+    chosen[bins.row[kept], bins.column[kept]] = kept
+    if grid is None:
+        filled = _fill_single(chosen, bins, rays)
+        if len(kept) < _KEPT * len(cloud):
+            told.append(
+                f"{len(kept)} of {len(cloud)} points were kept ({len(kept) / len(cloud):.0%}), one a pixel, "
+                f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
+                "about x, y or z; to keep all take the scan as the scanner wrote it (structured .e57, .ptx)"
+            )
+    image = np.where((chosen < 0)[..., None], np.nan, seen[chosen])
     painted = None
     if colour is not None:
-        painted = np.zeros((*bins.projection.shape, 3), colour_type(colour))
-        painted[bins.row[kept], bins.column[kept]] = np.asarray(colour)[order[kept]]
+        own = np.asarray(colour)[order]
+        painted = np.where((chosen < 0)[..., None], 0, own[chosen]).astype(colour_type(colour))
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
-    return scan.restated(sensor=f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g})")
+    sensor = (
+        f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of "
+        f"{len(cloud)} kept"
+    )
+    return scan.restated(sensor=sensor, warnings=tuple(told))
 
 
-def _pose(points: FloatArray, stood: FloatArray) -> Pose:
-    """Upright towards the points; straight at them where they are all on one side."""
-    rays = points - stood
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    middle = rays.mean(axis=0)
+def _check_number(n_points: int) -> None:
+    if n_points < _FEWEST:
+        raise InputError(f"{n_points} points are too few for a scan; at least {_FEWEST} are needed")
+
+
+def _angles(bins: AngleGrid, rays: FloatArray) -> FloatArray:
+    """Azimuth and elevation (n, 2) of unit rays (n, 3)."""
+    right = np.cross(bins.forward, bins.pole)
+    return np.column_stack([
+        np.arctan2(rays @ right, rays @ bins.forward), np.arcsin(np.clip(rays @ bins.pole, -1.0, 1.0))
+    ])  # fmt: skip
+
+
+def _middles(bins: AngleGrid) -> tuple[FloatArray, FloatArray]:
+    return bins.projection.azimuths, bins.projection.elevations
+
+
+def _nearest(bins: AngleGrid, rays: FloatArray) -> NDArray[np.int64]:
+    """The point of each pixel that is nearest to its middle, as numbers."""
+    azimuths, elevations = _middles(bins)
+    off = _angles(bins, rays) - np.column_stack([azimuths[bins.column], elevations[bins.row]])
+    off[:, 0] = (off[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    order = np.lexsort((np.hypot(*off.T), bins.flat))
+    _, first = np.unique(bins.flat[order], return_index=True)
+    return np.asarray(order[first])
+
+
+def _fill_single(chosen: NDArray[np.int64], bins: AngleGrid, rays: FloatArray) -> int:
+    """Write the nearest point into empty pixels (-1) whose neighbours on all sides are filled; count them."""
+    inside = np.pad(chosen >= 0, 1)
+    around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    row, column = np.nonzero(around & (chosen < 0))
+    if len(row):
+        azimuths, elevations = _middles(bins)
+        tree = scipy.spatial.cKDTree(_angles(bins, rays))
+        chosen[row, column] = tree.query(np.column_stack([azimuths[column], elevations[row]]))[1]
+    return len(row)
+
+
+def _pole(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Upright, and level towards the points; straight at them where all are on one side."""
+    middle, upward = rays.mean(axis=0), np.array([0.0, 0.0, 1.0])
     length = float(np.linalg.norm(middle))
-    if length > 1e-6 and (rays @ middle).min() > _NARROW * length:
-        return Pose.looking_at(stood, stood + middle)
-    level = np.array([middle[0], middle[1], 0.0])
-    return Pose.looking_at(stood, stood + (level if np.linalg.norm(level) > 1e-6 else np.eye(3)[0]))
+    if not (length > 1e-6 and (rays @ middle).min() > _NARROW * length):
+        middle = np.array([middle[0], middle[1], 0.0])
+        middle = middle if np.linalg.norm(middle) > 1e-6 else np.eye(3)[0]
+    turned = Pose.looking_at(np.zeros(3), middle, upward).rotation
+    return -turned[:, 1], turned[:, 2]
 
 
-def _binned(angles: FloatArray) -> _Bins:
+def _binned(rays: FloatArray) -> AngleGrid:
     """Pixels wide enough to be filled, starting from the steps between neighbouring points."""
-    step = _steps(angles)
+    pole, forward = _pole(rays)
+    none = np.zeros(0, np.int64)
+    whole = AngleGrid(pole, SphericalProjection(np.zeros(1), np.zeros(1)), forward, none, none)
+    angles = _angles(whole, rays)
+    step = neighbour_steps(angles)
     sides = np.ptp(angles, axis=0)
     while np.prod(np.maximum(sides / step, 1)) > _SPARSE * len(angles) + _FEW:
         step = step * _WIDER  # most of so many pixels would be empty
     while True:
-        bins = _bins(angles, step)
+        bins = _bins(whole, angles, step)
         filled = np.zeros(bins.projection.shape, dtype=np.bool_)
         filled[bins.row, bins.column] = True
-        between = scipy.ndimage.binary_closing(np.pad(filled, 2), np.ones((3, 3)))[2:-2, 2:-2]
-        if filled.sum() >= _FILLED * between.sum() or min(filled.shape) < 8:
+        if is_filled(filled, _FILLED) or min(filled.shape) < 8:
             return bins
         step = step * _WIDER
 
 
-def _bins(angles: FloatArray, step: FloatArray) -> _Bins:
+def _bins(whole: AngleGrid, angles: FloatArray, step: FloatArray) -> AngleGrid:
     low, high = angles.min(axis=0), angles.max(axis=0)
     count = np.maximum(np.ceil((high - low) / step), 1).astype(np.int64)
     check_size(int(count[1]), int(count[0]))
     size = np.maximum((high - low) / count, 1e-12)
     column, row = np.minimum(np.floor((angles - low) / size).astype(np.int64), count - 1).T
     azimuths, elevations = (low[k] + (np.arange(count[k]) + 0.5) * size[k] for k in (0, 1))
-    return _Bins(SphericalProjection(azimuths, elevations[::-1]), count[1] - 1 - row, column)
-
-
-def _steps(angles: FloatArray) -> FloatArray:
-    """Median angle (2,) to the next point sideways and upwards, radians."""
-    flat = angles.copy()
-    flat[:, 0] *= np.cos(angles[:, 1])
-    sample = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
-    _, near = scipy.spatial.cKDTree(flat).query(flat[sample], k=9)
-    way = np.abs(flat[near[:, 1:]] - flat[sample, None])
-    is_level = way[..., 0] >= way[..., 1]
-    found = []
-    for axis, chosen in ((0, is_level), (1, ~is_level)):
-        nearest = np.where(chosen & (way[..., axis] > 1e-9), way[..., axis], np.inf).min(axis=1)
-        known = nearest[np.isfinite(nearest)]
-        found.append(float(np.median(known)) if len(known) else np.inf)
-    smaller = min(found) if np.isfinite(min(found)) else 1e-3
-    return np.array([one if np.isfinite(one) else smaller for one in found])
+    projection = SphericalProjection(azimuths, elevations[::-1])
+    return AngleGrid(whole.pole, projection, whole.forward, count[1] - 1 - row, column)
 
 
 def _check_single(pixel: NDArray[np.int64], ranges: FloatArray, stood: FloatArray) -> None:

@@ -49,7 +49,7 @@ EXPECTED = {
     "range/open3d_redwood": "5 scans of an RGB-D folder (redwood)",
     "range/icl_nuim": "refused: intrinsics and depth scale are not told (481.2,-480,319.5,239.5 and 5000)",
     "range/nyu_dining": "refused: intrinsics and depth scale are not told (518,519,325.5,253.5 and 1000)",
-    "range/tdtk": "refused: no RGB-D folder, and text of 3DTK's dat kind (.3d) is not read",
+    "range/tdtk": "2 scans of a 3DTK folder",
     "range/cape_tunnel": "refused: no RGB-D folder, its depth is not registered to its colour",
     "range/open3d_other_formats/NYU_depth.pgm": "depth image; bytes swapped: kinect-disparity in camera.json",
     "range/open3d_other_formats/SUN_depth.png": "depth image; bits turned: sun3d in camera.json",
@@ -91,7 +91,8 @@ def said_of(path: Path) -> tuple[str, str]:
     elif shown == "scan":
         shown = f"scan of {found['scans'][0]['rows']} x {found['scans'][0]['columns']}"
     elif shown == "scans":
-        shown = f"{found['count']} scans of an {found['format'].replace('rgbd', 'RGB-D folder')}"
+        kind = found["format"].replace("rgbd", "an RGB-D folder").replace("3dtk", "a 3DTK folder")
+        shown = f"{found['count']} scans of {kind}"
     return shown, " ".join(found["warnings"])
 
 

@@ -149,7 +149,8 @@ def test_a_station_says_that_it_was_made_of_points_and_keeps_colours() -> None:
     scan = box_scan(STOOD)
     assert scan.colour is not None
     found = scan_from_station(scan.points().reshape(-1, 3), STOOD, colour=scan.colour.reshape(-1, 3))
-    assert found.sensor == ("points projected to a spherical image from (500012.5, 5000003.25, 101.6)")
+    said = "points projected to a spherical image from (500012.5, 5000003.25, 101.6), "
+    assert found.sensor == f"{said}{found.valid.sum()} of 4800 kept"
     assert found.colour is not None
     expected = scan.world_from_sensor.inverse().rotate(found.rays())  # colours are those of the directions
     off = found.colour - (expected + 1) / 2

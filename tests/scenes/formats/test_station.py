@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from completion import complete
@@ -105,3 +106,38 @@ def test_complete_takes_mere_points_with_their_origin(cloud, tmp_path, monkeypat
     file.write_text("0 0 1\n" * 50)
     assert "room.xyz: 50 points are too few" in run("--origin", place).stderr
     assert run("--origin", "1,2").exit_code == 2
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z", "tilted"])
+def test_the_axis_of_the_sweep_is_found_and_every_point_kept(axis):
+    grid = SphericalProjection.regular(90, 70, 135.0, (-60.0, 66.0))
+    turns = {"x": [0, 90, 0], "y": [90, 0, 0], "z": [0, 0, 30], "tilted": [7, -4, 50]}
+    turn = Rotation.from_euler("xyz", turns[axis], degrees=True).as_matrix()
+    upright = Pose.looking_at((0, 0, 0), (1, 0, 0))
+    rays = upright.rotate(grid.directions()) @ turn.T
+    points = (2.0 / np.abs(rays).max(axis=-1))[..., None] * rays
+    points += np.random.default_rng(0).normal(0, 0.003, (*grid.shape, 1)) * rays
+    in_order = points.swapaxes(0, 1).reshape(-1, 3) + 5  # column by column
+    found = scan_from_station(in_order, (5, 5, 5))
+    assert found.shape == grid.shape
+    assert found.valid.all()
+    assert "6300 of 6300 kept" in found.sensor
+    assert found.warnings == ()
+    assert abs(found.world_from_sensor.rotation[:, 1] @ turn[:, 2]) == pytest.approx(1, abs=1e-6)
+
+
+def test_what_lies_on_no_grid_says_how_much_was_lost_and_has_no_single_holes():
+    rng = np.random.default_rng(1)
+    rays = rng.normal(size=(20_000, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    points = rays * 2.0 / np.abs(rays).max(axis=1, keepdims=True)
+    found = scan_from_station(points, (0, 0, 0))
+    (text,) = found.warnings
+    n_kept = int(text.split()[0])
+    assert 3000 < n_kept < 0.95 * 20_000
+    assert f"{n_kept} of 20000 points were kept" in text
+    assert "structured .e57" in text
+    inside = np.pad(found.valid, 1)
+    around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    assert found.valid[around].all()
+    assert rows_of(found.points()[found.valid]) <= rows_of(points)
