@@ -136,10 +136,13 @@ def find_enclosing(
     Points count as on the surface within noise and `flatness_m`, metres, by which surfaces stray.
     """
     stride = max(1, sum(_n_returns(seen) for seen in observations) // _N_BEAMS)
-    some = [(seen, _returns(seen, stride)) for seen in observations]
-    sigmas = np.concatenate([seen.sigma_at(pixel) for seen, pixel in some])
-    scale = float(np.median(np.hypot(sigmas, flatness_m))) if len(sigmas) else 0.0
-    beams = [(seen.scan.origin, seen.points_at(pixel), seen.rays_at(pixel)) for seen, pixel in some]
+    sigmas, beams = [], []
+    for seen in observations:
+        pixel = _returns(seen, stride)
+        sigmas.append(seen.sigma_at(pixel))
+        beams.append((seen.scan.origin, seen.points_at(pixel), seen.rays_at(pixel)))
+    sigma = np.concatenate(sigmas)
+    scale = float(np.median(np.hypot(sigma, flatness_m))) if len(sigma) else 0.0
     sizes = [surface.n_pixels for surface in surfaces]
     least = _LEAST_PIXELS * sum(sizes)
     found = [
