@@ -13,6 +13,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 
 from completion.boundary.continuation import ContinuedEdge
+from completion.boundary.further_flow import further_flow
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 
@@ -20,7 +21,6 @@ GOES_ON = 0.9
 """Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
 _UNITS = 10_000  # of cost in a metre: capacities are whole numbers
 _MOST_M = 1e4  # cost of a boundary, metres
-_FORCED = int(_MOST_M * _UNITS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,12 +242,7 @@ class _Graph:
         is_surface = np.zeros(n + 2, dtype=np.bool_)
         is_surface[breadth_first_order(rest, n, return_predecessors=False)] = True
         cost = np.full((2, n), int(flow.flow_value), np.int64)
-        place = np.argsort(order, kind="stable")[len(self.between) :].reshape(2, n)  # of the outer edges
-        for region in range(n):
-            keep = int(not is_surface[region])
-            forced = graph.copy()
-            forced.data[place[1 - keep, region]] += _FORCED
-            cost[keep, region] = maximum_flow(forced, n, n + 1).flow_value
+        cost[(~is_surface[:n]).astype(np.int64), np.arange(n)] += further_flow(rest, is_surface)
         return is_surface[:n], cost
 
 
