@@ -21,7 +21,8 @@ from completion.extension.adjacency import find_adjacency
 from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
-from completion.merging.pipeline import MergedSurface, merge
+from completion.merging.merged_surface import MergedSurface
+from completion.merging.pipeline import merge
 from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions

@@ -20,7 +20,8 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 from scipy.ndimage import distance_transform_cdt
 
-from completion.merging.pipeline import MergedSurface, merge
+from completion.merging.merged_surface import MergedSurface
+from completion.merging.pipeline import merge
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment

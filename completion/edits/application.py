@@ -11,7 +11,7 @@ import numpy as np
 from shapely import Polygon
 
 from completion.edits.edit import Anchor, Edit, SurfaceEdits, Wish, outline_uv
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import refit

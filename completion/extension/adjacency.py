@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.evidence.evidence import Scans
 from completion.extension.insets import find_insets
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from scenes.checks import BoolArray, FloatArray

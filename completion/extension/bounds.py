@@ -14,7 +14,7 @@ from completion.boundary.curves import Line
 from completion.boundary.edges import find_edges
 from completion.evidence.form import Form, chart_of, form_of, reach_of
 from completion.evidence.reach import TILE, Reach, farthest_along
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, ray_at
 from completion.observe.triple import Triple, dot, minus, plus

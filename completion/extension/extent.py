@@ -22,7 +22,7 @@ from completion.extension.bounds import (
     farthest_hidden,
 )
 from completion.fitting.result import SurfaceFit
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPoint, contains_xy
 
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane

@@ -19,7 +19,7 @@ from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from scenes.checks import BoolArray, FloatArray
 
 

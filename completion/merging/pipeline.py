@@ -4,17 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby, product
 
 import numpy as np
 
 from completion.evidence.sight import sight_of
-from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import compare, compare_all, lies_on
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
 from completion.merging.groups import Groups
+from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece, fit_groups
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
@@ -31,49 +30,6 @@ _BLOCK = 16  # scans, or blocks of them, that are merged together where there ar
 _LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
 _APART = 4.0  # standard deviations of its warp by which any part of a surface may stand off the common fit
 _SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MergedSurface:
-    """One surface with all its pixels in all scans.
-
-    Attributes
-    ----------
-    fit : SurfaceFit
-        Fit to all its points, covariance inflated for correlated residuals; working frame.
-    pixels : tuple of PixelSet
-        Its pixels in each scan.
-    n_parts : int
-        How many regions were joined.
-    """
-
-    fit: SurfaceFit
-    pixels: tuple[PixelSet, ...]
-    n_parts: int
-
-    @property
-    def n_pixels(self) -> int:
-        """Pixels in all scans together."""
-        return sum(map(len, self.pixels))
-
-    def sampled(self, most: int) -> tuple[IntArray, ...]:
-        """Return every k-th of its flat pixels (n,) in each scan, counted on from scan to scan.
-
-        All of them, if there are fewer than twice `most`.
-        """
-        step, before = max(1, self.n_pixels // most), np.cumsum([0, *map(len, self.pixels)]).tolist()
-        return tuple(
-            held.flat[-start % step :: step] for held, start in zip(self.pixels, before, strict=False)
-        )
-
-    def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
-        """Its measured points (n, 3) in the working frame, or a sample of them."""
-        pixels = self.sampled(self.n_pixels + 1 if most is None else most)
-        points = []
-        for seen, some in zip(observations, pixels, strict=True):
-            points.append(seen.points_at(some))
-            trim()
-        return np.concatenate(points)
 
 
 def merge(

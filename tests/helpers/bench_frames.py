@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.completion.scores.hoover import HooverScore, score_regions
-from completion.merging.pipeline import MergedSurface, merge
+from completion.merging.merged_surface import MergedSurface
+from completion.merging.pipeline import merge
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment

@@ -8,7 +8,7 @@ from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import Adjacency, find_adjacency, is_upright
 from completion.fitting.result import SurfaceFit
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import EvidenceOptions

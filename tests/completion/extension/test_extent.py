@@ -11,7 +11,7 @@ from completion.extension.adjacency import Adjacency
 from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, observe
 from completion.observe.pixel_set import PixelSet
 from completion.observe.range_noise import RangeNoise

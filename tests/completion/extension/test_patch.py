@@ -18,7 +18,7 @@ from completion.extension.extent import Extent, with_ends
 from completion.extension.patch import Patch
 from completion.extension.pipeline import ExtensionRules, extend
 from completion.fitting.result import SurfaceFit
-from completion.merging.pipeline import MergedSurface
+from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import EvidenceOptions

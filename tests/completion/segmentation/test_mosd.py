@@ -12,7 +12,8 @@ import pypcd4
 import pytest
 from numpy.typing import NDArray
 
-from completion.merging.pipeline import MergedSurface, merge
+from completion.merging.merged_surface import MergedSurface
+from completion.merging.pipeline import merge
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from completion import CompletionOptions, complete
-from completion.merging.pipeline import MergedSurface, merge
+from completion.merging.merged_surface import MergedSurface
+from completion.merging.pipeline import merge
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
