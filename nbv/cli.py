@@ -15,6 +15,7 @@ from nbv.commands.options.options import (
     NoiseOption,
     Origins,
     Poses,
+    ScanUpOption,
     SceneArgument,
     Scheduler,
     SensorOption,
@@ -182,9 +183,10 @@ def complete(
     depth_scale: DepthScale = None,
     poses: Poses = None,
     units: UnitsOption = "m",
+    up: ScanUpOption = "auto",
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
-    request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units)
+    request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units, up=up)
     wanted = parse_choices(export or (), ("obj", "e57"), "--export")
     if texture is not None and no_texture:
         raise typer.BadParameter("give --texture or --no-texture, not both")

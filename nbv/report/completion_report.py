@@ -31,7 +31,7 @@ from nbv.report.pictures.picture import picture_of, range_colours, segment_pixel
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.scan.colour import colour_bytes
-from scenes.scan.thumbnail import upright
+from scenes.scan.thumbnail import standing
 
 _MOST_SCANS = 3  # of which pictures are shown
 
@@ -109,7 +109,8 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
     pairs = list(zip(completion.observations, completion.owners, strict=True))
     for seen, owner in pairs[:_MOST_SCANS]:
         pictures = []
-        view = partial(upright, projection=seen.scan.projection)
+        pose = completion.world_from_reference @ seen.scan.world_from_sensor
+        view = partial(standing, projection=seen.scan.projection, pose=pose)
         name = "" if len(pairs) == 1 else f"{seen.scan.name}: "
         if seen.scan.colour is not None:
             colour = colour_bytes(view(seen.scan.colour))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,11 @@ from scenes.files.point_files import read_points
 from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, spill_for, split_index
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
-from scenes.mesh.orientation import Axis, world_from_file_up
+from scenes.mesh.orientation import world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.range_image import RangeImage
+from scenes.scan.upright import SignedAxis, upright
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ class ScanRequest:
         Unit of the files.
     origins : tuple of (x, y, z)
         Where the scanner stood for each path, metres; when given, files are read as mere points.
+    up : str
+        The axis of the files that is up, "x" to "-z", or "auto": estimated (`scenes.scan.upright`).
     """
 
     paths: tuple[str, ...]
@@ -48,6 +51,7 @@ class ScanRequest:
     poses: str | None = None
     units: Units = "m"
     origins: tuple[tuple[float, ...], ...] = ()
+    up: SignedAxis = "z"
 
     @property
     def inputs(self) -> list[str]:
@@ -69,6 +73,7 @@ class ScanRequest:
             "poses": None if self.poses is None else Path(self.poses).name,
             "units": self.units,
             "origins": self.origins,
+            "up": self.up,
         }
 
 
@@ -103,20 +108,20 @@ class GivenScans:
         )
 
 
-def read_request(request: ScanRequest, up: Axis = "z") -> GivenScans:
+def read_request(request: ScanRequest, up: SignedAxis | None = None) -> GivenScans:
     """Return all scans of a request, each file opened once, in a world whose z is up.
 
     Parameters
     ----------
     request : ScanRequest
         The files, and how to read them.
-    up : "x", "y" or "z"
-        The axis of the files that is up.
+    up : "auto" or an axis, "x" to "-z", optional
+        The axis of the files that is up, instead of what the request says.
 
     Raises
     ------
     InputError
-        Unusable files; several scans whose poses are not known.
+        Unusable files; several scans whose poses are not known; no such axis.
     """
     scene = next((path for path in request.paths if path.startswith("builtin:")), None)
     if scene is not None:
@@ -125,8 +130,14 @@ def read_request(request: ScanRequest, up: Axis = "z") -> GivenScans:
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
     scans = _read_clouds(request) if request.origins else _read_scans(request)
-    turn = world_from_file_up(up)
-    return GivenScans.of(scans if up == "z" else [scan.transformed(turn) for scan in scans])
+    axis = request.up if up is None else up
+    if axis in ("x", "y", "z"):
+        turn, told = world_from_file_up(axis), ""
+    else:
+        turn, told = upright(scans, axis, of_points=bool(request.origins))
+    stays = np.array_equal(turn.matrix, np.eye(4))
+    given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
+    return replace(given, doubts=(*given.doubts, told)) if told else given
 
 
 def _read_scans(request: ScanRequest) -> list[RangeImage]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scenes.card import CardPicture
 from scenes.checks import ColourArray, FloatArray
+from scenes.pose import Pose
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
@@ -83,6 +84,18 @@ def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> ND
     if projection.azimuths[0] > projection.azimuths[-1]:
         columns = columns[::-1]
     return pixels[np.ix_(rows, columns)]
+
+
+def standing(pixels: NDArray[Any], projection: Projection, pose: Pose, most: int = 640) -> NDArray[Any]:
+    """Return an image (rows, columns) or (rows, columns, k) of a scan with the world's z upwards.
+
+    As `upright`, and panoramas of scanners that swept about a level axis get a quarter of a turn.
+    """
+    image = upright(pixels, projection, most)
+    right, down, _ = pose.rotation[2]  # of the world's z
+    if not isinstance(projection, SphericalProjection) or abs(down) >= abs(right):
+        return image
+    return np.rot90(image, 1 if right > 0 else -1)
 
 
 def _picture(pixels: NDArray[np.uint8], caption: str) -> CardPicture:

@@ -23,6 +23,7 @@ from scenes.card import Card, CardPicture, Share
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import standing
 from scenes.world.builtin import builtin_scene
 from tests.helpers.completion_examples import completed, example
 from tests.helpers.room_examples import ROOM, VIEW, covered_by_two
@@ -119,6 +120,20 @@ def test_panoramas_stand_upright(upwards, leftwards):
     picture = pixels_of(scan._repr_html_())
     assert picture.shape[:2] == (110, 220)
     assert picture[0, -1, 0] > 200 > picture[-1, 0, 0]
+
+
+@pytest.mark.parametrize(("roll", "corner"), [(0, (0, -1)), (90, (0, 0)), (-90, (-1, -1)), (180, (0, -1))])
+def test_panoramas_swept_about_a_level_axis_stand_too(roll, corner):
+    """What is above and on the right of the image is where the world has it."""
+    up, around = np.radians(np.linspace(40, -40, 9)), np.radians(np.linspace(-80, 80, 17))
+    heights = np.zeros((9, 17))
+    heights[0, -1] = 1.0
+    turn = np.radians(roll)  # of the scanner about its forward axis, against the clock
+    pose = Pose.looking_at((0, 0, 0), (1, 0, 0)).matrix @ np.array([
+        [np.cos(turn), np.sin(turn), 0, 0], [-np.sin(turn), np.cos(turn), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]
+    ])  # fmt: skip
+    drawn = standing(heights, SphericalProjection(around, up), Pose(pose), most=17)
+    assert drawn[corner] == 1.0
 
 
 def test_a_scene_shows_size_area_and_warnings(scene):

@@ -17,6 +17,7 @@ from nbv.commands.process.run import Shared
 if TYPE_CHECKING:
     from scenes.files.scan_files import Units
     from scenes.files.scan_request import ScanRequest
+    from scenes.scan.upright import SignedAxis
 
 
 def parse_bytes(text: str, option: str) -> int:
@@ -143,6 +144,10 @@ NoiseOption = Annotated[
     str, typer.Option("--noise", help="none, gaussian-2mm, nguyen2012, ..., profile: the sensor's own.")
 ]
 UpOption = Annotated[Literal["x", "y", "z"], typer.Option("--up", help="Axis of the file that is up.")]
+ScanUpOption = Annotated[
+    Literal["auto", "x", "y", "z", "-x", "-y", "-z"],
+    typer.Option("--up", help="Axis of the files that is up; auto: estimated, and told."),
+]
 UnitsOption = Annotated[Literal["mm", "cm", "m", "in"], typer.Option("--units", help="Unit of the file.")]
 Intrinsics = Annotated[
     str | None,
@@ -225,10 +230,11 @@ def asked_scans(
     poses: str | None,
     origin: Sequence[str] | None,
     units: Units,
+    up: SignedAxis = "z",
 ) -> ScanRequest:
     """Return the scans that a command is given; what cannot be read is a usage error."""
     from scenes.files.scan_request import ScanRequest
 
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())
-    return ScanRequest(tuple(paths or ()), camera, depth_scale, poses, units=units, origins=stood)
+    return ScanRequest(tuple(paths or ()), camera, depth_scale, poses, units=units, origins=stood, up=up)
