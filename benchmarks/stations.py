@@ -4,9 +4,9 @@
 Rooms of 5 x 4 x 2.7 m stand in rows of four, joined by doors along the row, each with a table, a cupboard and
 a post; a panoramic scan of 360 x 120 degrees with 2 mm of noise from the middle of each. Every number of
 stations is read from files and completed in a process of its own, without texture, on one thread: CPU seconds
-by stage, the peak of memory above what the process held before it read the first scan, surfaces, and a digest
-of owners and inferred area. The last line is the exponent of a least-squares line through the logarithms. Run
-by `make bench`, or alone:
+by stage, the peak of memory above what the process held before it read the first scan, regions, surfaces, a
+digest of owners and inferred area. The last line is the exponent of a least-squares line through the
+logarithms. Run by `make bench`, or alone:
 
     python -m benchmarks.stations [N,N,...] [MEGAPIXELS]
 """
@@ -100,6 +100,7 @@ def measure(n_stations: int) -> dict[str, object]:
         "stations": n_stations,
         "seconds": seconds,
         "MB": (peak() - idle) / 1e6,
+        "regions": sum(patch.source.n_parts for patch in done.patches),
         "surfaces": len(done.patches),
         "digest": digest.hexdigest()[:8],
         "stages": {name: spent for name, spent in stages.items() if name},
@@ -113,8 +114,9 @@ def main() -> None:
     if os.environ.get("MEASURE"):
         print(json.dumps(measure(numbers[0])))
         return
-    print(f"{'stations':>8} {'CPU s':>7} {'MB':>8} {'surfaces':>8}  digest    CPU s until each stage began")
-    columns = {"seconds": "7.1f", "MB": "8.0f", "surfaces": "8", "digest": "9"}
+    head = f"{'stations':>8} {'CPU s':>7} {'MB':>8} {'regions':>8} {'surfaces':>8}"
+    print(f"{head}  digest    CPU s until each stage began")
+    columns = {"seconds": "7.1f", "MB": "8.0f", "regions": "8", "surfaces": "8", "digest": "9"}
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
         write_scan(take_scans(1, 0.02)[0], folder / "small.npz")

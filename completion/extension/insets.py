@@ -12,6 +12,7 @@ from shapely import MultiPoint, contains_xy
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 _DEEPEST_M = 0.5  # as thick as walls are
@@ -76,6 +77,7 @@ def _beams(merged: MergedSurface, observations: Sequence[Observation]) -> tuple[
     for seen, pixels in zip(observations, merged.sampled(_N_POINTS), strict=True):
         points.append(seen.points_at(pixels))
         origins.append(np.broadcast_to(seen.scan.origin, points[-1].shape))
+        trim()
     return np.concatenate(origins), np.concatenate(points)
 
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.run.mapping import allocate, is_mapped
+from scenes.run.mapping import allocate, is_mapped, trim
 
 _LEAST = 4 * mmap.PAGESIZE  # bytes of an array that is worth a place in a file
 _FILE = 1 << 26  # bytes; larger arrays have a file of their own
@@ -70,6 +70,7 @@ class Spill:
         place = self._place(array.nbytes)
         copy: NDArray[Any] = place.view(array.dtype).reshape(array.shape)
         copy[...] = array
+        trim()
         copy.setflags(write=array.flags.writeable)
         return copy
 
