@@ -23,6 +23,7 @@ _PER_OCTAVE = 2  # range bins of a laser scanner
 _FEW = 20  # tiles in a bin, below which it tells nothing
 _FACING = 0.5  # cosine from which on a surface's own roughness hardly stretches along the ray
 _ENOUGH = 1 << 20  # pixels that tell the noise of a scan
+_MICRON = 1e-6
 _ROUNDING = 1e-16  # m2: what files' own digits leave
 
 
@@ -120,7 +121,8 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
     weight = 1.0 / np.maximum(variance, _ROUNDING)  # relative errors: near bins count as much as far ones
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
     terms, _ = nnls(basis * weight[:, None], variance * weight)
-    return RangeNoise(float(np.sqrt(terms[0])), float(np.sqrt(terms[1])), step_m=_hiding(step, rough))
+    seen = _steps(scan, edges, _MICRON)[bins]  # those that the way from counts to ranges made unequal, too
+    return RangeNoise(float(np.sqrt(terms[0])), float(np.sqrt(terms[1])), step_m=_hiding(seen, rough))
 
 
 def _scanner_noise(scan: RangeImage) -> RangeNoise:
@@ -196,13 +198,17 @@ def _hiding(step: FloatArray, rough: FloatArray) -> float:
     return float(np.median(step)) if np.median(step**2 / 12 - rough / 2) > 0 else 0.0
 
 
-def _steps(scan: RangeImage, edges: FloatArray) -> FloatArray:
-    """Typical step of the depths whose ranges lie between consecutive edges; of large scans, of some rows."""
+def _steps(scan: RangeImage, edges: FloatArray, equal_m: float = 0.0) -> FloatArray:
+    """Typical step of the depths whose ranges lie between consecutive edges; of large scans, of some rows.
+
+    Depths are equal that are so to `equal_m`, metres.
+    """
     some = slice(None, None, -(-scan.ranges.size // _ENOUGH))
     valid = scan.valid[some]
     ranges = scan.ranges[some][valid]
     pinhole = scan.projection.kind == "pinhole"
     depth = scan.points_in_sensor()[some][valid][:, 2] if pinhole else ranges
+    depth = np.rint(depth / equal_m) * equal_m if equal_m else depth
     which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, len(edges) - 2)
     return np.array([_quantisation_step(depth[which == b]) for b in range(len(edges) - 1)])
 

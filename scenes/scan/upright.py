@@ -15,6 +15,7 @@ from scenes.scan.range_image import RangeImage
 
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 AXES: tuple[SignedAxis, ...] = ("x", "y", "z", "-x", "-y", "-z")
+_MOST_SCANS = 24  # that tell which way is up
 _APART = 40  # facets along the longer side of an image
 _PLANAR = 0.05  # of a facet's side: how far its fourth corner may lie off it
 _ALIKE, _LEVEL = np.cos(np.radians(6.0)), np.cos(np.radians(10.0))
@@ -189,8 +190,8 @@ def _support(facets: _Facets, up: FloatArray) -> float:
 
 
 def _facets(scans: Sequence[RangeImage]) -> _Facets:
-    """Facets of all scans whose four corners lie in a plane."""
-    found = [_facets_of(scan) for scan in scans]
+    """Facets of the scans, of many of some, whose four corners lie in a plane."""
+    found = [_facets_of(scan) for scan in scans[:: max(1, -(-len(scans) // _MOST_SCANS))]]
     none = _Facets(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
     parts = zip(*(none, *found), strict=True)
     return _Facets(*(np.concatenate(part) for part in parts))
@@ -210,5 +211,6 @@ def _facets_of(scan: RangeImage) -> _Facets:
         good = (off < _PLANAR * side) & (area > 0) & (area < 100 * usual**2)
     place = a.reshape(-1, 3)[good]
     normal = normal[good]
+    scan.release()
     towards = np.einsum("ij,ij->i", normal, scan.origin - place)
     return _Facets(normal * np.where(towards < 0, -1.0, 1.0)[:, None], area[good], place)

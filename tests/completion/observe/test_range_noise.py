@@ -92,3 +92,22 @@ def test_a_real_scanner_is_not_taken_for_a_camera():
     noise = estimate_noise(read_scan(data_path("range/e57/pumpA.e57")))
     assert noise.quadratic_per_m == 0
     assert noise.sigma(np.array([2.0, 3, 5])) == pytest.approx(0.0023, rel=0.2)
+
+
+@requires_data
+def test_real_cameras_steps_are_seen_where_they_hide_the_noise():
+    """A PrimeSense's steps grow with the square of the depth: 7 mm at 1.6 m, 5 cm at 4 m."""
+    assert estimate_noise(read_scan(data_path("range/pcl/office1.pcd"))).step_m > 0.03
+    near = estimate_noise(read_scan(f"{data_path('range/align3d_sample1')}#1"))
+    assert near.step_m == pytest.approx(0.007, abs=0.002)
+    assert estimate_noise(read_scan(f"{data_path('range/align3d_sample2')}#1")).step_m == 0  # of .2 mm
+
+
+@requires_data
+def test_an_arcade_scanned_by_laser_is_known_to_centimetres_at_all_ranges():
+    for number in (1, 2):
+        noise = estimate_noise(read_scan(f"{data_path('range/tdtk')}#{number}"))
+        assert noise.quadratic_per_m == 0
+        assert (noise.sigma(np.array([1.0, 2, 5, 10, 20])) < 0.02).all()
+        assert (noise.sigma(np.array([5.0, 10, 20])) > 0.0045).all()
+        assert (noise.sigma(np.array([1.0, 2])) > 0.003).all()  # walls there are flat to 3.3 mm
