@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: MIT
-"""The constants of confidence: how far surfaces of each kind go on, most likely on generated rooms.
+"""The constants of confidence: how far surfaces of each kind go on, most likely on rooms and a walk.
 
 Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED]` (default: 32 rooms from seed 1000,
 some minutes). Each room is scanned with 2 mm of noise and completed; every hidden place that a surface was
-considered at is right or wrong by the truth. It prints the constants in use, the most likely ones, and the
-mean log likelihood of both on the half of the rooms that the latter were not fitted to.
+considered at is right or wrong by the truth. So are frames of a walk through the furnished lower storey of a
+house (`UNSEEN_DATA`, default ../shared/data; left out where that is absent), and both count the same. It
+prints the constants in use, the most likely ones, and the mean log likelihood of both on the half of the
+rooms and frames that the latter were not fitted to.
 """
 
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
+from benchmarks.completion.ledger.entries import is_there
+from benchmarks.completion.ledger.sources import DATA, WALKS
 from benchmarks.completion.scenes.cases import hypothesis_of
 from benchmarks.completion.scenes.rooms import random_case
-from benchmarks.completion.truth.truth import TrueChart
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
 from completion.extension.confidence import PERSISTENCE, Onward, Prospects, prospects
@@ -25,6 +29,7 @@ from scenes.pose import Pose
 
 TOLERANCE_M = 0.02
 MOST_PLACES = 600  # of one surface
+EACH = 3  # frame of the walk
 PRIOR = 0.1  # of a surface of 1 m2, what a change of a constant's logarithm by one has to be worth
 
 
@@ -44,33 +49,57 @@ def places_in(seed: int) -> list[Places]:
     completed = complete(scans, CompletionOptions(mode="bold", texture=False), rng=0)
     continued = hypothesis_of(completed, scans).true_surface
     scored = np.array([*case.model.scored, True])  # -1, none, is the last
-    world, rng = completed.world_from_reference, np.random.default_rng(seed)
-    found = [
-        _places(patch, case.charts, world, rng)
-        for patch, true in zip(completed.patches, continued, strict=True)
-        if scored[true] and patch.observed.any()
-    ]
+    patches = [patch for patch, true in zip(completed.patches, continued, strict=True) if scored[true]]
+
+    def is_right(points: FloatArray, normals: FloatArray) -> BoolArray:
+        nearest = np.full(len(points), np.inf)
+        for chart in case.charts:
+            nearest = np.minimum(nearest, chart.distances(points, normals))
+        return nearest <= TOLERANCE_M
+
+    return _all_places(patches, completed.world_from_reference, is_right, seed)
+
+
+def places_in_walk(number: int) -> list[Places]:
+    """Complete a frame of the walk alone and compare with the house."""
+    walk = WALKS[0]
+    completed = complete(walk.frames[number], CompletionOptions(mode="bold", texture=False), rng=0)
+    return _all_places(
+        completed.patches,
+        completed.world_from_reference,
+        lambda points, normals: is_there(points, normals, walk.caster),
+        number,
+    )
+
+
+def _all_places(
+    patches: Iterable[Patch], world: Pose, is_right: Callable[[FloatArray, FloatArray], BoolArray], seed: int
+) -> list[Places]:
+    rng = np.random.default_rng(seed)
+    found = [_places(patch, world, is_right, rng) for patch in patches if patch.observed.any()]
     return [places for places in found if len(places.weight)]
 
 
-def _places(patch: Patch, charts: tuple[TrueChart, ...], world: Pose, rng: np.random.Generator) -> Places:
+def _places(
+    patch: Patch,
+    world: Pose,
+    is_right: Callable[[FloatArray, FloatArray], BoolArray],
+    rng: np.random.Generator,
+) -> Places:
     evidence = patch.evidence
     given = prospects(patch.grid, patch.shadows, patch.labelling, patch.limits, evidence)
     hidden = patch.shadows.region >= 0
     occluded = np.flatnonzero(evidence.labels[hidden] == Label.OCCLUDED)
     chosen = np.sort(rng.permutation(occluded)[:MOST_PLACES])
     points = patch.grid.centres()[np.flatnonzero(hidden)[chosen]]
-    normals = world.rotate(patch.grid.surface.normal(points))
-    nearest = np.full(len(chosen), np.inf)
-    for chart in charts:
-        nearest = np.minimum(nearest, chart.distances(world.apply(points), normals))
+    right = is_right(world.apply(points), world.rotate(patch.grid.surface.normal(points)))
     area = len(occluded) * patch.grid.cell_area
     weight = np.full(len(chosen), np.sqrt(area) / max(len(chosen), 1))  # cells of one surface err together
     return Places(
         Prospects(
             given.base[chosen], given.onward[chosen], given.distance[chosen], given.end_probability[chosen]
         ),
-        nearest <= TOLERANCE_M,
+        right,
         weight,
     )  # fmt: skip
 
@@ -86,6 +115,12 @@ def together(places: list[Places]) -> Places:
     )
 
 
+def _as_heavy(frames: list[list[Places]], rooms: list[list[Places]]) -> list[list[Places]]:
+    """The frames, weighted so that all of them count as much as all rooms."""
+    held, wanted = (sum(one.weight.sum() for all_ in some for one in all_) for some in (frames, rooms))
+    return [[replace(one, weight=one.weight * wanted / held) for one in frame] for frame in frames]
+
+
 def log_likelihood(places: Places, persistence: FloatArray) -> float:
     """Mean over the places, weighted."""
     probability = np.clip(places.prospects.probability(persistence), 0.003, 0.997)
@@ -94,7 +129,7 @@ def log_likelihood(places: Places, persistence: FloatArray) -> float:
 
 
 def most_likely(places: Places) -> FloatArray:
-    """The constants (6, 2) that make the places most likely; those in use where nothing tells."""
+    """The constants (7, 2) that make the places most likely; those in use where nothing tells."""
     start = np.column_stack([np.log(PERSISTENCE[:, 0] / (1 - PERSISTENCE[:, 0])), np.log(PERSISTENCE[:, 1])])
 
     def constants(x: FloatArray) -> FloatArray:
@@ -113,11 +148,13 @@ def main() -> None:
     given = [int(word) for word in sys.argv[1:]]
     n_rooms, first = [*given, *(32, 1000)[len(given) :]]
     rooms = [places_in(seed) for seed in range(first, first + n_rooms)]
+    n_frames = len(WALKS[0].frames) if (DATA / WALKS[0].scene).exists() else 0
+    rooms += _as_heavy([places_in_walk(number) for number in range(0, n_frames, EACH)], rooms)
     halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
     for k in (0, 1):
         fitted = most_likely(halves[k])
         print(
-            f"log likelihood on the rooms of half {1 - k}: constants in use "
+            f"log likelihood on half {1 - k}: constants in use "
             f"{log_likelihood(halves[1 - k], PERSISTENCE):.4f}, fitted to half {k} "
             f"{log_likelihood(halves[1 - k], fitted):.4f}"
         )

@@ -32,12 +32,14 @@ class Onward(IntEnum):
     OBJECT_WITHIN = 3  # other planes, in their rectangle
     OBJECT_BEYOND = 4
     CYLINDER = 5
+    FRAGMENT_BEYOND = 6  # planes that were hardly seen to end anywhere: a piece of who knows what
 
 
 _WALL_WITHIN, _WALL_TO_END, _WALL_BEYOND = map(
     int, (Onward.WALL_WITHIN, Onward.WALL_TO_END, Onward.WALL_BEYOND)
 )
 _OBJECT_WITHIN, _OBJECT_BEYOND = int(Onward.OBJECT_WITHIN), int(Onward.OBJECT_BEYOND)
+_FRAGMENT_SHARE = 0.1  # of a plane's outline, below which it was hardly seen to end
 _LEAST_SIZE = 1e-9  # of a measured rectangle, metres
 
 PERSISTENCE: FloatArray = np.array([
@@ -47,10 +49,12 @@ PERSISTENCE: FloatArray = np.array([
     [0.99, 15.0],
     [0.98, 0.9],
     [0.997, 45.0],
+    [0.57, 1.1],
 ])  # fmt: skip
-"""Probability (6,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
+"""Probability (7,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
 
-The most likely ones on the generated rooms with seeds 1000 to 1031, rounded
+The most likely ones on the generated rooms with seeds 1000 to 1031, rounded, and of fragments, which those
+rooms hardly have, on the rooms and the frames of a walk through a furnished storey
 (examples/calibrate_confidence.py).
 """
 
@@ -107,18 +111,34 @@ def prospects(
     held = np.abs(labelling.margin[number])
     base = held * labelling.is_surface[number] + (1 - held) * anywhere
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
-    return Prospects(base, *_onward(grid.centres_uv()[inside], near, extent))
+    return Prospects(base, *_onward(grid.centres_uv()[inside], near, extent, is_fragment(evidence)))
+
+
+def is_fragment(evidence: Evidence) -> bool:
+    """Tell whether a surface was hardly seen to end: nearly all its outline is hidden or out of view.
+
+    What was seen to end over a good part of its outline shows its shape, and how it goes on can be told from
+    that. A piece of which only a piece was seen may end anywhere.
+    """
+    outline = ndimage.binary_dilation(evidence.observed, np.ones((3, 3))) & ~evidence.observed
+    return bool(np.count_nonzero(evidence.open & outline) < _FRAGMENT_SHARE * np.count_nonzero(outline))
 
 
 def _onward(
-    uv: FloatArray, near: FloatArray, extent: Extent
+    uv: FloatArray, near: FloatArray, extent: Extent, is_piece: bool
 ) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
-    """How the surface goes on to places (n, 2), how far it is, and how probably it goes on to its end."""
+    """How the surface goes on to places (n, 2), how far it is, and how probably it goes on to its end.
+
+    Fragments do not go on to ends.
+    """
     nothing = np.zeros(len(uv))
     if isinstance(extent.chart, Cylinder):
         return np.full(len(uv), Onward.CYLINDER, np.int8), near, nothing
     own = np.array([extent.own_low, extent.own_high])
-    return onward_on_plane(uv, near, own, extent.end_probability, extent.encloses)
+    onward, distance, to_end = onward_on_plane(uv, near, own, extent.end_probability, extent.encloses)
+    if extent.encloses or not is_piece:
+        return onward, distance, to_end
+    return np.where(onward == Onward.OBJECT_BEYOND, Onward.FRAGMENT_BEYOND, onward), distance, nothing
 
 
 @compiled

@@ -22,9 +22,9 @@ def calibrate():
 @pytest.mark.long
 def test_known_constants_come_out_of_what_they_make(calibrate):
     rng = np.random.default_rng(0)
-    true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5], [0.97, 5.0], [0.9, 1.0], [0.99, 9.0]])
-    n = 60_000
-    onward = rng.integers(0, 6, n).astype(np.int8)
+    true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5], [0.97, 5.0], [0.9, 1.0], [0.99, 9.0], [0.6, 1.0]])
+    n = 210_000
+    onward = rng.integers(0, 7, n).astype(np.int8)
     places = Prospects(np.ones(n), onward, rng.uniform(0, 4, n) * true[onward, 1], np.zeros(n))
     right = rng.random(n) < places.probability(true)
     fitted = calibrate.most_likely(calibrate.Places(places, right, np.ones(n)))

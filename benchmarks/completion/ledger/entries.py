@@ -15,7 +15,7 @@ from benchmarks.completion.scores.other_scans import score_by_others
 from benchmarks.completion.truth.samples import Samples, sample
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
 
 CELL_M = 0.02
@@ -96,7 +96,9 @@ def outcome(source: Source, frames: Sequence[int], options: CompletionOptions) -
     scored = score_by_others(scans, others, samples, tolerance_m=tolerance)
     state = scored.state
     if isinstance(source, Walk):
-        state = np.where(state == 2, 2, np.where(_is_there(samples, source.caster), 1, -1)).astype(np.int8)
+        state = np.where(
+            state == 2, 2, np.where(is_there(samples.points, samples.normals, source.caster), 1, -1)
+        ).astype(np.int8)
     entries = []
     tenth = np.clip((10 * samples.confidence).astype(np.int64), 0, 9)
     counted = state != 2
@@ -122,12 +124,12 @@ def outcome(source: Source, frames: Sequence[int], options: CompletionOptions) -
     return Outcome(tuple(entries), completed, samples, state, (scored.n_reference, scored.n_found))
 
 
-def _is_there(samples: Samples, caster: RayCaster) -> NDArray[np.bool_]:
-    """Tell which places have surface of nearly their direction within the tolerance along their normal."""
-    return _meets(samples.points, samples.normals, caster) | _meets(samples.points, -samples.normals, caster)
+def is_there(points: FloatArray, normals: FloatArray, caster: RayCaster) -> BoolArray:
+    """Tell which places (n, 3) have surface of nearly their direction within 3 cm along their normal."""
+    return _meets(points, normals, caster) | _meets(points, -normals, caster)
 
 
-def _meets(points: FloatArray, normals: FloatArray, caster: RayCaster) -> NDArray[np.bool_]:
+def _meets(points: FloatArray, normals: FloatArray, caster: RayCaster) -> BoolArray:
     hits = caster.first_hit(points - TOLERANCE_M * normals, normals)
     near = hits.ranges <= 2 * TOLERANCE_M
     return np.asarray(near & (hits.incidence_cosine >= _SAME_WAY), dtype=np.bool_)

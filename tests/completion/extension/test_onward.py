@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from completion.extension.confidence import Onward, onward_on_plane
+from completion.evidence.evidence import Evidence, Label
+from completion.extension.confidence import Onward, is_fragment, onward_on_plane
 
 
 @pytest.mark.parametrize("encloses", [False, True])
@@ -28,3 +29,14 @@ def test_places_are_within_the_measured_rectangle_or_beyond_its_sides(encloses):
     for one, expected in zip(found, (kind, distance, probability), strict=True):
         np.testing.assert_array_equal(one, expected)
     assert len(np.unique(kind)) == (3 if encloses else 2)
+
+
+@pytest.mark.parametrize(("n_open", "is_piece"), [(0, True), (3, True), (4, False), (10, False)])
+def test_a_plane_that_was_hardly_seen_to_end_is_a_fragment(n_open, is_piece):
+    observed = np.zeros((12, 12), dtype=np.bool_)
+    observed[2:10, 2:10] = True  # 36 cells lie around it
+    labels = np.full((12, 12), Label.OCCLUDED, np.int8)
+    labels[1, 1 : 1 + n_open] = Label.FREE
+    nothing, none = np.zeros((12, 12), np.int32), np.zeros((12, 12), dtype=np.bool_)
+    evidence = Evidence(labels, observed, observed, nothing, nothing, nothing, none, none)
+    assert is_fragment(evidence) is is_piece
