@@ -168,8 +168,8 @@ def _hold(
                 if is_beyond(sight, reach, progress, window, distance, radius, height, blocks.sd[i, j]):
                     continue
             for row in range(top, bottom):
-                first, end = row * columns + left, row * columns + right
-                _hold_cells(sight, form, first, end, owners, owner, number, is_key, found)
+                cells = row * columns + left, row * columns + right
+                _hold_cells(sight, form, cells, owners, owner, number, is_key, found)
             if not blocks.is_hidden[i, j]:
                 _note_hidden(blocks, i, j, found)
 
@@ -192,20 +192,19 @@ def _note_hidden(blocks: _Blocks, i: int, j: int, found: _Found) -> None:
 def _hold_cells(
     sight: Sight,
     form: Form,
-    first: int,
-    end: int,
+    cells: tuple[int, int],
     owners: NDArray[np.int32],
     owner: int,
     number: int,
     is_key: bool,
     found: _Found,
 ) -> None:
-    """Hold the centres of cells `first`..`end` against the pixels of one scan that see them."""
+    """Hold the centres of cells, from a first one up to an end, against the pixels that see them."""
     centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
     own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
     occluder, through, at_limb = found.occluder, found.through, found.limb
     eye, ranges = sight.eye, sight.ranges
-    for cell in range(first, end):
+    for cell in range(cells[0], cells[1]):
         if own[cell] and not is_key:
             continue
         place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
