@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
+from completion.evidence.field_of_view import Views
 from completion.evidence.reach import Reach, reach_of
 from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation
@@ -94,6 +95,7 @@ class Scans:
     keys: tuple[int, ...] | None = None  # numbers of the key frames, ascending; None: all are
     sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
     reach: tuple[Reach, ...] = field(init=False)  # of each scan
+    views: Views = field(init=False)  # of all scans
 
     @property
     def order(self) -> tuple[tuple[int, bool], ...]:
@@ -110,3 +112,5 @@ class Scans:
             reaches.append(reach_of(seen))
             trim()
         object.__setattr__(self, "reach", tuple(reaches))
+        eyes, farthest = (one.eye for one in sights), (float(one.far.max()) for one in reaches)
+        object.__setattr__(self, "views", Views.of(eyes, farthest))

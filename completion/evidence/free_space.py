@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.crossing import Rectangle, crossing_tiles
-from completion.evidence.field_of_view import ball_around, may_see
+from completion.evidence.field_of_view import Views, ball_around
 from completion.evidence.form import Form, chart_of, form_of, reach_of, slope_at
 from completion.evidence.reach import TILE, Reach
 from completion.evidence.sight import Eye, Sight, along_ray
@@ -27,22 +27,26 @@ _LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are
 
 
 def free_cells(
-    grid: ChartGrid, predicted_sd: FloatArray, sights: Sequence[Sight], reaches: Sequence[Reach]
+    grid: ChartGrid,
+    predicted_sd: FloatArray,
+    sights: Sequence[Sight],
+    reaches: Sequence[Reach],
+    views: Views | None = None,
 ) -> BoolArray:
     """Tell for each cell, flat, whether observed beams of scans went through it.
 
     Every beam that may get there is intersected with the surface in closed form. Without noise one beam is a
     veto; with noise it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a
     curved surface the neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less
-    than a cell.
+    than a cell. `views` are those of the scans, made here when not given.
     """
+    if views is None:
+        views = Views.of((one.eye for one in sights), (float(one.far.max()) for one in reaches))
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
     sd = predicted_sd.reshape(grid.shape)
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)
-    ball = ball_around(grid.centres(), grid.cell)
-    for sight, reach in zip(sights, reaches, strict=True):
-        if not may_see(sight.eye, ball):
-            continue
+    for number in np.flatnonzero(views.may_reach(ball_around(grid.centres(), grid.cell))).tolist():
+        sight, reach = sights[number], reaches[number]
         crossing = crossing_tiles(sight.eye, sight.noise, form, reach, around, float(sd.min()))
         if crossing.any():
             _count_beams(sight, form, crossing, around, cells)

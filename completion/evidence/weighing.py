@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
-from completion.evidence.field_of_view import ball_around, may_see
+from completion.evidence.field_of_view import ball_around
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, is_beyond, progress_of
@@ -47,9 +47,9 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         This surface's number in `scans.owners`.
     """
     found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
-    ball = ball_around(found.centres, grid.cell)
+    may_see = scans.views.may_see(ball_around(found.centres, grid.cell)).tolist()
     for number, is_key in scans.order:  # of equal claims the first scan's counts
-        if not may_see(scans.sights[number].eye, ball):
+        if not may_see[number]:
             continue
         owners = scans.owners[number].ravel()
         _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, found)
@@ -61,7 +61,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     observed &= near.astype(np.bool_)
 
     # Veto: nothing is where beams went through, but what was measured.
-    vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach)
+    vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach, scans.views)
     labels = found.labels.reshape(grid.shape)
     labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
     return Evidence(

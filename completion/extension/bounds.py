@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.curves import Line
 from completion.boundary.edges import find_edges
+from completion.evidence.evidence import Scans
+from completion.evidence.field_of_view import ball_around
 from completion.evidence.form import Form, chart_of, form_of, reach_of
 from completion.evidence.reach import TILE, Reach, farthest_along
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import Observation
 from completion.observe.rays import Rays, ray_at
 from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
@@ -135,17 +136,20 @@ def farthest_hidden(
     chart: Plane,
     low: FloatArray,
     high: FloatArray,
-    observations: Sequence[Observation],
-    reaches: Sequence[Reach],
+    scans: Scans,
 ) -> FloatArray:
     """Return the places (n, 2) farthest to each side of those where scans could not see a plane, metres.
 
     They lie behind what was measured, between `low` and `high` (2,) of its chart; every other row and column
-    of a scan counts. `reaches` are those of the scans.
+    of a scan counts.
     """
     found, form = [np.zeros((0, 2))], form_of(chart)
-    for seen, reach in zip(observations, reaches, strict=True):
+    window = ball_around(chart.from_uv(np.array([low, high])), (high - low) * _SLACK)
+    for number in np.flatnonzero(scans.views.may_see(window)).tolist():
+        seen, reach = scans.observations[number], scans.reach[number]
         origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, reach, low, high)
+        if (pixel < 0).all():
+            continue
         rays = seen.rays_at(pixel[pixel >= 0])
         found.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
         trim()

@@ -245,7 +245,7 @@ def lay_grid(
 def _footprints(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
     """How wide the pixels (n,) of a surface are on it where it faces them, metres."""
     footprints = []
-    for seen, pixels in zip(observations, surface.sampled(_MOST_PIXELS), strict=True):
+    for seen, pixels in surface.sampled_by(observations, _MOST_PIXELS):
         footprints.append(seen.scan.ranges.ravel()[pixels] * seen.scan.projection.pixel_angle)
         trim()
     return np.concatenate(footprints)
@@ -256,6 +256,6 @@ def _hidden_box(extent: Extent, scans: Scans) -> tuple[FloatArray, FloatArray]:
     low, high = extent.window()
     if not isinstance(extent.chart, Plane):
         return low, high
-    places = farthest_hidden(extent.chart, low, high, scans.observations, scans.reach)
+    places = farthest_hidden(extent.chart, low, high, scans)
     places = np.concatenate([extent.own_low[None], extent.own_high[None], places])
     return places.min(axis=0), places.max(axis=0)

@@ -74,7 +74,7 @@ def find_insets(
 def _beams(merged: MergedSurface, observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
     """Origins and points (n, 3) of some of a surface's beams."""
     origins, points = [], []
-    for seen, pixels in zip(observations, merged.sampled(_N_POINTS), strict=True):
+    for seen, pixels in merged.sampled_by(observations, _N_POINTS):
         points.append(seen.points_at(pixels))
         origins.append(np.broadcast_to(seen.scan.origin, points[-1].shape))
         trim()

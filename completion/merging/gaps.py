@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from completion.evidence.field_of_view import Ball, Views
 from completion.evidence.form import Form, place_of
 from completion.evidence.sight import look, pixel_of
 from completion.merging.agreement import Part
 from completion.merging.sights import Packed, Sights, eye_of, noise_of, number_at
 from completion.observe.rays import deviation_at
+from completion.observe.triple import triple
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
@@ -35,16 +37,18 @@ def gap_is_hidden(one: Part, other: Part, sights: Sights) -> bool:
     near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
     near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
     scale = max(one.scale, other.scale)
-    order, n_reaching = _nearest_scans(first, second, other, sights.packed)
+    order, n_reaching = _nearest_scans(first, second, other, sights.views)
     return _has_strip(
         sights.packed, order, n_reaching, other.form, scale, first, second, near_first, near_second
     )
 
 
 def _nearest_scans(
-    first: FloatArray, second: FloatArray, other: Part, scans: Packed
+    first: FloatArray, second: FloatArray, other: Part, views: Views
 ) -> tuple[NDArray[np.int64], int]:
-    """The scans (n,), nearest first, and how many of them measured so far that a beam may cross a bridge.
+    """The scans that may see a bridge (n,), and how many of them measured so far that a beam may cross one.
+
+    These come first, and those that stand nearest.
 
     No place of a bridge is farther from the middle than on the chart.
     """
@@ -52,10 +56,11 @@ def _nearest_scans(
     low, high = both.min(axis=0), both.max(axis=0)
     middle = other.fit.surface.from_uv(((low + high) / 2)[None])[0]
     radius = float(np.hypot(*(high - low))) / 2
-    distance = np.sqrt(np.square(scans.numbers[:, 12:15] - middle).sum(axis=1))
-    too_far = scans.farthest < distance - radius - _SLACK
+    chosen = np.flatnonzero(views.may_see(Ball(triple(middle), radius + _SLACK)))
+    distance = np.sqrt(np.square(views.origin[chosen] - middle).sum(axis=1))
+    too_far = views.farthest[chosen] < distance - radius - _SLACK
     order = np.lexsort([distance, too_far])
-    return order, len(order) - int(too_far.sum())
+    return chosen[order], len(order) - int(too_far.sum())
 
 
 @compiled

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +48,18 @@ class MergedSurface:
             held.flat[-start % step :: step] for held, start in zip(self.pixels, before, strict=False)
         )
 
+    def sampled_by(
+        self, observations: Sequence[Observation], most: int
+    ) -> Iterator[tuple[Observation, IntArray]]:
+        """Yield each scan that measured it, and its `sampled` pixels (n,) there."""
+        for seen, some in zip(observations, self.sampled(most), strict=True):
+            if len(some):
+                yield seen, some
+
     def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
         """Its measured points (n, 3) in the working frame, or a sample of them."""
-        pixels = self.sampled(self.n_pixels + 1 if most is None else most)
-        points = []
-        for seen, some in zip(observations, pixels, strict=True):
+        points = [np.zeros((0, 3))]
+        for seen, some in self.sampled_by(observations, self.n_pixels + 1 if most is None else most):
             points.append(seen.points_at(some))
             trim()
         return np.concatenate(points)

@@ -13,6 +13,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from completion.evidence.field_of_view import Views
 from completion.evidence.sight import Eye, Sight
 from completion.observe.rays import Noise
 from scenes.checks import FloatArray
@@ -37,6 +38,7 @@ class Sights:
     """Some scans, packed for compiled loops."""
 
     packed: Packed
+    views: Views
     ranges: tuple[FloatArray, ...]  # what the addresses lead to, kept alive
 
     @classmethod
@@ -50,7 +52,7 @@ class Sights:
             address=np.array([one.ctypes.data for one in ranges], dtype=np.int64),
             farthest=np.array([_farthest(one) for one in ranges]),
         )
-        return cls(packed, ranges)
+        return cls(packed, Views.of((one.eye for one in sights), packed.farthest), ranges)
 
 
 def _farthest(ranges: FloatArray) -> float:

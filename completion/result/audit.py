@@ -52,11 +52,24 @@ class Bundles(NamedTuple):
     cosine: FloatArray  # (n,) of the angle from it within which its beams lie
     sine: FloatArray  # (n,)
     far: FloatArray  # (n,) its farthest range, metres; 0 where nothing came back
+    around: FloatArray  # (5,) axis of a cone around all, its angle, and the farthest range; radians, metres
 
 
 def bundle(seen: Observation) -> Bundles:
     """Return the beams of a scan in bundles."""
-    return Bundles(*_bundles(seen.rays, seen.scan.ranges))
+    axis, cosine, sine, far = _bundles(seen.rays, seen.scan.ranges)
+    return Bundles(axis, cosine, sine, far, _cone_around(axis[far > 0], cosine[far > 0], far))
+
+
+def _cone_around(axis: FloatArray, cosine: FloatArray, far: FloatArray) -> FloatArray:
+    """Axis and angle of a cone around some bundles, and the farthest range."""
+    middle, angle = axis.sum(axis=0), np.pi
+    length = float(np.linalg.norm(middle))
+    if length > _SLACK:
+        middle = middle / length
+        off = np.arccos(np.clip(axis @ middle, -1.0, 1.0)) + np.arccos(np.clip(cosine, -1.0, 1.0))
+        angle = min(float(off.max()) + _SLACK, np.pi)
+    return np.array([*middle, angle, far.max(initial=0.0)])
 
 
 def audit(
@@ -92,7 +105,8 @@ def audit(
         return AuditResult(0.0, np.zeros(0, np.int64))
     caster, spheres = RayCaster(vertices, faces, n_threads=1), _spheres(vertices, faces)
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
-    for seen, of_scan in zip(observations, bundles, strict=True):
+    for number in _facing(observations, bundles, vertices[np.unique(faces)]):
+        seen, of_scan = observations[number], bundles[number]
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
         for some in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
             pixels = _returned(some, seen.scan.ranges)
@@ -110,6 +124,20 @@ def audit(
         convicted &= at_vertex[faces].max(axis=1) >= 2
     area = float(triangle_areas(vertices[faces[convicted]]).sum())
     return AuditResult(area, np.flatnonzero(convicted))
+
+
+def _facing(observations: Sequence[Observation], bundles: Sequence[Bundles], points: FloatArray) -> list[int]:
+    """Which scans have beams that may get into a sphere around points (n, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    radius = float(np.linalg.norm(high - low)) / 2 + _SLACK
+    way = (low + high) / 2 - np.array([seen.rays.origin for seen in observations])
+    around, distance = np.array([one.around for one in bundles]), np.linalg.norm(way, axis=1)
+    along = np.einsum("ij,ij->i", around[:, :3], way) / np.maximum(distance, radius)
+    beside = np.arccos(np.clip(along, -1.0, 1.0)) > (
+        around[:, 3] + np.arcsin(radius / np.maximum(distance, radius)) + _SLACK
+    )
+    reaches = around[:, 4] >= distance - radius
+    return np.flatnonzero(reaches & ~(beside & (distance > radius))).tolist()
 
 
 @compiled

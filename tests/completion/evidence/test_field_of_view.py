@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.evidence.field_of_view import Ball, ball_around, may_see
+from completion.evidence.field_of_view import Ball, Views, ball_around
 from completion.evidence.sight import sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
@@ -24,21 +24,30 @@ def test_no_ray_meets_a_ball_that_is_not_seen_and_most_others_are_met(fy):
     pose = Pose.looking_at([1.0, 2.0, 1.5], [2.0, 2.5, 1.2])
     eye, rng = eye_of(camera, pose), np.random.default_rng(0)
     rays = pose.rotate(camera.directions().reshape(-1, 3))
-    n_said, n_met = 0, 0
+    n_said, n_met, n_reached, n_reaching = 0, 0, 0, 0
+    views = Views.of([eye, eye], [2.0, -np.inf])
     for middle, radius in zip(rng.uniform(-4, 6, (400, 3)), rng.uniform(0.05, 2, 400), strict=True):
         away = middle - pose.translation
         along = np.maximum(rays @ away, 0.0)
         met = (np.linalg.norm(along[:, None] * rays - away, axis=1) <= radius).any()
-        said = may_see(eye, Ball(tuple(middle), radius))
-        assert said or not met
-        n_said, n_met = n_said + said, n_met + met
+        ball = Ball(tuple(middle), radius)
+        reaching = met and np.linalg.norm(away) - radius < 2.0
+        said, reached = (int(told(ball).sum()) for told in (views.may_see, views.may_reach))
+        assert said >= 2 * met
+        assert reached >= reaching
+        assert reached <= said // 2
+        n_said, n_met = n_said + said // 2, n_met + met
+        n_reached, n_reaching = n_reached + reached, n_reaching + reaching
     assert n_met <= n_said <= 1.6 * n_met
+    assert n_reaching <= n_reached <= 1.6 * n_reaching < n_met
 
 
 def test_a_turning_scanner_may_see_all():
     angles = np.radians(np.linspace(-60, 60, 12)), np.radians(np.arange(0, 360, 10))
     eye = eye_of(SphericalProjection(elevations=angles[0], azimuths=angles[1]))
-    assert may_see(eye, Ball((0.0, 0.0, -50.0), 0.1))
+    views, ball = Views.of([eye, eye], [60.0, 40.0]), Ball((0.0, 0.0, -50.0), 0.1)
+    assert views.may_see(ball).tolist() == [True, True]
+    assert views.may_reach(ball).tolist() == [True, False]
 
 
 def test_a_ball_holds_all_cells_to_their_corners():

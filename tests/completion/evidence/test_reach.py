@@ -176,10 +176,7 @@ def test_the_farthest_hidden_places_are_the_same_with_what_is_left_out(name):
     for plane in (chart, chart.flipped()):
         for low, high in ((-half, half), (-half, -half / 2), (0.1, half / 3)):
             corners = np.array([low, low / 2]), np.array([high, half])
-            found, plain = (
-                farthest_hidden(plane, *corners, held.observations, held.reach)
-                for held in (scans, without_reach(scans))
-            )
+            found, plain = (farthest_hidden(plane, *corners, held) for held in (scans, without_reach(scans)))
             np.testing.assert_array_equal(found, plain)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue
-from completion.evidence.reach import reach_of
+from completion.evidence.evidence import Scans
 from completion.extension.adjacency import Adjacency
 from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
@@ -16,6 +16,7 @@ from completion.observe.observation import Observation, observe
 from completion.observe.pixel_set import PixelSet
 from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import rays_of
+from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -55,6 +56,11 @@ def extent_of(surface, points, *, others=(), enclosing=(), standing=0.0, meets=(
     encloses[list(enclosing)], met[0, list(meets)] = True, True
     adjacency = Adjacency(encloses, met, np.full(n, standing), np.zeros(n, dtype=np.bool_))
     return find_extent(0, merged, [NOTHING] * n, adjacency, [seen], cues=cues)
+
+
+def scans_of(*seen: Observation) -> Scans:
+    nobody = tuple(np.zeros(one.scan.shape, np.int32) for one in seen)
+    return Scans(seen, nobody, EvidenceOptions().tolerance())
 
 
 def wall_points():
@@ -199,7 +205,7 @@ def test_the_farthest_hidden_places_are_those_of_the_plain_formula(seed):
     behind = np.isfinite(reach) & (scan.ranges[::2, ::2].ravel() < reach)
     uv = chart.to_uv(reach[behind, None] * rays[behind])
     uv = uv[((uv >= low) & (uv <= high)).all(axis=1)]
-    found = farthest_hidden(chart, low, high, [seen, seen], [reach_of(seen)] * 2)
+    found = farthest_hidden(chart, low, high, scans_of(seen, seen))
     np.testing.assert_allclose(found.min(axis=0), uv.min(axis=0), atol=1e-12)
     np.testing.assert_allclose(found.max(axis=0), uv.max(axis=0), atol=1e-12)
-    assert farthest_hidden(chart, high, low, [seen], [reach_of(seen)]).shape == (0, 2)
+    assert farthest_hidden(chart, high, low, scans_of(seen)).shape == (0, 2)

@@ -29,7 +29,10 @@ def patchwork(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def all_beams(bundles: Bundles) -> Bundles:
     """Bundles that say of no beam that it passes a mesh."""
-    return bundles._replace(cosine=np.full_like(bundles.cosine, -1.0), far=np.full_like(bundles.far, np.inf))
+    around = np.array([0.0, 0.0, 1.0, np.pi, np.inf])
+    return bundles._replace(
+        cosine=np.full_like(bundles.cosine, -1.0), far=np.full_like(bundles.far, np.inf), around=around
+    )
 
 
 @pytest.mark.parametrize("off_grid", [False, True], ids=["on the grid", "off it"])
