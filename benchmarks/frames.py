@@ -102,7 +102,7 @@ def measure(folder: Path, n_frames: int) -> dict[str, object]:
 
     scans = read_request(ScanRequest(tuple(f"{folder}#{k + 1}" for k in range(n_frames)))).scans
     done = complete(scans, CompletionOptions(texture=False), rng=0, n_threads=1, progress=listen)
-    seconds = time.process_time() - begun
+    seconds, taken = time.process_time() - begun, peak() - idle
     listen("", 0, 0)
     digest = hashlib.sha256()
     for array in (*done.owners, *(patch.hypothesised for patch in done.patches)):
@@ -110,7 +110,7 @@ def measure(folder: Path, n_frames: int) -> dict[str, object]:
     return {
         "seconds": seconds,
         "a frame": seconds / n_frames,
-        "MB": (peak() - idle) / 1e6,
+        "MB": taken / 1e6,
         "surfaces": len(done.patches),
         "M cells": sum(patch.grid.shape[0] * patch.grid.shape[1] for patch in done.patches) / 1e6,
         "digest": digest.hexdigest()[:8],

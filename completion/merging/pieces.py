@@ -71,6 +71,7 @@ class Piece:
         """
         if len(pieces) == 1:
             return pieces[0]
+        trim()
         weight = np.array([one.n_pixels for one in pieces], dtype=np.float64)
         systematic = float(np.average([one.systematic_m for one in pieces], weights=weight))
         scale = float(np.average([one.part.scale for one in pieces], weights=weight))

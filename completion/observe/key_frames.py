@@ -32,15 +32,13 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
     if len(observations) <= FEW:
         return tuple(range(len(observations)))
     pixels = [_some_pixels(seen) for seen in observations]
-    far = np.concatenate(
-        [seen.scan.ranges.ravel()[some] for seen, some in zip(observations, pixels, strict=True)]
-    )
+    far = np.concatenate([_ranges(seen, some) for seen, some in zip(observations, pixels, strict=True)])
     if not len(far):
         return tuple(range(len(observations)))
     angle = np.median([max(seen.scan.shape) * seen.scan.projection.pixel_angle for seen in observations])
     size, keys, finest = float(np.median(far) * angle / _CELLS_ACROSS), [], dict[tuple[int, ...], float]()
     for number, (seen, some) in enumerate(zip(observations, pixels, strict=True)):
-        footprint = (seen.scan.ranges.ravel()[some] * seen.scan.projection.pixel_angle).tolist()
+        footprint = (_ranges(seen, some) * seen.scan.projection.pixel_angle).tolist()
         cells = list(map(tuple, _cells(seen, some, size).tolist()))
         known = [finest.get(cell, np.inf) for cell in cells]
         new = [width * _FINER < before for width, before in zip(footprint, known, strict=True)]
@@ -48,16 +46,21 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
             keys.append(number)
             for cell, width in zip(cells, footprint, strict=True):
                 finest[cell] = min(finest.get(cell, np.inf), width)
-        trim()
     return tuple(keys)
 
 
 def _some_pixels(seen: Observation) -> IntArray:
     """Flat pixels (n,) that brought something back, evenly over the image."""
+    trim()
     rows, columns = seen.scan.shape
     step = max(max(rows, columns) // _ACROSS, 1)
     flat = np.arange(step // 2, rows, step)[:, None] * columns + np.arange(step // 2, columns, step)
     return np.asarray(flat[np.isfinite(seen.scan.ranges.ravel()[flat])])
+
+
+def _ranges(seen: Observation, some: IntArray) -> FloatArray:
+    trim()
+    return np.asarray(seen.scan.ranges.ravel()[some])
 
 
 def _cells(seen: Observation, pixels: IntArray, size: float) -> NDArray[np.int64]:

@@ -16,6 +16,7 @@ from completion.observe.normal_equations import NormalEquations, add_up
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _THINNING = 3  # of the pixels that covariances are read from
@@ -93,6 +94,7 @@ class _BeamsOfOne:
         """Return the beams of each scan that has any."""
         for seen, some in zip(self.observations, self.pixels, strict=True):
             if len(some):
+                trim()
                 yield Beams.at(seen, some.flat)
 
 

@@ -15,6 +15,7 @@ from scenes.files.scan_files import METRES_PER_UNIT, ScanSource, Units, split_in
 from scenes.files.scene_files import units_doubt
 from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
 from scenes.formats.trajectory import read_poses
+from scenes.run.mapping import trim
 from scenes.scan.convention import convention_doubt
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
@@ -110,6 +111,7 @@ def scan_warnings(scan: RangeImage) -> list[str]:
 
 
 def _doubts(scan: RangeImage, measured: _Measures) -> list[str]:
+    trim()
     found = list(scan.warnings)
     if not scan.valid.any():
         return [*found, "nothing came back in any pixel"]

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 
@@ -31,7 +32,7 @@ def convention_doubt(scans: Sequence[RangeImage]) -> str:
     the depth that is seen there, as a fraction of it. Images that hardly overlap, or a camera that only
     turned about the direction in which it looks, tell nothing.
     """
-    seen = [scan for scan in scans if isinstance(scan.projection, PinholeProjection) and scan.valid.any()]
+    seen = [scan for scan in scans if isinstance(scan.projection, PinholeProjection) and _has_returns(scan)]
     pairs = list(pairwise(seen))
     pairs = [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).astype(int))]
     given = _disagreement(pairs, "")
@@ -44,6 +45,11 @@ def convention_doubt(scans: Sequence[RangeImage]) -> str:
                 f"{as_given}; if so, {cure}"
             )
     return ""
+
+
+def _has_returns(scan: RangeImage) -> bool:
+    trim()
+    return bool(scan.valid.any())
 
 
 def _disagreement(pairs: Sequence[tuple[RangeImage, RangeImage]], convention: str) -> float:
