@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
-from scenes.checks import IntArray
+from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 
 FEW = 64
