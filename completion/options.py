@@ -11,10 +11,10 @@ from completion.boundary.continuation import ALL_CUES, Cue
 from completion.edits.edit import Edit
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
-from completion.observe.tolerance import EvidenceOptions, Tolerance
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
-from scenes.checks import InputError, check_options
+from scenes.checks import FloatArray, InputError, check_options
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,7 +29,10 @@ class CompletionOptions:
     sigma_m : float, optional
         Range noise in metres; when None it is read off each scan.
     registration_m : float
-        Error of the poses when there are several scans, metres.
+        Error of the poses of several scans, metres, where these do not show it: scans that measured the same
+        surfaces do. Of such scans it is what they show, and at least this, but no more than 5 mm.
+    moves_scans : bool
+        Whether scans whose poses contradict what they measured are moved, by as much as brings them together.
     texture : bool
         Whether hypothesised area is textured.
     max_sd_m : float
@@ -49,7 +52,8 @@ class CompletionOptions:
 
     mode: Mode = "standard"
     sigma_m: float | None = None
-    registration_m: float = 0.005
+    registration_m: float = REGISTRATION_M
+    moves_scans: bool = True
     texture: bool = True
     max_sd_m: float = 0.02
     cues: tuple[Cue, ...] = ALL_CUES
@@ -83,6 +87,16 @@ class CompletionOptions:
             flatness_m=self.segmentation.flatness_m,
             registration_m=self.registration_m if n_scans > 1 else 0.0,
         )
+
+    def pose_errors(self, left_m: FloatArray) -> FloatArray:
+        """Return how far the pose of each of n scans may be off, metres.
+
+        From what they show (n,), NaN where they do not. Where `evidence` says it, that holds for all.
+        """
+        stated = self.tolerance(len(left_m)).registration_m
+        if len(left_m) < 2 or self.evidence.registration_m is not None:
+            return np.full(len(left_m), stated)
+        return np.where(np.isfinite(left_m), np.maximum(left_m, min(stated, REGISTRATION_M)), stated)
 
     def in_force(self, n_scans: int) -> CompletionOptions:
         """Return the options with the tolerances that hold for so many scans, the edits apart."""

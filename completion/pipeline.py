@@ -17,6 +17,8 @@ from completion.boundary.continuation import Cue
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
+from completion.evidence.registration.pipeline import register
+from completion.evidence.registration.registration import Registration
 from completion.extension.adjacency import find_adjacency
 from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
@@ -85,17 +87,31 @@ def complete(
         No scans, an unknown mode, edits that fit no surface of these scans, or more pixels than fit into
         memory.
     """
-    # 1. Observe: the points, rays and range noise of each scan, in the sensor frame of the first.
+    # 1. Observe: the points, rays and range noise of each scan, in the sensor frame of the first. Scans whose
+    #    poses contradict what they measured are moved until they agree.
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
         raise InputError("nothing to complete: give at least one scan")
     seed = int(np.random.default_rng(rng).integers(2**63))
-    tolerance, world_from_reference = options.tolerance(len(scans)), scans[0].world_from_sensor
+    world_from_reference, stated = scans[0].world_from_sensor, options.tolerance(len(scans))
     with _Steps.over(scans, n_threads, progress, journal) as steps:
         observations = steps.each(
             "noise and normals", lambda scan: observe(scan, world_from_reference, options.sigma_m), scans
         )
         keys = find_key_frames(observations)
+        registration = steps.one(
+            "registration",
+            lambda: register(
+                observations,
+                keys,
+                stated_m=stated.registration_m,
+                moves=options.moves_scans,
+                spill=steps.spill,
+            ),
+        )
+        errors = options.pose_errors(registration.left_m)
+        observations = registration.applied(observations, errors)
+        tolerance = replace(stated, registration_m=float(errors.min()))
 
         # 2. Segment: cut each scan into regions on planes and cylinders.
         regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
@@ -149,20 +165,31 @@ def complete(
         edits=options.edits,
         world_from_reference=world_from_reference,
         key_frames=keys,
+        registration=registration,
     )
 
 
 def verify_first(
     scans: Sequence[RangeImage],
     options: CompletionOptions,
+    registration: Registration,
     *,
     n_threads: int | None = None,
     journal: Journal = NO_JOURNAL,
 ) -> Verification:
-    """Complete the first scan alone and let the others confirm or refute what was inferred."""
+    """Complete the first scan alone and let the others confirm or refute what was inferred.
+
+    They stand where `registration` moved them, that of all scans together.
+    """
     alone = complete_first(scans, options, n_threads=n_threads, journal=journal)
     evidence = replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m)
-    return verify(alone, scans[1:], evidence, registration_m=options.registration_m, sigma_m=options.sigma_m)
+    moves = [registration.moved_world(k, scans[0].world_from_sensor) for k in range(len(scans))]
+    others = [
+        scan.restated(world_from_sensor=move @ scan.world_from_sensor)
+        for scan, move in zip(scans[1:], moves[1:], strict=True)
+    ]
+    errors = options.pose_errors(registration.left_m)[1:]
+    return verify(alone, others, evidence, registration_m=errors, sigma_m=options.sigma_m)
 
 
 def complete_first(

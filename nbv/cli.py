@@ -152,8 +152,11 @@ def complete(
         float, typer.Option("--max-sd", metavar="M", min=0, help="Continue only where known to this.")
     ] = 0.02,
     registration: Annotated[
-        float, typer.Option("--registration", metavar="M", min=0, help="Error of several scans' poses.")
+        float, typer.Option("--registration", metavar="M", min=0, help="Error of poses, where scans hide it.")
     ] = 0.005,
+    keep_poses: Annotated[
+        bool, typer.Option("--keep-poses", help="Move no scan, though its pose contradicts the others.")
+    ] = False,
     resolution: Annotated[
         float | None,
         typer.Option(
@@ -197,6 +200,7 @@ def complete(
         sigma_m=sigma,
         max_sd_m=max_sd,
         registration_m=registration,
+        moves_scans=not keep_poses,
         texture=not no_texture,
         edits=edits,
         exports=wanted,

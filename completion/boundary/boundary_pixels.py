@@ -161,7 +161,7 @@ def _kinds(
     """What the beams of `pixel` (n, 2) say of a surface that their rays meet at the range `expected` (n,)."""
     measured, sigma = seen.scan.ranges[tuple(pixel.T)], seen.sigma_at(_flat(pixel, seen))
     cosine = np.abs(np.einsum("ij,ij->i", rays, fit.surface.normal(points)))
-    allowed = tolerance.along_ray(sigma, fit.standard_deviation(points), cosine)
+    allowed = tolerance.of_pose(seen.pose_error_m).along_ray(sigma, fit.standard_deviation(points), cosine)
     beyond = measured - np.where(np.isfinite(expected), expected, 0.0)
     kind = np.select(
         [beyond > allowed, beyond < -allowed],

@@ -79,7 +79,7 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
         pixel_angle=camera.pixel_angle,
         n_sigma=tolerance.n_sigma,
         flatness_m=tolerance.flatness_m,
-        registration_m=tolerance.registration_m,
+        registration_m=tolerance.of_pose(observation.pose_error_m).registration_m,
         max_m=tolerance.max_m,
     )
     return Sight(eye, angles, scan.ranges.ravel(), observation.noise.numbers(), observation.rays)

@@ -45,7 +45,7 @@ class Piece:
         points = observation.points_at(pixel)
         distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
         systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
-        systematic = float(np.hypot(systematic, tolerance.registration_m))
+        systematic = float(np.hypot(systematic, tolerance.of_pose(observation.pose_error_m).registration_m))
         scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
         part = Part.of(region.fit, points, scale, systematic)
         return cls(

@@ -27,11 +27,14 @@ class Observation:
         Its range noise.
     rays : Rays
         Its rays, for compiled loops.
+    pose_error_m : float
+        How far its pose may be off, metres; 0 of a single scan.
     """
 
     scan: RangeImage
     noise: RangeNoise
     rays: Rays
+    pose_error_m: float = 0.0
 
     @property
     def is_noisy(self) -> bool:

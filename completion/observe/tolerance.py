@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from scenes.checks import FloatArray, check_options
 SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
 FLATNESS_M = 0.001
 """How far a real surface differs from its ideal form where nothing else is said, metres."""
+REGISTRATION_M = 0.005
+"""How far the poses of several scans may be off where nothing else is said, metres."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,6 +70,10 @@ class Tolerance:
     flatness_m: float  # difference of a real surface from its ideal form, metres
     registration_m: float  # error of the poses, metres
     max_m: float  # tolerance above which a range says nothing, metres
+
+    def of_pose(self, error_m: float) -> Tolerance:
+        """Return the tolerance of a scan whose pose may be off by at least so much, metres."""
+        return self if error_m <= self.registration_m else replace(self, registration_m=error_m)
 
     def along_ray(self, sigma: FloatArray, sd: FloatArray, cosine: FloatArray) -> FloatArray:
         """Return k sqrt(sigma^2 + (sd^2 + flatness^2) / cos^2) + registration / cos, metres along the ray.

@@ -107,6 +107,7 @@ def audit(
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
     for number in _facing(observations, bundles, vertices[np.unique(faces)]):
         seen, of_scan = observations[number], bundles[number]
+        own = tolerance.of_pose(seen.pose_error_m)
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
         for some in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
             pixels = _returned(some, seen.scan.ranges)
@@ -114,7 +115,7 @@ def audit(
             met = np.flatnonzero(hits.hit)
             face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
             sd = vertex_sd[faces[face]].max(axis=1)
-            allowed = tolerance.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
+            allowed = own.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
             through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
             beams += np.bincount(face[through], minlength=len(faces))
             trim()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
+from completion.evidence.registration.registration import Registration
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
@@ -207,6 +208,7 @@ class CompletedModel:
     edits: tuple[Edit, ...]
     world_from_reference: Pose
     key_frames: tuple[int, ...]
+    registration: Registration
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -239,7 +241,7 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches)
+        return doubts_of(self.observations, self.patches, self.registration)
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

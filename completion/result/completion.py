@@ -57,6 +57,8 @@ class Completion(CompletedModel):
         From the working frame to the world.
     key_frames : tuple of int
         Numbers, from 0, of the scans that show something new; all of up to 64.
+    registration : Registration
+        What the scans say of each other's poses, and by how much they were moved for it.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """
@@ -81,9 +83,9 @@ class Completion(CompletedModel):
         """Write the whole model to one file by suffix; return all files that were written.
 
         `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
-        `hypothesised ...`. `.e57` holds the scans as they are, with their poses, and a cloud `inferred ...`
-        for each surface, whose points say surface, provenance, confidence and deviation. `.json` holds the
-        polygons.
+        `hypothesised ...`. `.e57` holds the scans as they are, with the poses used, and a cloud
+        `inferred ...` for each surface, whose points say surface, provenance, confidence and deviation.
+        `.json` holds the polygons.
 
         Raises
         ------

@@ -21,6 +21,16 @@ from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.mapping import trim
 
+_OF_PAIR = (
+    "overlap_m2",
+    "offset_m",
+    "offset_sd_m",
+    "left_m",
+    "contradicted_m2",
+    "depth_m",
+    "still_contradicted_m2",
+)
+
 OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 """Colours of surface without texture, sRGB in 0..1."""
 
@@ -143,11 +153,29 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    if len(completion.observations) > 1:
+        record["poses"] = _poses_record(completion)
     if len(completion.key_frames) < len(completion.observations):
         record["key_frames"] = [number + 1 for number in completion.key_frames]
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record
+
+
+def _poses_record(completion: CompletedModel) -> dict[str, Any]:
+    """What the scans say of their poses: by scan how far moved and still unsure, by pair how far apart."""
+    registration = completion.registration
+    scans = [
+        {"scan": number, "moved_m": float(moved), "error_m": seen.pose_error_m}
+        for number, (moved, seen) in enumerate(
+            zip(registration.moved_m, completion.observations, strict=True), start=1
+        )
+    ]
+    pairs = [
+        {"scans": [one.first + 1, one.second + 1], **{name: getattr(one, name) for name in _OF_PAIR}}
+        for one in registration.pairs
+    ]
+    return {"stated_m": registration.stated_m, "scans": scans, "pairs": pairs}
 
 
 def _verification_record(completion: CompletedModel, verification: Verification) -> dict[str, Any]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -14,7 +14,7 @@ from completion.evidence.evidence import Label, Scans
 from completion.evidence.weighing import weigh
 from completion.extension.patch import Patch
 from completion.observe.observation import observe
-from completion.observe.tolerance import EvidenceOptions
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, InputError
 from scenes.scan.range_image import RangeImage
@@ -74,7 +74,7 @@ def verify(
     others: Sequence[RangeImage],
     options: EvidenceOptions | None = None,
     *,
-    registration_m: float = 0.005,
+    registration_m: float | FloatArray = REGISTRATION_M,
     sigma_m: float | None = None,
 ) -> Verification:
     """Hold what was inferred against scans that it was not inferred from.
@@ -91,8 +91,8 @@ def verify(
         Registered scans, world coordinates.
     options : EvidenceOptions, optional
         Tolerances.
-    registration_m : float
-        Error of the poses where `options` leave it open, metres.
+    registration_m : float or (n,) float
+        Error of the poses, or of that of each of the others, where `options` leave it open, metres.
     sigma_m : float, optional
         Range noise of the others in metres; when None it is read off each.
 
@@ -103,8 +103,14 @@ def verify(
     """
     if not others:
         raise InputError("nothing to verify with: give at least one other scan")
-    tolerance = (options or EvidenceOptions()).tolerance(registration_m=registration_m)
-    observations = tuple(observe(scan, completion.world_from_reference, sigma_m) for scan in others)
+    errors = np.broadcast_to(np.asarray(registration_m, dtype=np.float64), len(others)).tolist()
+    tolerance = (options or EvidenceOptions()).tolerance(registration_m=min(errors))
+    if (options or EvidenceOptions()).registration_m is not None:
+        errors = [0.0] * len(others)
+    observations = tuple(
+        replace(observe(scan, completion.world_from_reference, sigma_m), pose_error_m=error)
+        for scan, error in zip(others, errors, strict=True)
+    )
     nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
     scans = Scans(observations, nobody, tolerance)
     return Verification(

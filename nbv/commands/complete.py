@@ -37,6 +37,7 @@ class CompleteRequest:
     sigma_m: float | None
     max_sd_m: float
     registration_m: float
+    moves_scans: bool = True
     texture: bool
     edits: str | None
     exports: tuple[str, ...] = ()
@@ -51,6 +52,7 @@ class CompleteRequest:
             sigma_m=self.sigma_m,
             max_sd_m=self.max_sd_m,
             registration_m=self.registration_m,
+            moves_scans=self.moves_scans,
             texture=self.texture,
             evidence=EvidenceOptions(cell_m=self.cell_m),
             texturing=TexturingOptions(search=self.search),
@@ -98,7 +100,11 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         if len(scans) > 1:
             run.watch.enter("verify")
             verification = verify_first(
-                scans, options, n_threads=shared.threads, journal=journal.part("first")
+                scans,
+                options,
+                completion.registration,
+                n_threads=shared.threads,
+                journal=journal.part("first"),
             )
         run.watch.enter("save")
         record = {**completion_record(completion, verification), "warnings": warnings}
@@ -135,6 +141,19 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
         "edits": len(completion.edits),
+        **_poses_of(completion),
+    }
+
+
+def _poses_of(completion: Completion) -> dict[str, Any]:
+    """Return how far apart poses set what several scans measured, at most; nothing of a single scan."""
+    pairs = completion.registration.pairs
+    if not pairs:
+        return {}
+    return {
+        "poses_apart_m": max(one.offset_m for one in pairs),
+        "poses_left_m": max(one.left_m for one in pairs),
+        "contradicted_m2": sum(one.still_contradicted_m2 for one in pairs),
     }
 
 
@@ -147,6 +166,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
+    lines += _lines_of_poses(completion)
     if verification is not None:
         confirmed, refuted, hidden = (
             square_metres(verification.area_m2(finding))
@@ -157,6 +177,19 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
             f"do not see {hidden} m2"
         )
     return lines + _lines_of_edits(completion)
+
+
+def _lines_of_poses(completion: Completion) -> list[str]:
+    """How well the poses of several scans agree, the worst pair of them."""
+    pairs = completion.registration.pairs
+    if not pairs:
+        return []
+    worst = max(pairs, key=lambda one: one.offset_m)
+    moved = f", {1000 * max(one.left_m for one in pairs):.1f} mm once moved"
+    return [
+        f"poses     set what two scans measured {1000 * worst.offset_m:.1f} mm apart at most (scans "
+        f"{worst.first + 1} and {worst.second + 1})" + (moved if completion.registration.is_moved else "")
+    ]
 
 
 def _lines_of_edits(completion: Completion) -> list[str]:

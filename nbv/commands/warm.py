@@ -42,7 +42,7 @@ def warm(folder: Path) -> None:
 
 
 def warm_completion(folder: Path) -> None:
-    """Scan a room, complete the scan with texture, and fill an image, with little to do."""
+    """Scan a room, complete the scan, taken twice, with texture, and fill an image, with little to do."""
     image = folder / "noise.png"
     noise = np.random.default_rng(0).integers(0, 255, (24, 24, 3), np.uint8)
     Image.fromarray(noise).save(image)
@@ -51,7 +51,7 @@ def warm_completion(folder: Path) -> None:
     how = CompleteRequest(
         mode="standard", sigma_m=None, max_sd_m=0.02, registration_m=0.005, texture=True, edits=None
     )
-    run_complete(_shared(folder / "completed"), ScanRequest((str(folder / "scan.npz"),)), how)
+    run_complete(_shared(folder / "completed"), ScanRequest((str(folder / "scan.npz"),) * 2), how)
     run_texture(_shared(folder / "grown.png"), str(image), mask=None, shape=(16, 16), window=5, order="paper")
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from completion.evidence.registration.registration import Registration
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
 from nbv.report.blocks.scan_tables import scans_table
@@ -34,6 +35,7 @@ from scenes.scan.colour import colour_bytes
 from scenes.scan.thumbnail import standing
 
 _MOST_SCANS = 3  # of which pictures are shown
+_MOST_PAIRS = 20  # of scans whose poses are compared
 
 
 def completion_page(
@@ -64,6 +66,7 @@ def completion_page(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
+            *pose_sections(completion.registration),
             *edit_sections(completion),
             *verification_sections(first_scan),
         ),
@@ -187,6 +190,35 @@ def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
 
 
 _AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
+
+
+def pose_sections(registration: Registration) -> tuple[Section, ...]:
+    """Return a section with a row for each pair of scans that measured the same; none without such."""
+    pairs = sorted(registration.pairs, key=lambda one: -one.offset_m)
+    if not pairs:
+        return ()
+    rows = tuple(
+        (
+            Cell(f"{one.first + 1} and {one.second + 1}"),
+            Cell(square_metres(one.overlap_m2)),
+            Cell(f"{1000 * one.offset_m:.1f} \u00b1 {1000 * one.offset_sd_m:.1f}"),
+            Cell(f"{1000 * one.left_m:.1f}"),
+            Cell(square_metres(one.contradicted_m2)),
+            Cell(square_metres(one.still_contradicted_m2)),
+        )
+        for one in pairs[:_MOST_PAIRS]
+    )
+    columns = (
+        "Scans", "#both measured, m\u00b2", "#apart as given, mm", "#apart as used, mm",
+        "#contradicted as given, m\u00b2", "#as used, m\u00b2",
+    )  # fmt: skip
+    rest = len(pairs) - _MOST_PAIRS
+    note = (
+        "apart: how far the poses set what both measured apart, along its normals (root mean square). "
+        "contradicted: measured by one scan, though beams of the other went through."
+        + (f" {count(rest, 'other pair is', 'other pairs are')} not shown." if rest > 0 else "")
+    )
+    return (Section("Do the poses agree?", (Table(columns, rows), Text(note, is_note=True))),)
 
 
 def edit_sections(completion: Completion) -> tuple[Section, ...]:

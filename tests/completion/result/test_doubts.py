@@ -10,10 +10,12 @@ from typer.testing import CliRunner
 from completion import CompletionOptions, SegmentationOptions, complete
 from completion.result.record import completion_record
 from nbv.cli import app
+from nbv.report.completion_report import pose_sections
 from scenes.files.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
+from tests.helpers.crate_scans import misplaced, scan
 
 CAMERA = PinholeProjection.from_fov(120, 90, 60)
 
@@ -36,6 +38,30 @@ def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_
         assert "20 mm, 10 times the noise" in text
         assert text in completion._repr_html_()
     assert completion_record(completion)["warnings"] == list(completion.warnings)
+
+
+def test_poses_that_contradict_each_other_are_told_with_numbers_by_pair():
+    scans = [scan(0), scan(1), misplaced(scan(2), 0.5, 0.03, 0)]
+    good, bad, kept = (
+        complete(some, CompletionOptions(texture=False, moves_scans=moves), rng=0)
+        for some, moves in ((scans[:2], True), (scans, True), (scans, False))
+    )
+    assert good.warnings == ()
+    for found, cure in ((bad, "the scans were moved by up to"), (kept, "they were kept")):
+        told = [
+            text for text in found.warnings if text.startswith("poses contradict what was measured: scans")
+        ]
+        assert len(told) == 1
+        assert cure in told[0]
+        record = completion_record(found)["poses"]
+        assert [one["scans"] for one in record["pairs"]] == [[1, 2], [1, 3], [2, 3]]
+        assert f"{1000 * max(one['offset_m'] for one in record['pairs']):.0f} mm apart" in told[0]
+        assert [one["scan"] for one in record["scans"]] == [1, 2, 3]
+        (section,) = pose_sections(found.registration)
+        assert len(section.blocks[0].rows) == 3
+    assert pose_sections(complete(scans[0], CompletionOptions(texture=False)).registration) == ()
+    assert completion_record(bad)["poses"]["scans"][2]["moved_m"] > 0.005
+    assert completion_record(kept)["poses"]["scans"][2]["error_m"] > 0.01
 
 
 def test_steps_that_hide_the_noise_are_told_in_all_three_places(tmp_path):

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Registration: how well the poses of scans agree with what the scans measured."""

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""Poses of scans: how far off they are is told, small motions cure it, and what moved counts apart."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from completion.evidence.registration import pipeline
+from completion.evidence.registration.facets import facets_of
+from completion.evidence.registration.pipeline import register
+from completion.evidence.registration.registration import Registration
+from completion.observe.observation import observe
+from scenes.files.scan_files import read_scan
+from scenes.pose import Pose
+from tests.helpers.crate_scans import misplaced, scan
+from tests.helpers.data_paths import data_path, requires_data
+
+WORLD = Pose.identity()
+SIZES = ((0.1, 0.005), (0.2, 0.02), (0.5, 0.02), (1.0, 0.05))  # degrees, metres
+
+
+def registered(scans, **options) -> Registration:
+    observations = [observe(one, WORLD) for one in scans]
+    return register(observations, range(len(scans)), stated_m=0.005, **options)
+
+
+@cache
+def with_one_off(turn_deg: float, shift_m: float, seed: int) -> Registration:
+    return registered([scan(0), scan(1), misplaced(scan(2), turn_deg, shift_m, seed)])
+
+
+def apart(one, motion) -> float:
+    """Root mean square by which a motion shifts what a scan measured, along the normals, metres."""
+    facets = facets_of(observe(one, WORLD))
+    shift = motion.apply(facets.centre) - facets.centre
+    return float(np.sqrt(np.mean(np.square(np.einsum("ij,ij->i", shift, facets.normal)))))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_exact_poses_stay_as_they_are_to_the_bit(seed):
+    found = registered([scan(k, seed=seed) for k in range(4)])
+    assert not found.is_moved
+    assert np.array_equal(found.motions, np.tile(np.eye(4), (4, 1, 1)))
+    assert len(found.pairs) >= 3
+    assert (found.left_m < 0.005).all()  # the usual tolerance is not raised
+    assert max(one.offset_m for one in found.pairs) < 0.001
+    assert max(one.contradicted_m2 / one.overlap_m2 for one in found.pairs) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("turn", "shift"), SIZES)
+def test_what_one_pose_is_off_is_told_by_its_pairs_and_no_other(turn, shift, seed):
+    bad, found = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
+    true = apart(bad, bad.world_from_sensor @ scan(2).world_from_sensor.inverse())
+    offsets = {(one.first, one.second): one.offset_m for one in found.pairs}
+    for pair in ((0, 2), (1, 2)):
+        assert offsets[pair] == pytest.approx(true, rel=0.5)  # on that part of the scan which both measured
+    assert offsets[0, 1] < 0.2 * true + 0.001
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("turn", "shift"), SIZES)
+def test_motions_bring_scans_together_as_well_as_is_told(turn, shift, seed):
+    bad, found = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
+    now = Pose(np.linalg.inv(found.motions[0]) @ found.motions[2]) @ bad.world_from_sensor
+    error = apart(scan(2), now @ scan(2).world_from_sensor.inverse())
+    assert error < 0.003
+    assert error < 2.0 * found.left_m[2]
+    assert (found.left_m < 0.005).all()
+
+
+def test_the_scan_that_is_off_moves_and_not_the_others():
+    found = with_one_off(1.0, 0.05, 0)
+    assert found.moved_m[2] > 4 * max(found.moved_m[0], found.moved_m[1])
+
+
+def test_poses_that_are_kept_are_known_no_better_than_they_are():
+    scans = [scan(0), scan(1), misplaced(scan(2), 0.5, 0.03, 1)]
+    kept = registered(scans, moves=False)
+    moved = registered(scans)
+    assert not kept.is_moved
+    assert kept.left_m[2] > 2 * 0.8 * min(one.offset_m for one in moved.pairs if one.second == 2)
+    assert (kept.left_m[:2] < 0.01).all()
+    assert [one.offset_m for one in kept.pairs] == [one.offset_m for one in moved.pairs]
+    assert all(one.still_contradicted_m2 == one.contradicted_m2 for one in kept.pairs)
+
+
+def test_a_crate_that_moved_is_a_contradiction_and_no_error_of_the_poses():
+    same, moved = registered([scan(0), scan(2)]), registered([scan(0), scan(2, crate_x=2.6)])
+    (before,), (after,) = same.pairs, moved.pairs
+    assert before.still_contradicted_m2 < 0.01
+    assert after.still_contradicted_m2 > 0.1  # a crate's side is .42 m2
+    assert after.depth_m > 0.1
+    assert not moved.is_moved
+    assert (moved.left_m < 0.005).all()
+
+
+def test_scans_that_share_nothing_say_nothing():
+    away = scan(1).restated(world_from_sensor=Pose.looking_at((50, 0, 1), (60, 0, 1)))
+    found = registered([scan(0), away])
+    assert found.pairs == ()
+    assert np.isnan(found.left_m).all()
+    assert registered([scan(0)]).pairs == ()
+
+
+def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
+    monkeypatch.setattr(pipeline, "_TOGETHER", 3)
+    bad = misplaced(scan(3), 0.5, 0.03, 2)
+    scans = [scan(0), scan(1), scan(2), bad]
+    found = register([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)
+    now = Pose(np.linalg.inv(found.motions[0]) @ found.motions[3]) @ bad.world_from_sensor
+    assert apart(scan(3), now @ scan(3).world_from_sensor.inverse()) < 0.003
+    assert {one.second for one in found.pairs} == {1, 2, 3}
+    assert found.moved_m[3] > 0.01
+
+
+@requires_data
+def test_dining_room_poses_are_told_to_be_centimetres_off_by_pair():
+    """The poses of this sequence were chained from frame to frame by hand; the first is 6 cm off the last."""
+    scans = [
+        read_scan(
+            data_path(f"range/nyu_dining#{k}"), intrinsics=(518.0, 519.0, 325.5, 253.5), depth_scale=1000.0
+        )
+        for k in range(1, 6)
+    ]
+    found = register([observe(one, scans[0].world_from_sensor) for one in scans], range(5), stated_m=0.005)
+    assert len(found.pairs) == 10
+    offset = {(one.first, one.second): one.offset_m for one in found.pairs}
+    assert 0.04 < offset[0, 4] < 0.09
+    assert offset[3, 4] < 0.015
+    assert all(one.left_m < 0.01 for one in found.pairs)
+    assert sum(one.still_contradicted_m2 for one in found.pairs) < sum(
+        one.contradicted_m2 for one in found.pairs
+    )
