@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,27 @@ LEAST_FACING = 0.8  # of those of a part and of the surface that it lies on
 _FEW = 24  # points of a part that differences are read at
 
 
+class PoseDoubt(NamedTuple):
+    """How far the pose may be off of the scan that measured a part: the whole scan, as one rigid body.
+
+    Parts of one scan therefore agree as if its pose were exact, and small parts may tilt no more than large
+    ones.
+    """
+
+    scan: int = -1  # its number; -1 of parts that several scans measured
+    shift_m: float = 0.0
+    turn: float = 0.0  # radians
+
+    def against(self, other: PoseDoubt) -> tuple[float, float]:
+        """Variances of the shift, metres squared, and of the turn between two parts."""
+        if self.scan == other.scan >= 0:
+            return 0.0, 0.0
+        return self.shift_m**2 + other.shift_m**2, self.turn**2 + other.turn**2
+
+
+NO_DOUBT = PoseDoubt()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """A fitted surface with what tests of sameness need."""
@@ -31,9 +53,17 @@ class Part:
     few: FloatArray  # (k, 3) of the points, those that differences are read at
     box: FloatArray  # (2, 3) least and greatest coordinates of these
     form: Form  # its surface, for compiled loops
+    doubt: PoseDoubt  # of the scan that measured it
 
     @classmethod
-    def of(cls, fit: SurfaceFit, points: FloatArray, scale: float, systematic_m: float) -> Part:
+    def of(
+        cls,
+        fit: SurfaceFit,
+        points: FloatArray,
+        scale: float,
+        systematic_m: float,
+        doubt: PoseDoubt = NO_DOUBT,
+    ) -> Part:
         """Return the part of points (m, 3), with a systematic error: a warp as long as the part.
 
         Such a warp is one sample of the surface, not many. It adds s^2 (mean g g')^-1 to the covariance, with
@@ -51,6 +81,7 @@ class Part:
             few=few,
             box=np.stack([few.min(axis=0), few.max(axis=0)]),
             form=form_of(fit.surface),
+            doubt=doubt,
         )
 
     @property
@@ -68,15 +99,23 @@ class Part:
 
     def spread(self) -> tuple[float, float]:
         """Bounds a and b: its surface's deviation is at most a + b d at a distance d from its own point."""
-        variance = np.diag(self.covariance)
+        variance = np.diag(self.covariance) + np.diag(_doubtful(len(self.covariance), *self.own_doubt()))
         if self.form.is_curved:
             return float(np.sqrt(2 * (variance[:2].sum() + variance[4]))), float(np.sqrt(variance[2:4].sum()))
         return float(np.sqrt(variance[0])), float(np.sqrt(variance[1:].sum()))
 
-    def variance_at(self, points: FloatArray) -> FloatArray:
-        """Variance (n,) of its surface along the normal at `points`, metres squared."""
+    def own_doubt(self) -> tuple[float, float]:
+        """Variances of the shift, metres squared, and of the turn of the scan that measured it."""
+        return self.doubt.shift_m**2, self.doubt.turn**2
+
+    def variance_at(self, points: FloatArray, doubt: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+        """Variance (n,) of its surface along the normal at `points`, metres squared.
+
+        Also by the pose, with these variances of shift and turn.
+        """
         gradient = self.fit.gradient(points)
-        return np.asarray(np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient), dtype=np.float64)
+        covariance = self.covariance + _doubtful(len(self.covariance), *doubt)
+        return np.asarray(np.einsum("ij,jk,ik->i", gradient, covariance, gradient), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +135,10 @@ def compare(one: Part, other: Part) -> Agreement:
     """
     if one.form.is_curved:
         return compare_at_points(one, other)
-    square, log_density = compare_planes(one.form, other.form, one.covariance, other.covariance, LEAST_COSINE)
+    doubt = one.doubt.against(other.doubt)
+    square, log_density = compare_planes(
+        one.form, other.form, one.covariance, other.covariance, doubt, LEAST_COSINE
+    )
     return _agreement(one, other, square, log_density)
 
 
@@ -114,8 +156,9 @@ def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, Flo
             form = parts[number].form
             forms[number] = *form.point, *form.axis, *form.first, *form.second
             covariances[number] = parts[number].covariance
+        doubts = np.array([parts[i].doubt.against(parts[j].doubt) for i, j in pairs[flat].tolist()])
         square, log_density = compare_plane_pairs(
-            pairs[flat].astype(np.int64), forms, covariances, LEAST_COSINE
+            pairs[flat].astype(np.int64), forms, covariances, doubts, LEAST_COSINE
         )
         boxes = np.array([one.box for one in parts])[pairs[flat]]
         size = np.linalg.norm(boxes[:, :, 1].max(axis=1) - boxes[:, :, 0].min(axis=1), axis=1)
@@ -136,6 +179,7 @@ def compare_at_points(one: Part, other: Part) -> Agreement:
     difference = basis @ here.distance(feet)
     carried = basis @ other.fit.gradient(feet)
     covariance = one.covariance + carried @ other.covariance @ carried.T
+    covariance = covariance + _doubtful(len(covariance), *one.doubt.against(other.doubt))
     return _agreement(one, other, *density(difference, covariance))
 
 
@@ -149,10 +193,15 @@ def _agreement(one: Part, other: Part, square: float, log_density: float) -> Agr
 def lies_on(small: Part, large: Part) -> bool:
     """Tell whether a part lies within noise of a surface and faces alike; its own fit may say little."""
     surface = large.fit.surface
-    allowed = np.square(small.scale) + large.variance_at(small.points)
+    allowed = np.square(small.scale) + large.variance_at(small.points, small.doubt.against(large.doubt))
     square = float(np.mean(np.square(surface.distance(small.points)) / allowed))
     facing = np.einsum("ij,ij->i", surface.normal(small.points), small.fit.surface.normal(small.points))
     return square <= 1 + small.slack and float(np.median(facing)) > LEAST_FACING
+
+
+def _doubtful(n: int, shift: float, turn: float) -> FloatArray:
+    """Covariance (n, n) of a surface's parameters by a pose: of planes and cylinders, tilts are the turn."""
+    return np.diag([shift, turn, turn] if n == 3 else [shift, shift, turn, turn, 0.0])
 
 
 def _log_prior_volume(lengths: int, size: FloatArray) -> FloatArray:

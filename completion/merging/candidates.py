@@ -22,7 +22,9 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     if not parts:
         return np.zeros((0, 2), dtype=np.int64)
     middles = np.array([one.middle() for one in parts])
-    own = np.array([one.variance_at(middle[None])[0] for one, middle in zip(parts, middles, strict=True)])
+    own = np.array([
+        one.variance_at(middle[None], one.own_doubt())[0] for one, middle in zip(parts, middles, strict=True)
+    ])  # fmt: skip
     normals = np.array([one.fit.surface.normal(m[None])[0] for one, m in zip(parts, middles, strict=True)])
     curved = np.array([one.form.is_curved for one in parts])
     none = np.zeros(len(parts))
@@ -31,7 +33,10 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     for i, part in enumerate(parts):
         near = find_near(tree, part.form, (_DEVIATIONS, *part.spread()), LEAST_COSINE)
         near = near[(curved[near] == part.form.is_curved) & (near != i)]
-        height, variance = part.fit.surface.distance(middles[near]), part.variance_at(middles[near])
+        height, variance = (
+            part.fit.surface.distance(middles[near]),
+            part.variance_at(middles[near], part.own_doubt()),
+        )
         passes = np.square(height) <= _DEVIATIONS**2 * (variance + own[near])
         if not part.form.is_curved:
             passes &= ~(normals[near] @ normals[i] < LEAST_COSINE)
@@ -54,7 +59,7 @@ def find_hosts(small: Sequence[Part], parts: Sequence[Part]) -> list[list[int]]:
     normals = np.array([one.fit.surface.normal(m[None])[0] for one, m in zip(small, middles, strict=True)])
     curved = np.array([one.form.is_curved for one in small])
     factor = float(np.sqrt(max(1 + one.slack for one in small)))
-    scales = np.array([one.scale for one in small])
+    scales = np.array([np.hypot(one.scale, one.doubt.shift_m) for one in small])
     tree = plant(_spots(middles, radii, factor * scales, normals, curved))
     for i, part in enumerate(parts):
         for j in find_near(tree, part.form, (factor, *part.spread()), LEAST_FACING).tolist():

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part
+from completion.merging.agreement import Part, PoseDoubt
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
+from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.run.spill import NoSpill, Spill
 
@@ -44,10 +45,10 @@ class Piece:
         pixel = pixel[np.linspace(0, n_pixels - 1, min(_N_SAMPLE, n_pixels)).astype(np.int64)]
         points = observation.points_at(pixel)
         distance = float(np.median(observation.scan.ranges.ravel()[pixel]))
-        systematic = np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0])
-        systematic = float(np.hypot(systematic, tolerance.of_pose(observation.pose_error_m).registration_m))
+        systematic = float(np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0]))
+        error = tolerance.of_pose(observation.pose_error_m).registration_m
         scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
-        part = Part.of(region.fit, points, scale, systematic)
+        part = Part.of(region.fit, points, scale, systematic, PoseDoubt(scan, error, error / distance))
         return cls(
             fit=region.fit,
             pixels=((scan, region.pixels),),
@@ -84,12 +85,23 @@ class Piece:
         return cls(
             fit=fitted.fit,
             pixels=fitted.pixels,
-            part=Part.of(fitted.fit, points, scale, systematic),
+            part=Part.of(fitted.fit, points, scale, systematic, _doubt_of(pieces, weight)),
             n_regions=sum(one.n_regions for one in pieces),
             n_pixels=int(weight.sum()),
             systematic_m=systematic,
             sample=sample,
         )
+
+
+def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
+    """The means (n,) of what is doubtful of the poses, by their pixels."""
+    doubts = [one.part.doubt for one in pieces]
+    scans = {one.scan for one in doubts}
+    shift, turn = (
+        float(np.average(some, weights=weight))
+        for some in ([one.shift_m for one in doubts], [one.turn for one in doubts])
+    )
+    return PoseDoubt(scans.pop() if len(scans) == 1 else -1, shift, turn)
 
 
 class Fitted(NamedTuple):

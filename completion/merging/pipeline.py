@@ -178,8 +178,10 @@ def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], toler
     (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
+    scans = {one.part.doubt.scan for one in parts}
+    among_several = len(scans) > 1 or min(scans) < 0
     for one in parts:
-        own = one.fit.rms**2 + (_APART * one.systematic_m) ** 2
+        own = one.fit.rms**2 + (_APART * one.systematic_m) ** 2 + among_several * one.part.doubt.shift_m**2
         if not np.mean(np.square(joint.distance(one.part.points))) <= (1 + one.part.slack) * own:
             return False
     return True
@@ -204,7 +206,10 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights) -> None
             large = parts[i]
             if small.n_pixels > _SMALL * large.n_pixels:
                 break
-            if lies_on(small.part, large.part) and _hidden_between(large, small, sights):
+            best = parts[min(groups.of(i), key=rank.__getitem__)]  # what is known best of that surface
+            if not (lies_on(small.part, large.part) and lies_on(small.part, best.part)):
+                continue
+            if _hidden_between(large, small, sights):
                 groups.join(i, j)
                 break
 

@@ -17,14 +17,20 @@ _RANK = 1e-12  # of the greatest eigenvalue of a correlation, below which one co
 
 @compiled
 def compare_planes(
-    here: Form, there: Form, covariance: FloatArray, other: FloatArray, least_cosine: float
+    here: Form,
+    there: Form,
+    covariance: FloatArray,
+    other: FloatArray,
+    doubt: tuple[float, float],
+    least_cosine: float,
 ) -> tuple[float, float]:
     """Return squared Mahalanobis distance and log density of the difference of two planes' parameters.
 
     Offset along the normal and slopes along u and v, with `covariance` (3, 3) in the chart of the first and
-    `other` (3, 3) in that of the second. Over the chart of the first both the second's height and the charts'
-    coordinates are linear, so three places say how its parameters carry over. (inf, -inf) where the cosine
-    between the normals is less than `least_cosine`.
+    `other` (3, 3) in that of the second, and `doubt` the variances of shift and turn between their scans.
+    Over the chart of the first both the second's height and the charts' coordinates are linear, so three
+    places say how its parameters carry over. (inf, -inf) where the cosine between the normals is less than
+    `least_cosine`.
     """
     cosine = dot(here.axis, there.axis)
     if cosine < least_cosine:
@@ -44,6 +50,9 @@ def compare_planes(
         carried[1, column] = dot(here.first, side) + lean * height[1]
         carried[2, column] = dot(here.second, side) + lean * height[2]
     total = covariance.copy()
+    total[0, 0] += doubt[0]
+    total[1, 1] += doubt[1]
+    total[2, 2] += doubt[1]
     for i in range(3):
         for j in range(3):
             for k in range(3):
@@ -54,17 +63,24 @@ def compare_planes(
 
 @compiled
 def compare_plane_pairs(
-    pairs: NDArray[np.int64], forms: FloatArray, covariances: FloatArray, least_cosine: float
+    pairs: NDArray[np.int64],
+    forms: FloatArray,
+    covariances: FloatArray,
+    doubts: FloatArray,
+    least_cosine: float,
 ) -> tuple[FloatArray, FloatArray]:
     """`compare_planes` of pairs (k, 2) of planes, both numbers (k,).
 
-    `forms` (n, 12) are a plane's point, normal, u and v directions, `covariances` (n, 3, 3).
+    `forms` (n, 12) are a plane's point, normal, u and v directions, `covariances` (n, 3, 3), `doubts` (k, 2)
+    the variances of shift and turn between the scans of each pair.
     """
     square, log_density = np.empty(len(pairs)), np.empty(len(pairs))
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         here, there = _plane_of(forms[i]), _plane_of(forms[j])
-        square[k], log_density[k] = compare_planes(here, there, covariances[i], covariances[j], least_cosine)
+        square[k], log_density[k] = compare_planes(
+            here, there, covariances[i], covariances[j], (doubts[k, 0], doubts[k, 1]), least_cosine
+        )
     return square, log_density
 
 
