@@ -10,6 +10,7 @@ yellow unknown, grey beside what was measured.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +20,7 @@ import typer
 from PIL import Image
 
 from benchmarks.completion.ledger.entries import Entry, Outcome, outcome
-from benchmarks.completion.ledger.sources import REAL, WALKS, groups
+from benchmarks.completion.ledger.sources import HELD_OUT_HOUSES, HOUSES, REAL, WALKS, Source, groups
 from benchmarks.completion.ledger.table import bin_of, row, rows_by, table
 from completion import CompletionOptions
 from scenes.scan.colour import unit_colour
@@ -29,7 +30,10 @@ _SHOWN = {2: (150, 150, 150), 0: (240, 228, 66), 1: (0, 114, 178), -1: (213, 94,
 
 
 def ledger(
-    kinds: Annotated[list[str] | None, typer.Option("--of", help="real, walks, or a source's name.")] = None,
+    kinds: Annotated[
+        list[str] | None,
+        typer.Option("--of", help="real, walks, houses, held-out-houses, or a source's name."),
+    ] = None,
     together: Annotated[int, typer.Option("--together", min=1, help="Frames completed together.")] = 1,
     every: Annotated[int, typer.Option("--every", min=1, help="Of the groups of frames.")] = 1,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder.")] = Path("out/ledger"),
@@ -39,10 +43,7 @@ def ledger(
     out.mkdir(parents=True, exist_ok=True)
     entries: list[Entry] = []
     found = np.zeros(2, np.int64)
-    for source in (*REAL, *WALKS):
-        kind = "real" if source in REAL else "walks"
-        if not {kind, source.name} & set(kinds or ["real", "walks"]):
-            continue
+    for source in chosen(kinds or ["real", "walks"]):
         options = CompletionOptions(texture=False, registration_m=source.registration_m, sigma_m=sigma_m)
         for frames in list(groups(len(source.frames), together))[::every]:
             one = outcome(source, frames, options)
@@ -61,6 +62,17 @@ def ledger(
         print("\n" + table(rows_by(entries, key)))
     print("\n" + table([row("all", entries)]))
     print(f"recall {found[1] / max(found[0], 1):.3f} of {found[0]} reference points")
+
+
+def chosen(kinds: Sequence[str]) -> list[Source]:
+    """Return the sources of some kinds, or with some names, in their order."""
+    kept: dict[str, Sequence[Source]] = {
+        "real": REAL,
+        "walks": WALKS,
+        "houses": HOUSES,
+        "held-out-houses": HELD_OUT_HOUSES,
+    }
+    return [one for kind, held in kept.items() for one in held if {kind, one.name} & set(kinds)]
 
 
 def _picture(one: Outcome, scan: RangeImage) -> Image.Image:

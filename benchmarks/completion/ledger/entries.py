@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.completion.ledger.sources import Source, Walk
+from benchmarks.completion.ledger.sources import Known, Source
 from benchmarks.completion.scenes.cases import hypothesis_of
 from benchmarks.completion.scores.other_scans import score_by_others
 from benchmarks.completion.truth.samples import Samples, sample
@@ -95,7 +95,7 @@ def outcome(source: Source, frames: Sequence[int], options: CompletionOptions) -
     tolerance = max(TOLERANCE_M, 2 * source.registration_m)
     scored = score_by_others(scans, others, samples, tolerance_m=tolerance)
     state = scored.state
-    if isinstance(source, Walk):
+    if isinstance(source, Known):
         state = np.where(
             state == 2, 2, np.where(is_there(samples.points, samples.normals, source.caster), 1, -1)
         ).astype(np.int8)

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.completion.scenes.houses.frames import frames
+from benchmarks.completion.scenes.houses.house import House, random_house
 from benchmarks.frames import walk
 from nbv import PinholeSensor, scan_scene
 from scenes import RangeImage, RayCaster, read_scan
@@ -106,7 +108,45 @@ class Walk:
         )
 
 
-Source = RealFrames | Walk
+@dataclass(frozen=True)
+class Flat:
+    """Frames that a person takes in a generated flat, with exact poses.
+
+    Attributes
+    ----------
+    seed : int
+        Of the flat.
+    n_frames : int
+        How many are taken.
+    """
+
+    seed: int
+    n_frames: int = 5
+    registration_m = 0.005
+
+    @property
+    def name(self) -> str:
+        """The flat by its seed."""
+        return f"house {self.seed}"
+
+    @cached_property
+    def house(self) -> House:
+        """The flat."""
+        return random_house(self.seed)
+
+    @property
+    def caster(self) -> RayCaster:
+        """The flat, to cast rays at."""
+        return self.house.caster
+
+    @cached_property
+    def frames(self) -> tuple[RangeImage, ...]:
+        """The frames."""
+        return frames(self.house, self.n_frames)
+
+
+Known = Walk | Flat  # whose truth is known
+Source = RealFrames | Known
 
 REAL = (
     RealFrames("icl_nuim", 5, 0.01, (481.2, -480.0, 319.5, 239.5), 5000.0),
@@ -120,6 +160,8 @@ WALKS = (
     Walk("duplex, upper storey", "buildings/duplex.glb", (6.5, -3.4, 4.6), 240, 8),
     Walk("small house", "scenes/aws_small_house.glb", (2.0, -0.5, 1.4), 240, 8, "z"),
 )
+HOUSES = tuple(Flat(seed) for seed in range(20))
+HELD_OUT_HOUSES = tuple(Flat(seed) for seed in range(100, 120))
 
 
 def groups(n_frames: int, together: int) -> Iterator[Sequence[int]]:

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: MIT
+"""Plan: an outline cut by walls that may be skew into one to four convex rooms, and their ceilings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from benchmarks.completion.scenes.houses.furniture.parts import motion
+from scenes.checks import FloatArray
+
+NARROWEST_M, WIDEST_M = 1.8, 8.0
+_TRIES = 60
+_FAR_M = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A wall as a line with a thickness.
+
+    Attributes
+    ----------
+    point, along : (2,) float
+        A place in its middle plane, metres, and the unit vector along it.
+    thickness : float
+        Metres.
+    is_outer : bool
+        Whether the flat ends there.
+    """
+
+    point: FloatArray
+    along: FloatArray
+    thickness: float
+    is_outer: bool
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit vector (2,) to the left of `along`."""
+        return np.array([-self.along[1], self.along[0]])
+
+    def place(self, s: FloatArray, z: FloatArray, offset: float) -> FloatArray:
+        """Return world places (n, 3) at `s` along the wall and height `z`, `offset` left of its middle."""
+        flat = self.point + np.outer(s, self.along) + offset * self.normal
+        return np.column_stack([flat, z])
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A side of a room: the face of a wall, left of it (`sign` 1) or right (-1), from `start` to `end`."""
+
+    wall: int
+    sign: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """A convex room.
+
+    Attributes
+    ----------
+    corners : (n, 2) float
+        Its floor, counter-clockwise, metres.
+    sides : tuple of Side
+        Side k goes from corner k to the next.
+    ceilings : (m, 3) float
+        Planes z = a x + b y + c; the lowest counts.
+    kind : str
+        What it is used for.
+    """
+
+    corners: FloatArray
+    sides: tuple[Side, ...]
+    ceilings: FloatArray
+    kind: str
+
+    @property
+    def floor(self) -> shapely.Polygon:
+        """Its floor."""
+        return shapely.Polygon(self.corners)
+
+    def height(self, places: FloatArray) -> FloatArray:
+        """Height (n,) of the ceiling above places (n, 2), metres."""
+        return np.asarray((places @ self.ceilings[:, :2].T + self.ceilings[:, 2]).min(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Walls, and the rooms between them."""
+
+    walls: tuple[Wall, ...]
+    rooms: tuple[Room, ...]
+
+
+def side_frame(wall: Wall, sign: int, s: float, z: float = 0.0) -> FloatArray:
+    """Return the (4, 4) of a place on a face: x along the face, y away from it into the room, z up."""
+    out = sign * wall.normal
+    at = wall.place(np.array([s]), np.array([z]), sign * wall.thickness / 2)[0]
+    return motion(tuple(at), yaw=float(np.arctan2(out[1], out[0]) - np.pi / 2))
+
+
+Faces = list[tuple[int, int]]  # wall and sign
+
+
+def random_plan(rng: np.random.Generator) -> Plan:
+    """Return a plan of one to four rooms, each 1.8 to 8 m wide and 2.2 to 3.5 m high."""
+    for _ in range(_TRIES):
+        found = _plan(rng)
+        if found is not None:
+            return found
+    raise AssertionError("no plan after many tries")  # the tries are many: a fault of the generator
+
+
+def _plan(rng: np.random.Generator) -> Plan | None:
+    n_rooms = int(rng.choice([1, 2, 3, 4], p=[0.2, 0.25, 0.3, 0.25]))
+    area = float(np.sum(np.clip(rng.lognormal(np.log(9.5), 0.55, n_rooms), 4.0, 36)))
+    ratio = rng.uniform(1.0, 1.7)
+    size = np.array([np.sqrt(area * ratio), np.sqrt(area / ratio)]) + 0.3
+    walls = _outline(size, rng)
+    cells: list[Faces] = [[(k, 1) for k in range(len(walls))]]
+    while len(cells) < n_rooms:
+        largest = max(range(len(cells)), key=lambda k: _floor(walls, cells[k])[0].area)
+        parts = _cut(walls, cells[largest], rng)
+        if parts is None:
+            return None
+        cells[largest : largest + 1] = parts
+    floors = [_floor(walls, cell) for cell in cells]
+    if not all(_is_usable(floor) for floor, _ in floors):
+        return None
+    return Plan(tuple(walls), _rooms(walls, floors, rng))
+
+
+def _outline(size: FloatArray, rng: np.random.Generator) -> list[Wall]:
+    """Outer walls, counter-clockwise about the flat; some are skew, now and then a corner is cut off."""
+    yaw, thickness = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 0.4)
+    angles = yaw + np.pi / 2 * np.arange(4)
+    reach = np.array([size[1], size[0], size[1], size[0]]) / 2
+    if rng.random() < 0.2:
+        angles, reach = np.append(angles, yaw + np.pi / 4), np.append(reach, size.sum() * 0.31)
+    skew = np.where(rng.random(len(angles)) < 0.3, rng.normal(0, np.radians(4), len(angles)), 0)
+    walls = []
+    for angle, away in zip(angles + np.clip(skew, -0.17, 0.17), reach, strict=True):
+        along = np.array([np.cos(angle), np.sin(angle)])
+        inward = np.array([-along[1], along[0]])
+        walls.append(Wall(-(away + thickness / 2) * inward, along, thickness, True))
+    return walls
+
+
+def _floor(walls: list[Wall], faces: Faces, inset: float = 0.5) -> tuple[shapely.Polygon, list[int]]:
+    """Return the convex area between walls, and for each of its sides the number of its face."""
+    ring = _FAR_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+    label = [-1] * 4
+    for number, (wall, sign) in enumerate(faces):
+        one = walls[wall]
+        away = sign * (ring - one.point) @ one.normal - inset * one.thickness
+        corners: list[FloatArray] = []
+        names: list[int] = []
+        for k in range(len(ring)):
+            after = (k + 1) % len(ring)
+            if away[k] >= 0:
+                corners.append(ring[k])
+                names.append(label[k])
+            if (away[k] >= 0) != (away[after] >= 0):
+                share = away[k] / (away[k] - away[after])
+                corners.append(ring[k] + share * (ring[after] - ring[k]))
+                names.append(number if away[k] >= 0 else label[k])
+        if len(corners) < 3:
+            return shapely.Polygon(), []
+        ring, label = np.array(corners), names
+    return shapely.Polygon(ring), label
+
+
+def _is_usable(floor: shapely.Polygon) -> bool:
+    if floor.is_empty:
+        return False
+    ring = np.asarray(floor.minimum_rotated_rectangle.exterior.coords)
+    sides = np.linalg.norm(np.diff(ring, axis=0), axis=1)[:2]
+    short = np.linalg.norm(np.diff(np.asarray(floor.exterior.coords), axis=0), axis=1).min()
+    return bool(sides.min() >= NARROWEST_M and sides.max() <= WIDEST_M and short > 0.25)
+
+
+def _cut(walls: list[Wall], cell: Faces, rng: np.random.Generator) -> list[Faces] | None:
+    """Cut a cell across its longer direction by a new wall; None where that leaves too little."""
+    ring = np.asarray(_floor(walls, cell)[0].minimum_rotated_rectangle.exterior.coords)
+    edges = np.diff(ring, axis=0)[:2]
+    longer = int(np.argmax(np.linalg.norm(edges, axis=1)))
+    span, across = edges[longer], edges[1 - longer]
+    for _ in range(12):
+        skew = rng.uniform(-1, 1) * np.radians(10) if rng.random() < 0.35 else 0.0
+        thickness = rng.uniform(0.08, 0.25) if rng.random() < 0.8 else rng.uniform(0.25, 0.4)
+        along = across / np.linalg.norm(across)
+        turn = np.array([[np.cos(skew), -np.sin(skew)], [np.sin(skew), np.cos(skew)]])
+        point = ring[:-1].mean(axis=0) + span * rng.uniform(-0.32, 0.32)
+        walls.append(Wall(point, turn @ along, thickness, False))
+        parts = [[*cell, (len(walls) - 1, sign)] for sign in (1, -1)]
+        if all(_is_usable(_floor(walls, part)[0]) for part in parts):
+            return parts
+        walls.pop()
+    return None
+
+
+def _rooms(
+    walls: list[Wall], floors: list[tuple[shapely.Polygon, list[int]]], rng: np.random.Generator
+) -> tuple[Room, ...]:
+    """Give each floor its sides, its ceiling and its use."""
+    height, slopes = (
+        rng.uniform(2.3, 3.5) if rng.random() < 0.5 else rng.uniform(2.3, 2.8),
+        _slopes(walls, rng),
+    )
+    kinds = _kinds([floor.area for floor, _ in floors], rng)
+    rooms = []
+    for (floor, _), kind in zip(floors, kinds, strict=True):
+        corners = np.asarray(floor.exterior.coords)[:-1]
+        sides = []
+        for k, corner in enumerate(corners):
+            pair = np.stack([corner, corners[(k + 1) % len(corners)]])
+            sides.append(_side_of(walls, pair))
+        own = rng.uniform(2.2, height) if kind in ("bath", "hall") and rng.random() < 0.4 else height
+        ceilings = np.array([[0.0, 0.0, own], *slopes])
+        rooms.append(Room(corners, tuple(sides), ceilings, kind))
+    return tuple(rooms)
+
+
+def _side_of(walls: list[Wall], ends: FloatArray) -> Side:
+    """Find the wall whose face holds both `ends` (2, 2) of a side."""
+    for number, wall in enumerate(walls):
+        away = (ends - wall.point) @ wall.normal
+        if np.abs(np.abs(away) - wall.thickness / 2).max() < 1e-6 and np.ptp(away) < 1e-6:
+            s = (ends - wall.point) @ wall.along
+            return Side(number, 1 if away[0] > 0 else -1, float(s.min()), float(s.max()))
+    raise AssertionError("a side without a wall")
+
+
+def _slopes(walls: list[Wall], rng: np.random.Generator) -> list[FloatArray]:
+    """Planes of a roof that slopes down to one outer wall or two that face each other; often none."""
+    if rng.random() > 0.3:
+        return []
+    first, planes = int(rng.integers(4)), []
+    for number in (first, (first + 2) % 4)[: 1 + int(rng.random() < 0.4)]:
+        wall, steep, knee = walls[number], np.tan(np.radians(rng.uniform(22, 50))), rng.uniform(0.9, 1.7)
+        level = knee - steep * (wall.normal @ wall.point + wall.thickness / 2)
+        planes.append(np.array([*(steep * wall.normal), level]))
+    return planes
+
+
+def _kinds(areas: list[float], rng: np.random.Generator) -> list[str]:
+    """Uses of rooms by their area: the largest one is lived in."""
+    found = []
+    order = np.argsort(areas)[::-1]
+    pool = ["bedroom", "kitchen", "study", "bedroom", "storage"]
+    for rank, number in enumerate(order):
+        if len(areas) == 1:
+            kind = str(rng.choice(["living", "bedroom", "kitchen", "study", "bath", "storage"]))
+        elif rank == 0:
+            kind = str(rng.choice(["living", "living", "kitchen", "bedroom"]))
+        elif areas[number] < 7.0:
+            kind = str(rng.choice(["bath", "hall", "storage", "study"]))
+        else:
+            kind = str(rng.choice(pool))
+        if kind == "bath" and areas[number] > 12:
+            kind = "living"
+        found.append((number, kind))
+    return [kind for _, kind in sorted(found)]

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: MIT
+"""Continued area of things that end where they end: figures, chairs and plants are no walls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.completion.truth.hypothesis import Hypothesis
+from completion.extension.patch import Provenance
+from completion.result.completed_model import CompletedModel
+from scenes.checks import BoolArray, InputError
+from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.scan.range_image import RangeImage
+
+_ENCLOSED = Provenance.INTERIOR.name.lower()
+
+
+@dataclass(frozen=True, slots=True)
+class Continued:
+    """What was inferred of surfaces that were measured on a thing.
+
+    Attributes
+    ----------
+    n_surfaces : int
+        Surfaces of which more than half of the pixels lie on the thing.
+    enclosed_m2 : float
+        Inferred area in holes that their measured part encloses.
+    beyond_m2 : float
+        All other inferred area of theirs.
+    """
+
+    n_surfaces: int
+    enclosed_m2: float
+    beyond_m2: float
+
+
+def continued_area(
+    completed: CompletedModel, hypothesis: Hypothesis, scans: Sequence[RangeImage], is_thing: BoolArray
+) -> Continued:
+    """Return the area that was continued from surfaces of a thing.
+
+    Parameters
+    ----------
+    completed : CompletedModel
+        The completion of `scans`.
+    hypothesis : Hypothesis
+        What it inferred.
+    scans : sequence of RangeImage
+        Simulated, with truth.
+    is_thing : (n_surfaces,) bool
+        Which surfaces of the scene belong to the thing.
+
+    Raises
+    ------
+    InputError
+        A scan without truth.
+    """
+    pixels = np.zeros((len(completed.patches) + 1, 2))
+    for owner, scan in zip(completed.owners, scans, strict=True):
+        if scan.truth is None:
+            raise InputError(f"{scan.name}: has no truth; only simulated scans have")
+        known = scan.truth.surface >= 0
+        on_thing = is_thing[scan.truth.surface[known]].astype(np.int64)
+        np.add.at(pixels, (owner[known], on_thing), 1)
+    of_thing = pixels[1:, 1] > pixels[1:, 0]
+    areas = triangle_areas(hypothesis.vertices[hypothesis.faces])
+    enclosed = np.array([reason == _ENCLOSED for reason in hypothesis.reasons])[hypothesis.face_reason]
+    counted = of_thing[hypothesis.surface]
+    return Continued(
+        n_surfaces=int(of_thing.sum()),
+        enclosed_m2=float(areas[counted & enclosed].sum()),
+        beyond_m2=float(areas[counted & ~enclosed].sum()),
+    )

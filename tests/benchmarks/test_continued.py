@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: MIT
+"""What is continued of a thing, on a wall behind a board, each taken for the thing in turn."""
+
+import numpy as np
+import pytest
+
+from benchmarks.completion.scenes.cases import hypothesis_of
+from benchmarks.completion.scores.continued import continued_area
+from completion import CompletionOptions, complete
+from scenes.checks import InputError
+from scenes.scan.range_image import RangeImage
+from tests.helpers.evaluation_examples import plain_wall
+
+
+def test_area_counts_for_the_thing_that_it_is_continued_from() -> None:
+    wall = plain_wall()
+    completed = complete([wall.scan], CompletionOptions(texture=False), rng=0)
+    hypothesis = hypothesis_of(completed, [wall.scan])
+    is_wall = np.array([name.startswith("wall") for name in wall.scene.surface_names])
+    held = continued_area(completed, hypothesis, [wall.scan], is_wall)
+    assert held.n_surfaces == 1
+    assert held.enclosed_m2 > 0.3
+    assert held.beyond_m2 == 0
+    others = continued_area(completed, hypothesis, [wall.scan], ~is_wall)
+    assert others.enclosed_m2 + others.beyond_m2 == 0
+    blind = RangeImage(wall.scan.ranges, wall.scan.projection, wall.scan.world_from_sensor, name="blind")
+    with pytest.raises(InputError, match="blind: has no truth"):
+        continued_area(completed, hypothesis, [blind], is_wall)
