@@ -23,6 +23,7 @@ from scenes.world.scene import Scene
 NEAREST_M, FARTHEST_M = 0.4, 6.0
 _FOV_DEG = 62.0
 _APART_M = 0.3  # from anything, at any height up to the camera's
+_GOOD = 1.0  # merit from which on no better frame is looked for
 _LOOKS = 40  # places and directions that are tried for one frame
 
 
@@ -120,12 +121,10 @@ def standing_poses(
             if not has_room(caster, eye):
                 continue
             pose = _look(eye, _goal(eye, low, high, rng), rng)
-            seen = _merit(caster, pose) - 0.15 * sum(
-                np.linalg.norm(eye - one.translation) < 0.7 for one in poses
-            )
+            seen = _merit(caster, pose) - 0.4 * any(_is_alike(pose, one) for one in poses)
             if seen > merit:
                 best, merit = pose, seen
-            if merit > 0.8:
+            if merit > _GOOD:
                 break
         if best is not None:
             poses.append(best)
@@ -184,12 +183,20 @@ def _look(eye: FloatArray, goal: FloatArray, rng: np.random.Generator) -> Pose:
     return Pose.looking_at(eye, eye + ahead) @ Pose(spin)
 
 
+def _is_alike(pose: Pose, other: Pose) -> bool:
+    """Tell whether two cameras stand within 70 cm and look the same way within 40 degrees."""
+    near = np.linalg.norm(pose.translation - other.translation) < 0.7
+    return bool(near and pose.rotation[:, 2] @ other.rotation[:, 2] > 0.77)
+
+
 def _merit(caster: RayCaster, pose: Pose) -> float:
-    """How much of a view of 32 x 24 pixels is surface from 0.6 to 6 m, less what is too near or all alike."""
+    """How much of a view of 32 x 24 pixels is surface in range, less what is near, and more with jumps."""
     rays = camera(32).projection.directions()
     hits = caster.first_hit(pose.translation[None], pose.rotate(rays)).ranges
     share = float(((hits > NEAREST_M) & (hits < FARTHEST_M)).mean())
     near = float((hits < 1.0).mean())
-    depth = hits[(hits > NEAREST_M) & (hits < FARTHEST_M)]
-    spread = float(np.ptp(np.quantile(depth, [0.1, 0.9]))) if len(depth) else 0.0
-    return (share if share > 0.66 else share - 1) - 0.8 * near - 0.4 * max(0.0, 1 - spread)
+    depth = np.clip(hits, 0, FARTHEST_M)
+    jumps = float(
+        (np.abs(np.diff(depth, axis=1)) > 0.2).mean() + (np.abs(np.diff(depth, axis=0)) > 0.2).mean()
+    )
+    return (share if share > 0.66 else share - 1) - 0.8 * near + min(2 * jumps, 0.3)

@@ -8,8 +8,9 @@ import shapely
 
 from benchmarks.completion.scenes.houses.catalogue import AMIDST, AMIDST_BY_USE, AT_WALLS, USES
 from benchmarks.completion.scenes.houses.furniture import fittings, props, seats, storage, tables
-from benchmarks.completion.scenes.houses.furniture.parts import Piece, centred, motion, moved
+from benchmarks.completion.scenes.houses.furniture.parts import Part, Piece, centred, motion, moved, wood
 from benchmarks.completion.scenes.houses.furniture.plants import plant
+from benchmarks.completion.scenes.houses.furniture.solids import slab
 from benchmarks.completion.scenes.houses.openings import Shaft
 from benchmarks.completion.scenes.houses.placing import Layout, Taken
 from benchmarks.completion.scenes.houses.plan import side_frame
@@ -27,6 +28,8 @@ def build_in(layout: Layout, rng: np.random.Generator) -> Shaft | None:
         layout.put_at_wall("casing", fittings.breast(rng, height - 1e-4), rng, corner=rng.random() < 0.5)
     if is_flat and layout.room.floor.area > 10 and rng.random() < 0.25:
         layout.put_free("column", fittings.pillar(rng, height - 1e-4), rng)
+    if is_flat and well is None and rng.random() < 0.12:
+        layout.parts += _beams(layout, rng, height)
     if layout.room.floor.area > 10:
         for name, chance in (("podium", 0.12), ("parapet", 0.15)):
             if rng.random() < chance:
@@ -73,6 +76,25 @@ def _stairs(layout: Layout, rng: np.random.Generator, height: float) -> Shaft | 
     return None
 
 
+def _beams(layout: Layout, rng: np.random.Generator, height: float) -> list[Part]:
+    """Beams below the ceiling, from wall to wall, side by side."""
+    room, tint = layout.room, wood(rng)
+    wide, low = rng.uniform(0.08, 0.2), height - rng.uniform(0.08, 0.2)
+    wall = layout.plan.walls[room.sides[int(rng.integers(len(room.sides)))].wall]
+    reach = 12.0
+    parts: list[Part] = []
+    for at in np.arange(-reach, reach, rng.uniform(0.5, 1.1)):
+        middle = room.floor.centroid.coords[0] + at * wall.normal
+        ends = np.stack([middle - reach * wall.along, middle + reach * wall.along])
+        plan = shapely.LineString(ends).buffer(wide / 2, cap_style="flat").intersection(room.floor)
+        if plan.area > 0.05 and low > 2.0:
+            parts.append(
+                Part(f"room {layout.number} beam {len(parts) + 1}", slab(plan, low, height - 1e-4), tint)
+            )
+            layout.taken.append(Taken(plan, low, height))
+    return parts
+
+
 def furnish(layout: Layout, rng: np.random.Generator, density: float) -> None:
     """Fill a room: `density` 0 is bare, 1 crammed."""
     area, kind = layout.room.floor.area, layout.room.kind
@@ -83,7 +105,7 @@ def furnish(layout: Layout, rng: np.random.Generator, density: float) -> None:
     for name in (wanted * 4)[:n]:
         if rng.random() < 0.92:
             _put(layout, name, AT_WALLS[name](rng), rng, density=density)
-    for name in (AMIDST_BY_USE[kind] * 4)[: int(rng.poisson(0.3 + density * area / 2.5))]:
+    for name in rng.choice(AMIDST_BY_USE[kind], int(rng.poisson(0.3 + density * area / 2.5))).tolist():
         made = AMIDST[name](rng)
         took = layout.put_free(name, made, rng)
         if took is not None and made.tops:
@@ -120,10 +142,13 @@ def _chair_at(rng: np.random.Generator) -> Piece:
     return seats.office_chair(rng) if rng.random() < 0.5 else seats.chair(rng)
 
 
-def _before(piece: Piece, rng: np.random.Generator) -> FloatArray:
-    """Where a chair stands that faces the wall, partly under the piece."""
+def _before(desk: Piece, rng: np.random.Generator) -> FloatArray:
+    """Where a chair stands that faces the wall, partly under the desk, beside its drawers."""
+    drawers = next(one for one in desk.parts if one.name == "desk drawers")
+    aside = -0.3 * float(np.sign(drawers.corners[..., 0].mean())) * float(desk.bounds[1, 0])
     return motion(
-        (rng.uniform(-0.2, 0.1), piece.bounds[1, 1] + rng.uniform(0.3, 0.6), 0), np.pi + rng.normal(0, 0.3)
+        (aside + rng.normal(0, 0.03), desk.bounds[1, 1] + rng.uniform(0.35, 0.7), 0),
+        np.pi + rng.normal(0, 0.2),
     )
 
 
@@ -142,7 +167,7 @@ def _strew(
 
 def _dine(layout: Layout, rng: np.random.Generator, density: float) -> None:
     """A table with chairs half under it."""
-    made = tables.table(rng, *((rng.uniform(0.7, 1.0),) if layout.room.floor.area < 9 else ()))
+    made = tables.table(rng, rng.uniform(0.7, 1.0 if layout.room.floor.area < 9 else 1.8))
     took = (
         layout.put_free("table", made, rng) if rng.random() < 0.75 else layout.put_at_wall("table", made, rng)
     )
@@ -171,7 +196,8 @@ def _dine(layout: Layout, rng: np.random.Generator, density: float) -> None:
 def _hang(layout: Layout, rng: np.random.Generator, density: float) -> None:
     """Pictures, shelves, mirrors and lamps."""
     for _ in range(int(rng.poisson(1 + 4 * density))):
-        w, h = rng.uniform(0.18, 1.0), rng.uniform(0.18, 0.8)
+        w = rng.uniform(0.18, 1.0)
+        h = float(np.clip(w * rng.uniform(0.6, 1.6), 0.15, 0.9))
         mirror = rng.random() < 0.08
         layout.put_at_wall(
             "mirror" if mirror else "picture",

@@ -55,8 +55,10 @@ class Layout:
     def standing_room(self) -> BaseGeometry:
         """Where a person can stand, metres away from walls and things."""
         blocked = [one.plan for one in self.taken if one.low < _BODY_M and one.high > 0.1]
-        return self.room.floor.buffer(-STANDING_M).difference(
-            shapely.union_all(blocked).buffer(STANDING_M, quad_segs=3)
+        return (
+            self.room.below(_BODY_M)
+            .buffer(-STANDING_M)
+            .difference(shapely.union_all(blocked).buffer(STANDING_M, quad_segs=3))
         )
 
     def put(

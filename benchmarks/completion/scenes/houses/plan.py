@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from benchmarks.completion.scenes.houses.furniture.parts import motion
 from scenes.checks import FloatArray
@@ -82,6 +83,11 @@ class Room:
         """Its floor."""
         return shapely.Polygon(self.corners)
 
+    def below(self, height: float) -> BaseGeometry:
+        """Where the ceiling is at least so high, metres."""
+        level = np.array([0.0, 0.0, height])
+        return shapely.intersection_all([self.floor, *(where_below(level, one) for one in self.ceilings)])
+
     def height(self, places: FloatArray) -> FloatArray:
         """Height (n,) of the ceiling above places (n, 2), metres."""
         return np.asarray((places @ self.ceilings[:, :2].T + self.ceilings[:, 2]).min(axis=1))
@@ -100,6 +106,20 @@ def side_frame(wall: Wall, sign: int, s: float, z: float = 0.0) -> FloatArray:
     out = sign * wall.normal
     at = wall.place(np.array([s]), np.array([z]), sign * wall.thickness / 2)[0]
     return motion(tuple(at), yaw=float(np.arctan2(out[1], out[0]) - np.pi / 2))
+
+
+def where_below(plane: FloatArray, other: FloatArray) -> shapely.Polygon:
+    """Return a large square, less the part of it where a plane z = a x + b y + c is above another."""
+    gap = plane - other
+    size = float(np.linalg.norm(gap[:2]))
+    if size < 1e-9:
+        return shapely.box(-99, -99, 99, 99) if gap[2] <= 0 else shapely.Polygon()
+    way = gap[:2] / size
+    edge = -gap[2] / size * way
+    aside = np.array([-way[1], way[0]])
+    return shapely.Polygon(
+        [edge + 99 * aside, edge - 99 * aside, edge - 99 * aside - 199 * way, edge + 99 * aside - 199 * way]
+    )
 
 
 Faces = list[tuple[int, int]]  # wall and sign

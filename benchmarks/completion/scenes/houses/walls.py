@@ -19,7 +19,7 @@ from benchmarks.completion.scenes.houses.furniture.parts import (
 )
 from benchmarks.completion.scenes.houses.furniture.solids import box, parts_of, quads, triangles_of
 from benchmarks.completion.scenes.houses.openings import Opening, Shaft
-from benchmarks.completion.scenes.houses.plan import Plan, Room, Side, Wall, side_frame
+from benchmarks.completion.scenes.houses.plan import Plan, Room, Side, Wall, side_frame, where_below
 from scenes.checks import FloatArray
 
 _PLASTER: Colour = (0.87, 0.85, 0.81)
@@ -115,7 +115,7 @@ def _floor_and_ceiling(
     for k, plane in enumerate(room.ceilings):
         area = room.floor
         for other in (one for j, one in enumerate(room.ceilings) if j != k):
-            area = area.intersection(_below(plane, other))
+            area = area.intersection(where_below(plane, other))
         flat = triangles_of(area.difference(holes))
         if len(flat):
             z = flat @ plane[:2] + plane[2]
@@ -129,20 +129,6 @@ def _floor_and_ceiling(
     for shaft in shafts:
         parts += _shaft(number, room, shaft)
     return parts
-
-
-def _below(plane: FloatArray, other: FloatArray) -> shapely.Polygon:
-    """A large square, less the part of it where `plane` is above `other`."""
-    gap = plane - other
-    size = float(np.linalg.norm(gap[:2]))
-    if size < 1e-9:
-        return shapely.box(-99, -99, 99, 99) if gap[2] <= 0 else shapely.Polygon()
-    way = gap[:2] / size
-    edge = -gap[2] / size * way
-    aside = np.array([-way[1], way[0]])
-    return shapely.Polygon(
-        [edge + 99 * aside, edge - 99 * aside, edge - 99 * aside - 199 * way, edge + 99 * aside - 199 * way]
-    )
 
 
 def _shaft(number: int, room: Room, shaft: Shaft) -> list[Part]:

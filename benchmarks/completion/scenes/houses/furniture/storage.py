@@ -56,13 +56,19 @@ def cabinet(rng: np.random.Generator, w: float, d: float, h: float, name: str = 
 def fronts(
     rng: np.random.Generator, face: tuple[float, float, float, float], y: float, name: str, tint: Colour
 ) -> list[Part]:
-    """Return doors and drawers over `face` (x0, z0, x1, z1) of a cabinet whose front is at y."""
+    """Return doors, and drawers unless it hangs, over `face` (x0, z0, x1, z1), the cabinet's front at y."""
     x0, z0, x1, z1 = face
     columns = np.linspace(x0, x1, max(1, round((x1 - x0) / rng.uniform(0.4, 0.6))) + 1)
     boards, pulls, long_pulls = [], [], rng.random() < 0.5
     for left, right in pairwise(columns):
         high = z1 - z0
-        n = int(rng.integers(2, 5)) if high < 1.3 and rng.random() < 0.4 else 1 if high < 1.2 else 2
+        n = (
+            int(rng.integers(2, 5))
+            if high < 1.3 and z0 < 1.0 and rng.random() < 0.4
+            else 1
+            if high < 1.2
+            else 2
+        )
         rows = np.linspace(z0, z1, n + 1)
         if n == 2:
             rows[1] = z0 + high * rng.uniform(0.3, 0.75)
