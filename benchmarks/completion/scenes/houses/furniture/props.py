@@ -56,14 +56,14 @@ def bowl(radius: float, height: float) -> FloatArray:
     """Return a bowl with a wall of 8 mm, open above."""
     outer = [(0, 0), (radius * 0.5, 0), (radius * 0.85, height * 0.5), (radius, height)]
     inner = [(radius - 0.008, height), (radius * 0.85 - 0.01, height * 0.5), (radius * 0.45, 0.01), (0, 0.01)]
-    return lathe([*outer, *inner], 20)
+    return lathe([*outer, *inner], 32)
 
 
 def vase(rng: np.random.Generator, height: float) -> FloatArray:
     """Return a bottle or vase of revolution."""
     belly, neck = height * rng.uniform(0.18, 0.4), height * rng.uniform(0.06, 0.14)
     z = height * np.array([0, 0, 0.3, 0.6, 0.75, 1, 1])
-    return lathe(np.column_stack([[0, belly * 0.7, belly, belly * 0.7, neck, neck, 0], z]))
+    return lathe(np.column_stack([[0, belly * 0.7, belly, belly * 0.7, neck, neck, 0], z]), 32)
 
 
 def screen(rng: np.random.Generator, width: float) -> Piece:

@@ -14,6 +14,7 @@ from scenes.checks import FloatArray
 from scenes.surfaces.surface import perpendicular
 
 _RING = 14  # corners around what is turned
+_SMOOTH = 30  # around what is thick: on a radius of 13 cm the sagitta is 0.7 mm
 
 
 def box(low: ArrayLike, high: ArrayLike) -> FloatArray:
@@ -110,14 +111,14 @@ def capsule(foot: ArrayLike, head: ArrayLike, radius: float, head_radius: float 
     """Return the triangles of a rod with round ends; its ends are the centres of their spheres."""
     length = float(np.linalg.norm(np.subtract(head, foot)))
     top = radius if head_radius is None else head_radius
-    turn = np.linspace(0, np.pi / 2, 5)
+    turn = np.linspace(0, np.pi / 2, 8)
     below = np.column_stack([radius * np.sin(turn), -radius * np.cos(turn)])
     above = np.column_stack([top * np.cos(turn), length + top * np.sin(turn)])
     below[0, 0] = above[-1, 0] = 0.0
-    return _along(lathe(np.concatenate([below, above])), foot, head)
+    return _along(lathe(np.concatenate([below, above]), _SMOOTH), foot, head)
 
 
-def cushion(low: ArrayLike, high: ArrayLike, *, power: float = 0.35, n: int = 20) -> FloatArray:
+def cushion(low: ArrayLike, high: ArrayLike, *, power: float = 0.35, n: int = 36) -> FloatArray:
     """Return the triangles of a box with soft edges (a superquadric; Barr 1981): 1 a ball, 0 a box."""
     a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     turn, rise = 2 * np.pi * np.arange(n + 1) / n, np.linspace(-np.pi / 2, np.pi / 2, n // 2 + 1)
