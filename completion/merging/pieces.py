@@ -92,6 +92,11 @@ class Piece:
             sample=sample,
         )
 
+    def thinned(self, share: float) -> list[tuple[int, NDArray[np.int32]]]:
+        """Return a share of the sample by scan, flat pixels (n,), one of each scan at least."""
+        step = max(int(1 / share), 1)
+        return [(scan, own[::step]) for scan, own in self.sample]
+
 
 def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
     """The means (n,) of what is doubtful of the poses, by their pixels."""

@@ -15,6 +15,7 @@ from completion.merging.gaps import gap_is_hidden
 from completion.merging.groups import Groups
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece, fit_groups
+from completion.merging.prior import Prior
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
@@ -27,7 +28,8 @@ from scenes.run.spill import NO_SPILL, NoSpill, Spill
 
 _MOST_SCANS = 64  # that are merged together, each pair of them
 _BLOCK = 16  # scans, or blocks of them, that are merged together where there are more
-_LEAST_EVIDENCE = float(np.log(20.0))  # "strong" (Kass & Raftery 1995)
+_LEAST_ODDS = float(np.log(20.0))  # that parts are one surface: "strong" (Kass & Raftery 1995)
+_LEAST_SHARE = 0.04  # of a small part's sample, that takes part in the common fit
 _APART = 4.0  # standard deviations of its warp by which any part of a surface may stand off the common fit
 _SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
 
@@ -45,9 +47,10 @@ def merge(
 
     Two regions join where four things hold. The difference of their parameters passes a chi-square test
     against both covariances, which are inflated for correlated residuals and hold flatness and systematic
-    error. That is strong evidence for one surface. The surface fitted to both is no rougher than they are.
-    The gap between them was hidden along a strip. Pairs are tried in the order of their agreement; groups
-    join where all their pairs pass the test.
+    error. The odds for one surface are strong after it; before it they are the lower the more regions are
+    nearer, and the larger the gap is beside what was measured (`merging.prior`). The surface fitted to both
+    is no rougher than they are. The gap between them was hidden along a strip. Pairs are tried in the order
+    of their agreement; groups join where all their pairs pass the test.
 
     Each pair of scans of a sequence may see one surface, so that pairs grow with the square of their number.
     More than 64 scans are therefore merged sixteen consecutive ones at a time, by the same tests. What is one
@@ -131,9 +134,13 @@ def _join_alike(
     pairs, chi2, log_evidence = _agreements(parts)
     differ = dict(zip(map(tuple, pairs.tolist()), (chi2 > 1).tolist(), strict=True))
     order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
-    tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_EVIDENCE)]
-    for i, j in pairs[tried].tolist():
+    tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_ODDS)]
+    n_scans = len({scan for one in parts for scan, _ in one.sample})
+    prior = Prior.of([one.part for one in parts], n_scans)
+    for (i, j), evidence in zip(pairs[tried].tolist(), log_evidence[tried].tolist(), strict=True):
         if groups.are_one(i, j) or _contradicted(groups.of(i), groups.of(j), differ, parts):
+            continue
+        if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
             continue
         joined = [parts[k] for k in sorted(groups.of(i) + groups.of(j))]
         trim()
@@ -170,7 +177,10 @@ def _contradicted(
 def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
     start = max(parts, key=lambda one: one.n_pixels).fit.surface
-    pairs = sorted((pair for one in parts for pair in one.sample), key=lambda pair: pair[0])
+    most = max(one.n_pixels for one in parts)
+    shares = [max(one.n_pixels / most, _LEAST_SHARE) for one in parts]
+    pairs = [pair for one, share in zip(parts, shares, strict=True) for pair in one.thinned(share)]
+    pairs.sort(key=lambda pair: pair[0])
     beams = [
         Beams.at(observations[scan], np.concatenate([own for _, own in several]))
         for scan, several in groupby(pairs, key=lambda pair: pair[0])

@@ -106,13 +106,16 @@ def test_a_box_cut_in_two_by_another_has_whole_faces():
     assert len(found.surfaces) == 1 + 2 + 2  # table, box in front, box behind
 
 
-def test_handles_a_centimetre_above_the_table_are_one_surface_on_both_sides_of_their_pot():
-    """learn39, labels 50 and 52: seven deviations off; the table's many parts must not outvote that."""
+def test_handles_a_centimetre_above_the_table_are_not_of_the_table():
+    """learn39, labels 50 and 52: seven deviations off; the table's many parts must not outvote that.
+
+    The two handles lie in one plane, but are small beside what is between them, and other things are nearer.
+    """
     found = labelled("learn39")
-    (handles,) = found.on(50)
-    assert handles.n_parts == 2
-    assert found.shares(handles)[50] + found.shares(handles)[52] > 0.99
-    assert min(found.shares(handles)[50], found.shares(handles)[52]) > 0.3
+    (table,) = found.on(1)
+    for label in (50, 52):
+        assert min(found.shares(one)[label] for one in found.on(label)) > 0.99
+        assert table.pixels[0].mask[found.labels == label].mean() < 0.2
 
 
 @pytest.mark.parametrize("name", ["learn0", "learn17", "learn25", "learn29"])
