@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part, compare, compare_all, lies_on
+from completion.merging.agreement import NO_DOUBT, Part, PoseDoubt, compare, compare_all, lies_on
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.observe.observation import observe
 from completion.segmentation.pipeline import segment
@@ -15,8 +15,11 @@ from scenes.surfaces.catalogue import Cylinder, Plane
 from tests.helpers.completion_examples import example
 
 
-def random_parts(n, seed):
-    """Parts of walls, floors and columns of a building, large and small, known well and badly, and tilted."""
+def random_parts(n, seed, n_scans=1):
+    """Parts of walls, floors and columns of a building, large and small, known well and badly, and tilted.
+
+    Of several scans with poses that are a little off.
+    """
     rng = np.random.default_rng(seed)
     parts = []
     for _ in range(n):
@@ -37,7 +40,8 @@ def random_parts(n, seed):
         fit = SurfaceFit(surface, scale, np.diag(np.square(sd)), 50)
         points = surface.from_uv(uv)
         points += rng.normal(0, scale, (50, 1)) * surface.normal(points)
-        parts.append(Part.of(fit, points, scale, 0.001))
+        doubt = NO_DOUBT if n_scans == 1 else PoseDoubt(int(rng.integers(n_scans)), 0.01, 0.003)
+        parts.append(Part.of(fit, points, scale, 0.001, doubt))
     return parts
 
 
@@ -54,6 +58,7 @@ PARTS = {
     "few": random_parts(20, 1),
     "many": random_parts(300, 2),
     "many others": random_parts(300, 3),
+    "of several scans": random_parts(300, 4, n_scans=3),
     "occluders": parts_of_scan("two_occluders"),
     "cylinders": parts_of_scan("two_cylinders"),
 }
@@ -64,7 +69,7 @@ def compared_with_all(parts):
     """All heights of all middles over all surfaces, and their variances."""
     middles = np.array([one.middle() for one in parts]).reshape(-1, 3)
     height = np.array([one.fit.surface.distance(middles) for one in parts])
-    variance = np.array([one.variance_at(middles) for one in parts])
+    variance = np.array([one.variance_at(middles, one.own_doubt()) for one in parts])
     near = np.square(height) <= 25 * (variance + np.diag(variance)[None])
     curved = np.array([one.form.is_curved for one in parts])
     normal = np.array([one.fit.surface.normal(m[None])[0] for one, m in zip(parts, middles, strict=True)])

@@ -9,7 +9,7 @@ import pytest
 from skimage.measure import label as slow_parts
 
 from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.merging.agreement import Part, compare, compare_at_points, lies_on
+from completion.merging.agreement import Part, PoseDoubt, compare, compare_at_points, lies_on
 from completion.merging.candidates import find_candidates
 from completion.merging.pipeline import merge
 from completion.observe.observation import observe
@@ -173,6 +173,33 @@ def test_agreement_is_symmetric_and_sees_the_side():
     assert compare(one, back).chi2 == np.inf
     assert not lies_on(back, one)
     assert lies_on(other, one) or compare(one, other).chi2 > 0
+
+
+def test_a_pose_that_is_off_lets_scans_lie_apart_but_small_parts_tilt_no_more():
+    """A step of 4 cm joins between scans whose poses may be off by 2 cm, and not within one of them.
+
+    Tilted by 13 degrees, half a metre long, no parts join, however far off the poses may be in position.
+    """
+
+    def of_scans(parts, one, other, shift=0.02):
+        doubts = (PoseDoubt(number, shift, shift / 3.0) for number in (one, other))
+        return [replace(part, doubt=doubt) for part, doubt in zip(parts, doubts, strict=True)]
+
+    raised = half_planes(0.04, 0.002, 0)
+    assert compare(*of_scans(raised, 0, 1)).chi2 < 1
+    assert compare(*of_scans(raised, 0, 0)).chi2 > 1
+    assert compare(*of_scans(raised, 0, 0)).chi2 == compare(*raised).chi2
+    low = half_planes(0.02, 0.002, 0)[::-1]
+    assert lies_on(*of_scans(low, 0, 1))
+    assert not lies_on(*of_scans(low, 1, 1))
+    one, other = half_planes(0.0, 0.002, 0)
+    lean = np.tan(np.radians(13.0))
+    points = other.points + np.outer(lean * (other.points[:, 1] - 0.25), [0, 0, 1.0])
+    tilted = Part.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
+    for shift in (0.005, 0.02, 0.05):
+        assert compare(*of_scans((one, tilted), 0, 1, shift)).chi2 > 1
+    warped = Part.of(tilted.fit, points, 0.002, 0.05)  # as if each part were warped by what the pose is off
+    assert compare(one, warped).chi2 < 1
 
 
 def test_two_sides_of_a_cylinder_agree_and_another_radius_does_not():
