@@ -28,6 +28,10 @@ class CompletionOptions:
         what was measured.
     sigma_m : float, optional
         Range noise in metres; when None it is read off each scan.
+    projector_m : float, optional
+        Where the projector, or second camera, of triangulating cameras stands on their x axis, metres, to the
+        right when positive, 0 for none; when None it is read off each scan. What is hidden from it may be
+        inferred.
     registration_m : float
         Error of the poses of several scans, metres, where these do not show it: scans that measured the same
         surfaces do. Of such scans it is what they show, and at least this, but no more than 5 mm.
@@ -52,6 +56,7 @@ class CompletionOptions:
 
     mode: Mode = "standard"
     sigma_m: float | None = None
+    projector_m: float | None = None
     registration_m: float = REGISTRATION_M
     moves_scans: bool = True
     texture: bool = True
@@ -69,7 +74,7 @@ class CompletionOptions:
             if cue not in ALL_CUES:
                 raise InputError(f"cues must be some of {', '.join(ALL_CUES)}, got {cue!r}")
         lengths = ("sigma_m", "registration_m", "max_sd_m")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)))
+        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
 
     def rules(self) -> ExtensionRules:
         """Return what a continuation may use, and how sure it must be."""

@@ -96,7 +96,9 @@ def complete(
     world_from_reference, stated = scans[0].world_from_sensor, options.tolerance(len(scans))
     with _Steps.over(scans, n_threads, progress, journal) as steps:
         observations = steps.each(
-            "noise and normals", lambda scan: observe(scan, world_from_reference, options.sigma_m), scans
+            "noise and normals",
+            lambda scan: observe(scan, world_from_reference, options.sigma_m, options.projector_m),
+            scans,
         )
         keys = find_key_frames(observations)
         registration = steps.one(

@@ -148,6 +148,17 @@ def complete(
         float | None,
         typer.Option("--sigma", metavar="M", min=0, help="Range noise.", show_default="from the scans"),
     ] = None,
+    projector: Annotated[
+        float | None,
+        typer.Option(
+            "--projector",
+            metavar="M",
+            min=-1.0,
+            max=1.0,
+            help="A Kinect's projector, right of the camera (left: negative); 0: none.",
+            show_default="from the scans",
+        ),
+    ] = None,
     max_sd: Annotated[
         float, typer.Option("--max-sd", metavar="M", min=0, help="Continue only where known to this.")
     ] = 0.02,
@@ -198,6 +209,7 @@ def complete(
     how = CompleteRequest(
         mode=mode,
         sigma_m=sigma,
+        projector_m=projector,
         max_sd_m=max_sd,
         registration_m=registration,
         moves_scans=not keep_poses,

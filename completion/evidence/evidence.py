@@ -24,9 +24,10 @@ class Label(IntEnum):
 
     OUT = 0  # in no scan's field of view
     NO_RETURN = 1  # looked at without an echo, or too obliquely to tell: evidence of nothing
-    OCCLUDED = 2  # something nearer stood before it
-    VISIBLE = 3  # measured there
-    FREE = 4  # a beam went through: nothing can be there
+    UNLIT = 2  # looked at without an echo, where something nearer hid it from the projector
+    OCCLUDED = 3  # something nearer stood before it
+    VISIBLE = 4  # measured there
+    FREE = 5  # a beam went through: nothing can be there
 
 
 @dataclass(frozen=True, slots=True, eq=False)

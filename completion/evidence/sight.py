@@ -10,6 +10,7 @@ import numpy as np
 from completion.evidence.form import Form, slope_at
 from completion.observe.observation import Observation
 from completion.observe.rays import Noise, Rays
+from completion.observe.shadow import Devices
 from completion.observe.tolerance import Tolerance
 from completion.observe.triple import Triple, dot, minus, triple
 from scenes.checks import FloatArray
@@ -46,6 +47,7 @@ class Sight(NamedTuple):
     ranges: FloatArray  # (pixels,) metres
     noise: Noise  # their standard deviations
     rays: Rays
+    devices: Devices
 
 
 class Look(NamedTuple):
@@ -82,7 +84,9 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
         registration_m=tolerance.of_pose(observation.pose_error_m).registration_m,
         max_m=tolerance.max_m,
     )
-    return Sight(eye, angles, scan.ranges.ravel(), observation.noise.numbers(), observation.rays)
+    ranges, noise = scan.ranges.ravel(), observation.noise.numbers()
+    devices = Devices(observation.shadow, lens, camera.shape)
+    return Sight(eye, angles, ranges=ranges, noise=noise, rays=observation.rays, devices=devices)
 
 
 @inlined

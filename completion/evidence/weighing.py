@@ -15,10 +15,11 @@ from completion.evidence.field_of_view import ball_around
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, is_beyond, progress_of
-from completion.evidence.sight import Sight, look, pixel_of
+from completion.evidence.sight import Look, Sight, along_ray, look, pixel_of
 from completion.evidence.window import window_of
 from completion.observe.rays import deviation_at
-from completion.observe.triple import dot, minus, plus
+from completion.observe.shadow import is_shadowed
+from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
@@ -29,7 +30,8 @@ _LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
 _BLOCK = 16  # cells: side of the blocks that are held against a scan together
 _ROUNDING_M = 1e-9
 _NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
-_NO_RETURN, _OCCLUDED, _VISIBLE = int(Label.NO_RETURN), int(Label.OCCLUDED), int(Label.VISIBLE)
+_NO_RETURN, _UNLIT = int(Label.NO_RETURN), int(Label.UNLIT)
+_OCCLUDED, _VISIBLE = int(Label.OCCLUDED), int(Label.VISIBLE)
 
 
 def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -> Evidence:
@@ -232,11 +234,26 @@ def _hold_cells(
             if is_measured and footprint <= footprints[cell]:
                 footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
 
-        # 3. Note cells that beams seem to have passed, and those too oblique to tell.
+        elif measured == np.inf and _is_unlit(sight, pixel, place, said, predicted_sd[cell]):
+            # 3. Nothing came back, since something hid the cell from the projector.
+            label = _UNLIT
+
+        # 4. Note cells that beams seem to have passed, and those too oblique to tell.
         limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
         if np.isfinite(measured) and said.behind < -said.allowed and is_sure:
             through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
         at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 
-        # 4. Keep the strongest label of all scans.
+        # 5. Keep the strongest label of all scans.
         labels[cell] = max(labels[cell], label)
+
+
+@inlined
+def _is_unlit(sight: Sight, pixel: int, place: Triple, said: Look, predicted_sd: float) -> bool:
+    """Tell whether a place that a pixel without return sees was hidden from the projector."""
+    eye = sight.eye
+    if eye.is_spherical or not max(sight.devices.shadow) > 0.0:
+        return False
+    depth = dot(eye.turn[2], place) + eye.shift[2]
+    allowed = along_ray(eye, deviation_at(sight.noise, said.distance), predicted_sd, said.cosine)
+    return bool(is_shadowed(sight.devices, sight.ranges, pixel, depth, allowed))

@@ -33,6 +33,7 @@ class Provenance(IntEnum):
     ARCHITECTURAL = 4  # on to the plane that encloses the room there
     FULL_TURN = 5  # around the back of a cylinder
     USER = 6  # because a person says so
+    NO_RETURN = 7  # nothing came back: in the projector's shadow, or with the surface all around
 
 
 @dataclass(frozen=True, slots=True, eq=False)

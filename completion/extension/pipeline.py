@@ -23,6 +23,7 @@ from completion.evidence.weighing import weigh
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
+from completion.extension.silence import silent_cells, trust
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -99,17 +100,22 @@ def extend(
     confidence = estimate(grid, regions, labelling, extent, evidence)
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
-    least = LEAST_CONFIDENCE[rules.mode]
+    least, silent = LEAST_CONFIDENCE[rules.mode], silent_cells(evidence, hidden)
     probable = hidden & (confidence >= least) & ~edits.rejected(grid)
     filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
-    filled &= evidence.labels == Label.OCCLUDED
+    occluded = filled & (evidence.labels == Label.OCCLUDED)
 
-    # 6. Trim: cut cells along the continued edges and declared openings.
+    # 6. Silence: where nothing came back, how probably that is surface, by what is around.
+    confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=extent.encloses)
+    filled = occluded | (filled & silent & (confidence >= least))
+
+    # 7. Trim: cut cells along the continued edges and declared openings.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
     filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
 
-    # 7. Provenance: why each cell is in the model.
+    # 8. Provenance: why each cell is in the model.
     provenance = provenance_of(grid, extent, evidence.observed, filled)
+    provenance[filled & silent] = Provenance.NO_RETURN
     by_edit = accepted & ~_connected_cells(probable, measured, grid) | _beyond_edited_ends(grid, extent)
     by_edit |= edits.is_joined & (provenance == Provenance.BETWEEN)
     provenance[filled & by_edit] = Provenance.USER
@@ -134,7 +140,7 @@ def extend(
 
 def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolArray:
     """Cells that are neither measured nor passed by beams, nor in an opening that a person declared."""
-    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN)) & ~evidence.open
+    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.UNLIT, Label.NO_RETURN)) & ~evidence.open
     hidden &= ~evidence.observed & ~edits.open_cells(grid)
     if isinstance(grid.surface, Cylinder):
         hidden &= ~evidence.rings_passed()[:, None]

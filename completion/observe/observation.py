@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
+from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
@@ -29,12 +30,15 @@ class Observation:
         Its rays, for compiled loops.
     pose_error_m : float
         How far its pose may be off, metres; 0 of a single scan.
+    shadow : Shadow
+        Where a second device stands that must see a place too.
     """
 
     scan: RangeImage
     noise: RangeNoise
     rays: Rays
     pose_error_m: float = 0.0
+    shadow: Shadow = NO_SHADOW
 
     @property
     def is_noisy(self) -> bool:
@@ -63,7 +67,12 @@ class Observation:
         return self.noise.deviation(self.scan.ranges.ravel()[pixels])
 
 
-def observe(scan: RangeImage, world_from_reference: Pose, sigma_m: float | None = None) -> Observation:
+def observe(
+    scan: RangeImage,
+    world_from_reference: Pose,
+    sigma_m: float | None = None,
+    projector_m: float | None = None,
+) -> Observation:
     """Prepare `scan` in the frame that `world_from_reference` leads out of.
 
     Parameters
@@ -75,6 +84,9 @@ def observe(scan: RangeImage, world_from_reference: Pose, sigma_m: float | None 
     sigma_m : float, optional
         Range noise in metres; when None, the scan's own `sigma_m` or, without one, an estimate from the
         scan: the roughness of small tiles, most of which are flat.
+    projector_m : float, optional
+        Where a triangulating camera's projector stands on its x axis, metres, to the right when positive; 0
+        for none; when None, it is read off the scan (`find_shadow`).
     """
     pose, own = Pose.identity(), scan.world_from_sensor
     if not np.array_equal(own.matrix, world_from_reference.matrix):
@@ -82,7 +94,8 @@ def observe(scan: RangeImage, world_from_reference: Pose, sigma_m: float | None 
     moved = scan.restated(world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
-    return Observation(moved, noise, rays_of(moved))
+    shadow = find_shadow(moved) if projector_m is None else shadow_of(projector_m)
+    return Observation(moved, noise, rays_of(moved), shadow=shadow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

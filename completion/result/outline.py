@@ -90,7 +90,7 @@ def _greatest_outside(
     in_grid = ((beside >= 0) & (beside <= limit)).all(axis=-1)
     row, column = np.moveaxis(np.clip(beside, 0, limit), -1, 0)
     outside, label = ~inside[row, column], patch.evidence.labels[row, column].astype(np.int64)
-    unknown = np.isin(label, (Label.OUT, Label.NO_RETURN)) & patch.is_within[row, column]
+    unknown = np.isin(label, (Label.OUT, Label.NO_RETURN, Label.UNLIT)) & patch.is_within[row, column]
     still = np.where(unknown, 1.0, patch.confidence[row, column])
     found = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
     return found[0].max(axis=0), np.where(in_grid, found[1], 1.0).max(axis=0)
@@ -132,7 +132,12 @@ def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) ->
 def _kinds(label: NDArray[np.int64]) -> NDArray[np.str_]:
     """Kind that a cell has on the outline, by the strongest label (n,) just outside."""
     return np.select(
-        [label == Label.FREE, label == Label.VISIBLE, label == Label.OCCLUDED, label == Label.NO_RETURN],
+        [
+            label == Label.FREE,
+            label == Label.VISIBLE,
+            label == Label.OCCLUDED,
+            (label == Label.NO_RETURN) | (label == Label.UNLIT),
+        ],
         ["edge", "crease", "occluded", "no-return"],
         "frame",
     )

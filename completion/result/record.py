@@ -150,6 +150,7 @@ def completion_record(completion: CompletedModel, verification: Verification | N
             }
             for seen in completion.observations
         ],
+        "projector": [seen.shadow._asdict() for seen in completion.observations],
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }

@@ -27,7 +27,7 @@ from scenes.files.scan_request import ScanRequest, read_request
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CompleteRequest:
-    """How scans are to be completed, in metres; the range noise is read off each scan when it is None.
+    """How scans are to be completed, in metres; what is None is read off each scan: noise, projector.
 
     `search` is that of textures, `edits` a file, `exports` the formats ("obj", "e57") beside those that are
     always written, `scheduler` who works; results do not depend on it.
@@ -43,6 +43,7 @@ class CompleteRequest:
     exports: tuple[str, ...] = ()
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
+    projector_m: float | None = None
     scheduler: str | None = None
 
     def resolved(self) -> CompletionOptions:
@@ -50,6 +51,7 @@ class CompleteRequest:
         return CompletionOptions(
             mode=self.mode,
             sigma_m=self.sigma_m,
+            projector_m=self.projector_m,
             max_sd_m=self.max_sd_m,
             registration_m=self.registration_m,
             moves_scans=self.moves_scans,

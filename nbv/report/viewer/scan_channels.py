@@ -21,7 +21,7 @@ from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)
 INFERRED = Category("inferred", picture.INFERRED)
-_PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6)  # of `Provenance`, numbers in the palette of surfaces
+_PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10)  # of `Provenance`, numbers in the palette of surfaces
 
 
 def provenance_categories() -> tuple[Category, ...]:

@@ -107,7 +107,7 @@ def test_e57_keeps_scans_and_marks_what_is_inferred(room, tmp_path):
     assert names[0] == "west"
     assert all(name.startswith("inferred ") for name in names[1:])
     assert told["format"] == INFERRED
-    assert set(told["provenance"]) == {str(k) for k in range(7)}
+    assert set(told["provenance"]) == {str(k) for k in range(8)}
     assert {f"unseen:{name}" for name in ("surface", "provenance", "confidence", "sd")} <= set(fields)
     clouds = list(inferred_points(room))
     assert len(names) == 1 + len(clouds)

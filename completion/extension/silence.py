@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Silence: cells from which nothing came back, and how far that may be trusted to be surface.
+
+Nothing comes back from where the projector does not light, from what is dark, clear or polished, and from
+where nothing is: a window pane is a hole without return in a wall. What surrounds such a hole, how wide it
+is, and what the surface is like tell which of them it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.evidence import Evidence, Label
+from scenes.checks import BoolArray, FloatArray
+
+_PROBABLE = 0.5  # from which on silent cells are part of the rim of others
+_STEP = 1.5  # from one width that is told apart to the next
+_LEAST_M = 1e-6
+_ALL_AROUND = np.ones((3, 3))
+_STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+ENCLOSED = 0.9
+"""Share of a rim that is to be measured or inferred surface: a mouth of a tenth is as wide as its part."""
+
+MOSTLY = 0.5
+"""The same for shadows on walls, of which one side may border on what is dark."""
+
+TRUST: FloatArray = np.array([
+    [[0.97, 0.2], [0.88, 0.8]],
+    [[0.975, 0.45], [0.975, 0.09]],
+])  # fmt: skip
+"""Probability p that narrow silent cells are surface, and half width w: it is p exp(-(x / w)^2) at width x.
+
+By what brought nothing back, unknown or a shadow of the projector, and by walls, in metres, and other
+surfaces, in units of the root of their measured area. The most likely ones on the desks with seeds 1000 to
+1047, rounded (`python -m benchmarks.completion.silence --fit`), but for wide holes in walls: whether they are
+screens or panes depends on the house, so that they fall off in half the width that is likeliest there.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SilentPart:
+    """Connected cells without return, about as wide everywhere."""
+
+    cells: NDArray[np.int64]  # (n,) flat
+    half_width_m: float  # radius of the discs that cover it
+    enclosed: float  # share of its rim that is measured or inferred surface
+
+
+def silent_cells(evidence: Evidence, hidden: BoolArray) -> BoolArray:
+    """Those of the hidden cells (rows, columns) from which nothing came back."""
+    return np.asarray(hidden & np.isin(evidence.labels, (Label.NO_RETURN, Label.UNLIT)), dtype=np.bool_)
+
+
+def trust(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hidden: BoolArray,
+    filled: BoolArray,
+    *,
+    within: BoolArray,
+    is_wall: bool,
+) -> FloatArray:
+    """Probability (rows, columns) that what brought nothing back is surface, if it goes on there; else 1.
+
+    All (rows, columns): `hidden` cells are where the surface may be, `filled` where it is inferred for other
+    reasons, and those not `within` lie beyond what it ends at. Silent cells count where surface is all
+    around, to `ENCLOSED`, shadows on walls to `MOSTLY`; what is trusted counts as surface for narrower ones.
+    """
+    result = np.ones(grid.shape)
+    for part, probability in judged_parts(grid, evidence, hidden, filled, within=within, is_wall=is_wall):
+        result.ravel()[part.cells] = probability
+    return result
+
+
+def judged_parts(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hidden: BoolArray,
+    filled: BoolArray,
+    *,
+    within: BoolArray,
+    is_wall: bool,
+) -> Iterator[tuple[SilentPart, float]]:
+    """Yield a surface's silent parts and how probably they are surface; (rows, columns) as for `trust`."""
+    solid, cell = evidence.observed | filled, float(grid.cell.max())
+    unit = 1.0 if is_wall else float(np.sqrt(np.count_nonzero(evidence.observed) * grid.cell_area))
+    for why, needed in ((Label.UNLIT, MOSTLY if is_wall else ENCLOSED), (Label.NO_RETURN, ENCLOSED)):
+        start, length = TRUST[int(why == Label.UNLIT), int(not is_wall)]
+        for part in silent_parts(hidden & (evidence.labels == why), solid, within, cell, wraps=grid.wraps):
+            width = part.half_width_m / max(length * unit, _LEAST_M)
+            probability = float(start * np.exp(-(width**2))) if part.enclosed >= needed else 0.0
+            solid.ravel()[part.cells] = probability >= _PROBABLE
+            yield part, probability
+
+
+def silent_parts(
+    silent: BoolArray, solid: BoolArray, within: BoolArray, cell_m: float, *, wraps: bool
+) -> Iterator[SilentPart]:
+    """Part silent cells by how wide they are there, and look at each part's rim, the widest first.
+
+    Cells (rows, columns) that are `solid` are measured or inferred; parts that the caller adds to them count
+    for narrower ones. Those that are not `within` lie beyond what the surface ends at, and say nothing; nor
+    do silent cells of narrower parts.
+    """
+    level = _half_widths(silent)
+    for one in sorted(set(level[silent].tolist()), reverse=True):
+        number, n_parts = ndimage.label(level == one, _ALL_AROUND)
+        good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
+        against = ~solid & within & ~(silent & (level < one))
+        for step in _STEPS:
+            beside = _shifted(number, step)
+            rim = (beside > 0) & (number != beside)
+            good += np.bincount(beside[rim & solid], minlength=n_parts + 1)
+            bad += np.bincount(beside[rim & against], minlength=n_parts + 1)
+        order = np.argsort(number, axis=None, kind="stable")
+        ends = np.searchsorted(number.ravel()[order], np.arange(n_parts + 2))
+        for part in range(1, n_parts + 1):
+            share = float(good[part] / max(good[part] + bad[part], 1.0))
+            yield SilentPart(order[ends[part] : ends[part + 1]], one * cell_m, share)
+
+
+def _half_widths(silent: BoolArray) -> FloatArray:
+    """Radius in cells, in steps of `_STEP`, of the largest disc of silent cells that covers each; else 0."""
+    level = silent.astype(np.float64)
+    away = ndimage.distance_transform_edt(np.pad(silent, 1))[1:-1, 1:-1]
+    radius = _STEP
+    while (core := away >= radius).any():
+        level[ndimage.distance_transform_edt(~core) < radius] = radius
+        radius *= _STEP
+    return np.where(silent, level, 0.0)
+
+
+def _at_border(number: NDArray[np.int32], n_parts: int, wraps: bool) -> FloatArray:
+    """How many cells of each part (n_parts + 1,) lie at the grid's border."""
+    sides = [number[0], number[-1]] + ([] if wraps else [number[:, 0], number[:, -1]])
+    return np.bincount(np.concatenate(sides), minlength=n_parts + 1).astype(np.float64)
+
+
+def _shifted(cells: NDArray[np.int32], step: tuple[int, int]) -> NDArray[np.int32]:
+    """At each cell the value one step back, 0 beyond the grid."""
+    padded = np.pad(cells, 1)
+    rows, columns = cells.shape
+    return padded[1 - step[0] : 1 - step[0] + rows, 1 - step[1] : 1 - step[1] + columns]
