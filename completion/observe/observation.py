@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.mixed_pixels import find_mixed
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
@@ -95,7 +96,21 @@ def observe(
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
     shadow = find_shadow(moved) if projector_m is None else shadow_of(projector_m)
+    mixed = find_mixed(moved.ranges, noise.numbers())
+    if mixed.any():
+        moved = _without(moved, mixed)
     return Observation(moved, noise, rays_of(moved), shadow=shadow)
+
+
+def _without(scan: RangeImage, mixed: BoolArray) -> RangeImage:
+    """The scan without some pixels (rows, columns), and with a word about it."""
+    share = int(np.count_nonzero(mixed)) / int(np.count_nonzero(scan.valid))
+    text = (
+        f"{share:.1%} of its ranges lie between two surfaces, since beams are wider than a pixel or the "
+        "image was interpolated; they are left out"
+    )
+    ranges = np.where(mixed, np.inf, scan.ranges)
+    return replace(scan, ranges=ranges, warnings=(*scan.warnings, text))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

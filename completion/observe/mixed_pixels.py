@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Mixed pixels: ranges between two surfaces, where a wide beam met both and tells of neither."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.observe.rays import Noise, deviation_at
+from completion.observe.tolerance import FLATNESS_M
+from scenes.checks import BoolArray, FloatArray
+from texture.engine.compiled import compiled, inlined
+
+_WIDEST = 8  # pixels between two surfaces that are looked at
+_BACK = 2  # pixels of a surface that tell how it goes on
+_STEEP = 4.0  # times as much as beside it, that ranges change in a jump
+_CLEAR = 4.0  # deviations of a range, by which it lies between two others
+_JUMP = 12.0  # deviations, from which on two surfaces are apart
+_FEW = 100  # jumps, below which they do not tell how wide a beam is
+_LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that is aslant
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:
+    """Find the pixels (rows, columns) whose range lies between two surfaces that one beam met.
+
+    Along rows and columns of `ranges` (rows, columns), metres, wherever one surface ends and another goes on,
+    the pixels between are counted whose ranges lie between both. Their median tells how wide the beam is.
+    Scans of which most jumps have none there are left alone; sides of things that are seen aslant lie between
+    others, too. Else those are mixed that lie between two surfaces no farther apart than a beam is wide.
+    """
+    counts = _count_between(ranges, noise)
+    if counts.sum() < _FEW:
+        return np.zeros(ranges.shape, dtype=np.bool_)
+    width = int(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
+    return _between(ranges, noise, int(np.ceil(_LONGER * width + 1)) if width else 0)
+
+
+@compiled
+def _count_between(ranges: FloatArray, noise: Noise) -> NDArray[np.int64]:
+    """How many jumps along rows and columns have 0, 1, 2 ... pixels between both surfaces."""
+    found = np.zeros(_WIDEST + 1, np.int64)
+    for step in _STEPS[:2]:
+        for row in range(ranges.shape[0]):
+            for column in range(ranges.shape[1]):
+                for n in range(_WIDEST + 1):
+                    if _is_jump(ranges, noise, (row, column), step, n):
+                        found[n] += 1
+                        break
+    return found
+
+
+@compiled
+def _between(ranges: FloatArray, noise: Noise, most: int) -> BoolArray:
+    """The pixels (rows, columns) of all jumps with at most so many between both surfaces, along any step."""
+    mixed = np.zeros(ranges.shape, np.bool_)
+    for down, right in _STEPS:
+        farthest = most / _LONGER if down * right != 0 else float(most)
+        for n in range(1, int(farthest) + 1):
+            for row in range(ranges.shape[0]):
+                for column in range(ranges.shape[1]):
+                    if _is_jump(ranges, noise, (row, column), (down, right), n):
+                        for k in range(1, n + 1):
+                            mixed[row + k * down, column + k * right] = True
+    return mixed
+
+
+@inlined
+def _is_jump(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step: tuple[int, int], n: int) -> bool:
+    """Tell whether a surface ends at a pixel, another goes on n + 1 steps on, and ranges between lie between.
+
+    Both are taken to be plane; two surfaces are apart where ranges change more steeply than beside the jump.
+    """
+    (rows, columns), (row, column), (down, right) = ranges.shape, pixel, step
+    first, last = -_BACK, n + 1 + _BACK
+    if row + first * down < 0 or row + last * down >= rows:
+        return False
+    if not (0 <= column + first * right < columns and 0 <= column + last * right < columns):
+        return False
+    here, there = ranges[row, column], ranges[row + (n + 1) * down, column + (n + 1) * right]
+    if not abs(there - here) < np.inf:
+        return False
+    before = ranges[row + first * down, column + first * right]
+    after = ranges[row + last * down, column + last * right]
+    if not (np.isfinite(before) and np.isfinite(after)):
+        return False
+    jump, beside = abs(there - here), max(abs(here - before), abs(after - there)) / _BACK
+    sigma = max(deviation_at(noise, max(here, there)), FLATNESS_M)
+    if not (jump > _JUMP * sigma and jump > _STEEP * (n + 1) * beside):
+        return False
+    sign = 1.0 if there > here else -1.0
+    for k in range(1, n + 1):
+        between, back = ranges[row + k * down, column + k * right], n + 1 - k
+        if not sign * (between - _going_on(here, before, k)) > _CLEAR * sigma * (1.0 + k / _BACK):
+            return False
+        if not sign * (_going_on(there, after, back) - between) > _CLEAR * sigma * (1.0 + back / _BACK):
+            return False
+    return True
+
+
+@inlined
+def _going_on(end: float, before: float, k: int) -> float:
+    """Range k steps beyond the end of a plane, from that and the one `_BACK` steps before."""
+    inverse = 1.0 / end + k * (1.0 / end - 1.0 / before) / _BACK
+    return 1.0 / inverse if inverse > 0.0 else np.inf
