@@ -34,7 +34,7 @@ class Compared:
     tilt_alone_deg, tilt_deg : float
         Between its normal and the reference, alone and together.
     rms_alone_m, rms_m : float
-        Of the same pixels about the surface, alone and together.
+        Of the pixels that are theirs alone and together about the surface, alone and together.
     inferred_alone_m2, inferred_m2 : float
         Inferred area of the two.
     """
@@ -72,6 +72,7 @@ def compare_surfaces(
         best = min(held, key=lambda one: _doubt(one[2]))
         for scan, k, patch in held:
             pixels = patch.source.pixels[0].flat
+            pixels = pixels[together.owners[scan].ravel()[pixels] == number + 1]
             pixels = pixels[:: max(1, len(pixels) // _MOST)]
             own, joint = _normal(alone[scan], 0, patch), _normal(together, scan, together.patches[number])
             reference = truth(scan, pixels) if truth else _turned(best, alone, together, scan)
