@@ -199,6 +199,20 @@ def lies_on(small: Part, large: Part) -> bool:
     return square <= 1 + small.slack and float(np.median(facing)) > LEAST_FACING
 
 
+def log_evidence_of_height(small: Part, large: Part) -> float:
+    """Log of how many times likelier a small part's height over a surface is if it is a part of it.
+
+    Against an unrelated one, which lies anywhere within the size of both. A surface that is not known there,
+    far from where it was measured, is evidence of nothing.
+    """
+    middle = small.points.mean(axis=0, keepdims=True)
+    doubt = small.doubt.against(large.doubt)
+    variance = small.scale**2 + float(large.variance_at(middle, doubt)[0])
+    height = float(large.fit.surface.distance(middle)[0])
+    size = np.linalg.norm(np.maximum(small.box[1], large.box[1]) - np.minimum(small.box[0], large.box[0]))
+    return float(np.log(2 * size) - (np.log(2 * np.pi * variance) + height**2 / variance) / 2)
+
+
 def _doubtful(n: int, shift: float, turn: float) -> FloatArray:
     """Covariance (n, n) of a surface's parameters by a pose: of planes and cylinders, tilts are the turn."""
     return np.diag([shift, turn, turn] if n == 3 else [shift, shift, turn, turn, 0.0])

@@ -9,7 +9,7 @@ from itertools import groupby, product
 import numpy as np
 
 from completion.evidence.sight import sight_of
-from completion.merging.agreement import compare, compare_all, lies_on
+from completion.merging.agreement import compare, compare_all, lies_on, log_evidence_of_height
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
 from completion.merging.groups import Groups
@@ -118,8 +118,9 @@ def _grouped(
 ) -> list[list[Piece]]:
     """The pieces of each surface."""
     groups = Groups(len(pieces))
-    _join_alike(groups, pieces, observations, sights, tolerance)
-    _adopt_small(groups, pieces, sights)
+    prior = Prior.of([one.part for one in pieces], len({scan for one in pieces for scan, _ in one.sample}))
+    _join_alike(groups, pieces, observations, sights, tolerance, prior=prior)
+    _adopt_small(groups, pieces, sights, prior)
     return [[pieces[k] for k in several] for several in groups.all()]
 
 
@@ -129,14 +130,14 @@ def _join_alike(
     observations: Sequence[Observation],
     sights: Sights,
     tolerance: Tolerance,
+    *,
+    prior: Prior,
 ) -> None:
     """Join the groups of pairs that pass all tests, those that agree best first."""
     pairs, chi2, log_evidence = _agreements(parts)
     differ = dict(zip(map(tuple, pairs.tolist()), (chi2 > 1).tolist(), strict=True))
     order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
     tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_ODDS)]
-    n_scans = len({scan for one in parts for scan, _ in one.sample})
-    prior = Prior.of([one.part for one in parts], n_scans)
     for (i, j), evidence in zip(pairs[tried].tolist(), log_evidence[tried].tolist(), strict=True):
         if groups.are_one(i, j) or _contradicted(groups.of(i), groups.of(j), differ, parts):
             continue
@@ -202,8 +203,12 @@ def _hidden_between(one: Piece, other: Piece, sights: Sights) -> bool:
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights) -> None:
-    """Put small parts that lie on a much larger one, but are too small to be tested, into its group."""
+def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: Prior) -> None:
+    """Put small parts that lie on a much larger one, but are too small to be tested, into its group.
+
+    Each scan more is a chance more that something of it lies where a surface of another scan is hardly known:
+    what is of another scan is to be evidence of that surface, by its height.
+    """
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     rank = {index: place for place, index in enumerate(by_size)}
     single = [j for j in reversed(by_size) if len(groups.of(j)) == 1]
@@ -218,6 +223,10 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights) -> None
                 break
             best = parts[min(groups.of(i), key=rank.__getitem__)]  # what is known best of that surface
             if not (lies_on(small.part, large.part) and lies_on(small.part, best.part)):
+                continue
+            is_of_one_scan = small.part.doubt.scan == best.part.doubt.scan >= 0
+            evidence = np.inf if is_of_one_scan else log_evidence_of_height(small.part, best.part)
+            if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
                 continue
             if _hidden_between(large, small, sights):
                 groups.join(i, j)

@@ -9,7 +9,14 @@ import pytest
 from skimage.measure import label as slow_parts
 
 from completion.fitting.euclidean import fit_cylinder, fit_plane
-from completion.merging.agreement import Part, PoseDoubt, compare, compare_at_points, lies_on
+from completion.merging.agreement import (
+    Part,
+    PoseDoubt,
+    compare,
+    compare_at_points,
+    lies_on,
+    log_evidence_of_height,
+)
 from completion.merging.candidates import find_candidates
 from completion.merging.pipeline import merge
 from completion.observe.observation import observe
@@ -200,6 +207,23 @@ def test_a_pose_that_is_off_lets_scans_lie_apart_but_small_parts_tilt_no_more():
         assert compare(*of_scans((one, tilted), 0, 1, shift)).chi2 > 1
     warped = Part.of(tilted.fit, points, 0.002, 0.05)  # as if each part were warped by what the pose is off
     assert compare(one, warped).chi2 < 1
+
+
+def test_the_height_of_a_small_part_is_evidence_where_the_surface_is_known_and_none_far_away():
+    """Half a metre with a warp of 1 cm is known to decimetres 4 m away: there it may lie anywhere."""
+
+    def crumb(x, height):
+        rng = np.random.default_rng(1)
+        points = np.concatenate([rng.uniform(0, 0.1, (60, 2)) + [x, 0.2], np.full((60, 1), height)], axis=1)
+        return Part.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
+
+    patch, _ = half_planes(0.0, 0.002, 0)
+    wide = Part.of(patch.fit, patch.points, patch.scale, 0.01)  # half a metre, known by a warp of 1 cm
+    assert log_evidence_of_height(crumb(0.6, 0.0), patch) > np.log(20)
+    assert log_evidence_of_height(crumb(0.6, 0.05), patch) < 0
+    assert log_evidence_of_height(crumb(10.0, 0.0), wide) < log_evidence_of_height(crumb(0.6, 0.0), patch)
+    assert lies_on(crumb(4.0, 0.1), wide)  # it does not contradict that it is one
+    assert log_evidence_of_height(crumb(4.0, 0.1), wide) < np.log(20)
 
 
 def test_two_sides_of_a_cylinder_agree_and_another_radius_does_not():
