@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("nbv", "completion", "texture", "scenes")
 COLOURS = {"nbv": "#c9daf2", "completion": "#f2d3c4", "texture": "#f0e6b8", "scenes": "#d3e8cf"}
+_WRAPPED = 18  # letters from which on a folder's name takes two lines
 FLOWS = {
     "complete": "completion/pipeline.py",
     "plan": "nbv/plan/planning.py",
@@ -195,7 +196,8 @@ def draw(axes: Axes, arrows: dict[str, set[str]]) -> None:
     for node, (x, y) in place.items():
         package, _, name = node.partition("/")
         box = {"boxstyle": "round,pad=0.4", "facecolor": COLOURS[package], "edgecolor": "#5a5f68"}
-        axes.text(x, y, name, ha="center", va="center", fontsize=8.5, bbox={**box, "linewidth": 0.8})
+        label = name if len(name) < _WRAPPED else name.replace("/", "/\n")
+        axes.text(x, y, label, ha="center", va="center", fontsize=8.5, bbox={**box, "linewidth": 0.8})
     top = max(y for _, y in place.values()) + 0.9
     for package in {node.split("/")[0] for node in place}:
         across = [x for node, (x, _) in place.items() if node.startswith(package)]
