@@ -8,7 +8,8 @@ from completion import CompletionOptions, complete
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch, Provenance
 from completion.extension.silence import silent_parts, trust
-from scenes.checks import BoolArray, FloatArray
+from completion.result.record import completion_record
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -138,3 +139,16 @@ def test_what_is_not_silent_is_trusted():
     silent = hidden & np.isin(patch.evidence.labels, (Label.NO_RETURN, Label.UNLIT))
     assert (trusted[~silent] == 1).all()
     assert (trusted[silent] < 1).all()
+
+
+def test_the_record_tells_where_the_projector_stands():
+    depth, _ = box_with_moat(parallax_px(0.1))
+    for projector_m in (0.1, -0.2, 0.0):
+        found = complete(scan_of(depth), CompletionOptions(texture=False, projector_m=projector_m))
+        (told,) = completion_record(found)["projector"]
+        assert told["right_m"] - told["left_m"] == projector_m
+
+
+def test_a_projector_metres_away_is_refused():
+    with pytest.raises(InputError, match="projector_m"):
+        CompletionOptions(projector_m=5.0)
