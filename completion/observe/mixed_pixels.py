@@ -15,6 +15,8 @@ _WIDEST = 8  # pixels between two surfaces that are looked at
 _BACK = 2  # pixels of a surface that tell how it goes on
 _STEEP = 4.0  # times as much as beside it, that ranges change in a jump
 _CLEAR = 4.0  # deviations of a range, by which it lies between two others
+_WIDE = 1 / 3  # of the jumps; a beam of 2 pixels shows in half of them, one of 1 in a quarter (ten rooms)
+_MIDDLE = 0.25  # of a jump, to either side of its middle
 _JUMP = 12.0  # deviations, from which on two surfaces are apart
 _FEW = 100  # jumps, below which they do not tell how wide a beam is
 _LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that is aslant
@@ -26,11 +28,13 @@ def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:
 
     Along rows and columns of `ranges` (rows, columns), metres, wherever one surface ends and another goes on,
     the pixels between are counted whose ranges lie between both. Their median tells how wide the beam is.
-    Scans of which most jumps have none there are left alone; sides of things that are seen aslant lie between
-    others, too. Else those are mixed that lie between two surfaces no farther apart than a beam is wide.
+    Scans are left alone where less than a third of the jumps have one in the middle half between: sides of
+    things that are seen aslant lie between others, too, and limbs of round things do near their own side.
+    Else those are mixed that lie between two surfaces no farther apart than a beam is wide.
     """
     counts = _count_between(ranges, noise)
-    if counts.sum() < _FEW:
+    counts, n_middle = counts[:-1], int(counts[-1])
+    if counts.sum() < _FEW or n_middle < _WIDE * counts.sum():
         return np.zeros(ranges.shape, dtype=np.bool_)
     width = int(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
     return _between(ranges, noise, int(np.ceil(_LONGER * width + 1)) if width else 0)
@@ -38,14 +42,21 @@ def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:
 
 @compiled
 def _count_between(ranges: FloatArray, noise: Noise) -> NDArray[np.int64]:
-    """How many jumps along rows and columns have 0, 1, 2 ... pixels between both surfaces."""
-    found = np.zeros(_WIDEST + 1, np.int64)
+    """How many jumps have 0, 1, 2 ... pixels between both surfaces, and how many one in the middle half."""
+    found = np.zeros(_WIDEST + 2, np.int64)
     for step in _STEPS[:2]:
         for row in range(ranges.shape[0]):
             for column in range(ranges.shape[1]):
                 for n in range(_WIDEST + 1):
                     if _is_jump(ranges, noise, (row, column), step, n):
                         found[n] += 1
+                        here = ranges[row, column]
+                        jump = ranges[row + (n + 1) * step[0], column + (n + 1) * step[1]] - here
+                        for k in range(1, n + 1):
+                            between = ranges[row + k * step[0], column + k * step[1]]
+                            if abs((between - here) / jump - 0.5) <= _MIDDLE:
+                                found[_WIDEST + 1] += 1
+                                break
                         break
     return found
 
