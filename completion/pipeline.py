@@ -20,6 +20,7 @@ from completion.evidence.evidence import Scans
 from completion.evidence.registration.pipeline import register
 from completion.evidence.registration.registration import Registration
 from completion.extension.adjacency import find_adjacency
+from completion.extension.claims import overlap_m2, settle_claims
 from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
@@ -137,13 +138,19 @@ def complete(
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
         # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
+        # Where several claim a place, the most probable one has it.
+        up = world_from_reference.matrix[2, :3]
+
         def extended(index: int) -> Patch:
-            extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues)
+            extent = find_extent(
+                index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up
+            )
             return extend(
                 boundaries[index], extent, edited[index], scans=seen, number=index + 1, rules=options.rules()
             )
 
-        patches = steps.each("extend", extended, range(len(surfaces)))
+        extended_alone = steps.each("extend", extended, range(len(surfaces)))
+        patches = [steps.keep(one) for one in settle_claims(extended_alone, tolerance.flatness_m)]
 
         # 6. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
@@ -153,7 +160,7 @@ def complete(
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
-        # 7. Audit: cast the measured beams against the inferred area of each surface.
+        # 7. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(one)) for one in observations]
         found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
     return Completion(
@@ -161,7 +168,7 @@ def complete(
         patches=tuple(patches),
         textures=tuple(textures),
         inferred=tuple(mesh for mesh, _ in found),
-        audit=_together(found),
+        audit=_together(found, overlap_m2(patches, tolerance.flatness_m)),
         owners=seen.owners,
         mode=options.mode,
         edits=options.edits,
@@ -223,12 +230,12 @@ def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[Ch
     return mesh, audit(mesh.vertices, mesh.faces, sd, seen, bundles, tolerance=scans.tolerance)
 
 
-def _together(found: Sequence[tuple[ChartMesh, AuditResult]]) -> AuditResult:
-    """What the beams say of all surfaces; faces numbered on from one to the next."""
+def _together(found: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) -> AuditResult:
+    """What the beams say of all surfaces, faces numbered on from one to the next, and where they overlap."""
     first = np.cumsum([0, *(len(mesh.faces) for mesh, _ in found)])
     faces = [result.faces + start for (_, result), start in zip(found, first, strict=False)]
     area = float(sum(result.violation_m2 for _, result in found))
-    return AuditResult(area, np.concatenate([np.zeros(0, np.int64), *faces]))
+    return AuditResult(area, np.concatenate([np.zeros(0, np.int64), *faces]), overlap)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""The constants of confidence: how far surfaces of each kind go on, most likely on rooms and a walk.
+"""The constants of confidence: how far surfaces go on, most likely on rooms, furnished flats and a walk.
 
-Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED]` (default: 32 rooms from seed 1000,
-some minutes). Each room is scanned with 2 mm of noise and completed; every hidden place that a surface was
-considered at is right or wrong by the truth. So are frames of a walk through the furnished lower storey of a
-house (`UNSEEN_DATA`, default ../shared/data; left out where that is absent), and both count the same. It
-prints the constants in use, the most likely ones, and the mean log likelihood of both on the half of the
-rooms and frames that the latter were not fitted to.
+Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED] [FLATS]` (default: 32 rooms from
+seed 1000, 20 flats from seed 0; some minutes). Each room is scanned with 2 mm of noise and completed. Every
+hidden place that a surface was considered at is right or wrong by the truth. So are frames in furnished
+flats, and of a walk through the furnished lower storey of a house (`UNSEEN_DATA`, default ../shared/data;
+left out where that is absent). Rooms, flats and walk count the same. It prints the constants in use,
+the most likely ones, and the mean log likelihood of both on the half of the places that the latter were not
+fitted to.
 """
 
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.completion.ledger.entries import is_there
-from benchmarks.completion.ledger.sources import DATA, WALKS
+from benchmarks.completion.ledger.sources import DATA, WALKS, Flat, Known
 from benchmarks.completion.scenes.cases import hypothesis_of
 from benchmarks.completion.scenes.rooms import random_case
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
+from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import PERSISTENCE, Onward, Prospects, prospects
 from nbv.scanning.effects.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
@@ -29,8 +31,9 @@ from scenes.pose import Pose
 
 TOLERANCE_M = 0.02
 MOST_PLACES = 600  # of one surface
-EACH = 3  # frame of the walk
+EACH = 1  # frame of the walk
 PRIOR = 0.1  # of a surface of 1 m2, what a change of a constant's logarithm by one has to be worth
+RIDGE = 0.01  # of all places, what a weight whose part of the log odds strays by one has to be worth
 
 
 @dataclass(frozen=True)
@@ -60,14 +63,13 @@ def places_in(seed: int) -> list[Places]:
     return _all_places(patches, completed.world_from_reference, is_right, seed)
 
 
-def places_in_walk(number: int) -> list[Places]:
-    """Complete a frame of the walk alone and compare with the house."""
-    walk = WALKS[0]
-    completed = complete(walk.frames[number], CompletionOptions(mode="bold", texture=False), rng=0)
+def places_in_frame(source: Known, number: int) -> list[Places]:
+    """Complete a frame of a flat or of a walk alone and compare with the truth."""
+    completed = complete(source.frames[number], CompletionOptions(mode="bold", texture=False), rng=0)
     return _all_places(
         completed.patches,
         completed.world_from_reference,
-        lambda points, normals: is_there(points, normals, walk.caster),
+        lambda points, normals: is_there(points, normals, source.caster),
         number,
     )
 
@@ -95,19 +97,14 @@ def _places(
     right = is_right(world.apply(points), world.rotate(patch.grid.surface.normal(points)))
     area = len(occluded) * patch.grid.cell_area
     weight = np.full(len(chosen), np.sqrt(area) / max(len(chosen), 1))  # cells of one surface err together
-    return Places(
-        Prospects(
-            given.base[chosen], given.onward[chosen], given.distance[chosen], given.end_probability[chosen]
-        ),
-        right,
-        weight,
-    )  # fmt: skip
+    picked = Prospects(*(getattr(given, one.name)[chosen] for one in fields(given)))
+    return Places(picked, right, weight)
 
 
 def together(places: list[Places]) -> Places:
     """All places as one."""
-    fields = ("base", "onward", "distance", "end_probability")
-    joined = (np.concatenate([getattr(one.prospects, field) for one in places]) for field in fields)
+    names = [one.name for one in fields(Prospects)]
+    joined = (np.concatenate([getattr(one.prospects, name) for one in places]) for name in names)
     return Places(
         Prospects(*joined),
         np.concatenate([one.is_right for one in places]),
@@ -121,15 +118,15 @@ def _as_heavy(frames: list[list[Places]], rooms: list[list[Places]]) -> list[lis
     return [[replace(one, weight=one.weight * wanted / held) for one in frame] for frame in frames]
 
 
-def log_likelihood(places: Places, persistence: FloatArray) -> float:
+def log_likelihood(places: Places, persistence: FloatArray, weights: FloatArray) -> float:
     """Mean over the places, weighted."""
-    probability = np.clip(places.prospects.probability(persistence), 0.003, 0.997)
+    probability = np.clip(places.prospects.probability(persistence, weights), 0.003, 0.997)
     told = np.log(np.where(places.is_right, probability, 1 - probability))
     return float(np.average(told, weights=places.weight))
 
 
 def most_likely(places: Places) -> FloatArray:
-    """The constants (7, 2) that make the places most likely; those in use where nothing tells."""
+    """The constants (3, 2) within what was measured; those in use where nothing tells."""
     start = np.column_stack([np.log(PERSISTENCE[:, 0] / (1 - PERSISTENCE[:, 0])), np.log(PERSISTENCE[:, 1])])
 
     def constants(x: FloatArray) -> FloatArray:
@@ -138,36 +135,66 @@ def most_likely(places: Places) -> FloatArray:
 
     def cost(x: FloatArray) -> float:
         prior = PRIOR / places.weight.sum() * float(np.sum(np.square(x - start.ravel())))
-        return prior - log_likelihood(places, constants(x))
+        return prior - log_likelihood(places, constants(x), WEIGHTS)
 
     return constants(minimize(cost, start.ravel(), method="L-BFGS-B").x)
+
+
+def most_likely_weights(places: Places) -> FloatArray:
+    """The weights (12,) past the rectangle, by ridge regression of the log odds (Hoerl & Kennard 1970)."""
+    beyond = (places.prospects.onward == Onward.BEYOND) & ~places.prospects.is_said
+    known, right = places.prospects.known[beyond], places.is_right[beyond]
+    weight = places.weight[beyond] / places.weight[beyond].sum()
+    mean = weight @ known
+    scale = np.sqrt(weight @ np.square(known - mean)) + 1e-9
+    columns = np.column_stack([np.ones(len(known)), (known - mean) / scale])
+
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        probability = np.clip(1 / (1 + np.exp(-columns @ x)), 1e-6, 1 - 1e-6)
+        told = weight @ np.log(np.where(right, probability, 1 - probability))
+        slope = columns.T @ (weight * (probability - right))
+        slope[1:] += RIDGE * x[1:]
+        return RIDGE / 2 * float(x[1:] @ x[1:]) - float(told), slope
+
+    x = minimize(cost, np.zeros(len(KNOWN) + 1), jac=True, method="L-BFGS-B").x
+    return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)
 
 
 def main() -> None:
     """Fit and print."""
     given = [int(word) for word in sys.argv[1:]]
-    n_rooms, first = [*given, *(32, 1000)[len(given) :]]
+    n_rooms, first, n_flats = [*given, *(32, 1000, 20)[len(given) :]]
     rooms = [places_in(seed) for seed in range(first, first + n_rooms)]
+    flats = [
+        [one for k in range(Flat(seed).n_frames) for one in places_in_frame(Flat(seed), k)]
+        for seed in range(n_flats)
+    ]
+    rooms += _as_heavy(flats, rooms)
     n_frames = len(WALKS[0].frames) if (DATA / WALKS[0].scene).exists() else 0
-    rooms += _as_heavy([places_in_walk(number) for number in range(0, n_frames, EACH)], rooms)
+    frames = [places_in_frame(WALKS[0], number) for number in range(0, n_frames, EACH)]
+    rooms += _as_heavy(frames, rooms[:n_rooms])
     halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
     for k in (0, 1):
-        fitted = most_likely(halves[k])
+        fitted, weights = most_likely(halves[k]), most_likely_weights(halves[k])
         print(
             f"log likelihood on half {1 - k}: constants in use "
-            f"{log_likelihood(halves[1 - k], PERSISTENCE):.4f}, fitted to half {k} "
-            f"{log_likelihood(halves[1 - k], fitted):.4f}"
+            f"{log_likelihood(halves[1 - k], PERSISTENCE, WEIGHTS):.4f}, fitted to half {k} "
+            f"{log_likelihood(halves[1 - k], fitted, weights):.4f}"
         )
     every = together([one for room in rooms for one in room])
-    best = most_likely(every)
+    best, weights = most_likely(every), most_likely_weights(every)
     print(
-        f"on all: in use {log_likelihood(every, PERSISTENCE):.4f}, fitted {log_likelihood(every, best):.4f}"
+        f"on all: in use {log_likelihood(every, PERSISTENCE, WEIGHTS):.4f}, "
+        f"fitted {log_likelihood(every, best, weights):.4f}"
     )
-    for onward in Onward:
+    for onward in list(Onward)[: len(PERSISTENCE)]:
         n_surfaces = sum(bool((one.prospects.onward == onward).any()) for room in rooms for one in room)
         (a, b), (c, d) = PERSISTENCE[onward], best[onward]
         name = onward.name.lower().replace("_", " ")
         print(f"{name:14s} {n_surfaces:4d} surfaces  in use {a:.3f} {b:6.2f}  most likely {c:.3f} {d:6.2f}")
+    print("past the rectangle: log odds in use, most likely")
+    for name, used, fit in zip(("constant", *KNOWN), WEIGHTS, weights, strict=True):
+        print(f"{used:7.2f} {fit:7.2f}  {name}")
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ _MOST_CELLS = 1_000_000  # of one surface, however small they are asked for
 _RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
 _OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
+_LEVEL = 0.98  # cosine between a level plane's normal and up
 _MOST_PIXELS = 1_000_000  # that a cell's size is read from
 
 
@@ -68,6 +69,8 @@ class Extent:
         Whether the surface is a plane that bounds all that was measured, as walls and floors do.
     is_inset : bool
         Whether it is a pane or the back of a niche, which ends at its reveal.
+    is_level : bool
+        Whether the surface is a level plane, as floors and tables are.
     by_edit : (2, 2) bool
         Which of its ends a person set.
     """
@@ -84,6 +87,7 @@ class Extent:
     full_turn: bool
     encloses: bool
     is_inset: bool = False
+    is_level: bool = False
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
 
     def window(self) -> tuple[FloatArray, FloatArray]:
@@ -116,6 +120,7 @@ def find_extent(
     observations: Sequence[Observation],
     *,
     cues: Collection[Cue] = ALL_CUES,
+    up: FloatArray | None = None,
 ) -> Extent:
     """Bound the continuation of surface `index`.
 
@@ -134,6 +139,8 @@ def find_extent(
         The scans.
     cues : collection of Cue
         Whether creases, enclosing planes and full turns are made use of.
+    up : (3,) float, optional
+        Direction that is up in the working frame; z when not given.
 
     Raises
     ------
@@ -192,7 +199,12 @@ def find_extent(
         full_turn=full_turn,
         encloses=bool(encloses[index]) and isinstance(chart, Plane),
         is_inset=bool(adjacency.is_inset[index]),
+        is_level=_is_level(surface, np.array([0.0, 0.0, 1.0]) if up is None else up),
     )
+
+
+def _is_level(surface: Surface, up: FloatArray) -> bool:
+    return isinstance(surface, Plane) and abs(float(surface.normal_direction @ up)) > _LEVEL
 
 
 def _may_close(cylinder: Cylinder, fit: SurfaceFit, points: FloatArray) -> bool:

@@ -39,10 +39,13 @@ class AuditResult:
         Area of the faces that observed beams went through, square metres.
     faces : (k,) int64
         Those faces.
+    overlap_m2 : float
+        Area that was inferred of several surfaces at once, square metres.
     """
 
     violation_m2: float
     faces: NDArray[np.int64]
+    overlap_m2: float = 0.0
 
 
 class Bundles(NamedTuple):

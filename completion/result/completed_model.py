@@ -239,6 +239,11 @@ class CompletedModel:
         return self.audit.violation_m2
 
     @property
+    def overlapping_claims_m2(self) -> float:
+        """Area that was inferred of several surfaces at once, by the audit, square metres."""
+        return self.audit.overlap_m2
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
         return doubts_of(self.observations, self.patches, self.registration)

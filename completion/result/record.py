@@ -140,6 +140,7 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
+        "overlapping_claims_m2": completion.overlapping_claims_m2,
         "mode": completion.mode,
         "n_scans": len(completion.observations),
         "range_noise": [

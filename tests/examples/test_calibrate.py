@@ -6,6 +6,7 @@ import importlib.util
 import numpy as np
 import pytest
 
+from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import PERSISTENCE, Onward, Prospects
 from tests.helpers.data_paths import ROOT
 
@@ -19,21 +20,42 @@ def calibrate():
     return module
 
 
-@pytest.mark.long
+def places_at(calibrate, onward, distance, known, probability, rng):
+    """Places that are right with a probability of their prospects."""
+    n = len(onward)
+    given = Prospects(np.ones(n), onward, distance, known, np.zeros(n, dtype=np.bool_))
+    right = rng.random(n) < probability(given)
+    return calibrate.Places(given, right, np.ones(n))
+
+
 def test_known_constants_come_out_of_what_they_make(calibrate):
-    rng = np.random.default_rng(0)
-    true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5], [0.97, 5.0], [0.9, 1.0], [0.99, 9.0], [0.6, 1.0]])
-    n = 210_000
-    onward = rng.integers(0, 7, n).astype(np.int8)
-    places = Prospects(np.ones(n), onward, rng.uniform(0, 4, n) * true[onward, 1], np.zeros(n))
-    right = rng.random(n) < places.probability(true)
-    fitted = calibrate.most_likely(calibrate.Places(places, right, np.ones(n)))
-    np.testing.assert_allclose(fitted[:, 0], true[:, 0], atol=0.02)
-    np.testing.assert_allclose(fitted[:, 1], true[:, 1], rtol=0.06)
+    rng, n = np.random.default_rng(0), 60_000
+    true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5]])
+    onward = rng.integers(0, 3, n).astype(np.int8)
+    distance = rng.uniform(0, 4, n) * true[onward, 1]
+    known = np.zeros((n, len(KNOWN)))
+    places = places_at(calibrate, onward, distance, known, lambda one: one.probability(true), rng)
+    fitted = calibrate.most_likely(places)
+    np.testing.assert_allclose(fitted[:, 0], true[:, 0], atol=0.03)
+    np.testing.assert_allclose(fitted[:, 1], true[:, 1], rtol=0.08)
+
+
+def test_known_weights_come_out_of_what_they_make(calibrate):
+    rng, n = np.random.default_rng(0), 60_000
+    true = rng.normal(0, 0.5, len(WEIGHTS))
+    onward, known = np.full(n, Onward.BEYOND, np.int8), rng.normal(0.5, 2, (n, len(KNOWN)))
+    places = places_at(calibrate, onward, np.zeros(n), known, lambda one: one.probability(weights=true), rng)
+    fitted = calibrate.most_likely_weights(places)
+    np.testing.assert_allclose(fitted, true, atol=0.15)  # the ridge pulls them in
+    both = [places.prospects.probability(weights=one) for one in (fitted, true)]
+    assert np.corrcoef(*both)[0, 1] > 0.99
 
 
 def test_without_evidence_the_constants_in_use_stay(calibrate):
-    nothing = Prospects(np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4))
+    nothing = Prospects(
+        np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4),
+        np.zeros((4, len(KNOWN))), np.zeros(4, dtype=np.bool_),
+    )  # fmt: skip
     fitted = calibrate.most_likely(calibrate.Places(nothing, np.zeros(4, dtype=np.bool_), np.ones(4)))
     np.testing.assert_allclose(fitted, PERSISTENCE)
 

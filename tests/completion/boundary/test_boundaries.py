@@ -146,14 +146,11 @@ def test_rim_points_keep_their_place_in_another_chart():
     np.testing.assert_allclose(np.linalg.norm(moved.step, axis=1), np.hypot(0.01, 0.002), atol=1e-12)
 
 
-def test_confidence_falls_with_distance_and_faster_where_nothing_ends_the_surface():
-    away = np.array([0.0, 0.5, 1.0])
-    within, beyond = (
-        Prospects(np.ones(3), np.full(3, onward, np.int8), away, np.zeros(3)).probability()
-        for onward in (Onward.WALL_WITHIN, Onward.WALL_BEYOND)
-    )
-    assert (np.diff(within) < 0).all()
-    assert (beyond[1:] < within[1:]).all()
+def test_confidence_falls_with_distance():
+    away, none = np.array([0.0, 0.5, 1.0]), np.zeros(3, dtype=np.bool_)
+    for onward in (Onward.WALL_WITHIN, Onward.OBJECT_WITHIN, Onward.CYLINDER):
+        kind = np.full(3, onward, np.int8)
+        assert (np.diff(Prospects(np.ones(3), kind, away, np.zeros((3, 11)), none).probability()) < 0).all()
     cells = np.zeros(GRID.shape, dtype=np.bool_)
     assert (distance_to(cells, GRID)[0] > 1e5).all()
     cells[10:20, 10:30] = True

@@ -1,42 +1,108 @@
 # SPDX-License-Identifier: MIT
-"""How a plane goes on to hidden places: the compiled loop against the plain formula."""
+"""What is known of places past the rectangle of a plane, and what it makes probable."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
-from completion.extension.confidence import Onward, is_fragment, onward_on_plane
+from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
+from completion.extension.confidence import Onward, Prospects
+from completion.extension.extent import Extent
+from scenes.surfaces.catalogue import Plane
+
+WALL = Plane(np.zeros(3), np.array([0.0, 0, 1]), np.array([1.0, 0, 0]))
+EXTENT = Extent(
+    chart=WALL, enclosures=(), cuts=(), neighbours=(), own_low=np.array([0.2, 0.2]),
+    own_high=np.array([1.0, 0.8]), ends=np.array([[-np.inf, -1.0], [np.inf, np.inf]]),
+    end_probability=np.array([[0.0, 0.25], [0.0, 0.0]]),
+    ended=np.zeros((2, 2), dtype=np.bool_), full_turn=False, encloses=False,
+)  # fmt: skip
+SIDES = Sides(np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5, 0.6], [0.7, 0.8]]), 0.15)
 
 
-@pytest.mark.parametrize("encloses", [False, True])
-def test_places_are_within_the_measured_rectangle_or_beyond_its_sides(encloses):
-    rng = np.random.default_rng(0)
-    uv, near = rng.uniform(-2, 3, (500, 2)), rng.uniform(0, 1, 500)
-    own = np.array([[0.0, -0.5], [1.5, 1.0]])
-    ends = np.array([[0.0, 1.0], [0.25, 0.0]])
-    past = np.stack([own[0] - uv, uv - own[1]])  # side, place, axis
-    is_out = (past > 0).any(axis=(0, 2))
-    beyond = (np.maximum(past, 0.0) / (own[1] - own[0])).max(axis=(0, 2))
-    certain = np.where(past > 0, ends[:, None, :], 1.0).min(axis=(0, 2))
-    to_end = is_out & (certain > 0)
-    if encloses:
-        kind = np.select([to_end, is_out], [Onward.WALL_TO_END, Onward.WALL_BEYOND], Onward.WALL_WITHIN)
-        distance, probability = np.where(is_out & ~to_end, beyond, near), np.zeros(500)
-    else:
-        kind = np.where(is_out, Onward.OBJECT_BEYOND, Onward.OBJECT_WITHIN)
-        distance, probability = np.where(is_out, beyond, near), np.where(is_out, certain, 0.0)
-    found = onward_on_plane(uv, near, own, ends, encloses)
-    for one, expected in zip(found, (kind, distance, probability), strict=True):
-        np.testing.assert_array_equal(one, expected)
-    assert len(np.unique(kind)) == (3 if encloses else 2)
+def known(uv, extent=EXTENT, base=0.5):
+    """`KNOWN` of one place by its names' first words, and its side."""
+    values, side = known_beyond(np.array([uv]), np.array([base]), extent, SIDES)
+    return dict(zip(KNOWN, values[0], strict=True)), int(side[0])
 
 
-@pytest.mark.parametrize(("n_open", "is_piece"), [(0, True), (3, True), (4, False), (10, False)])
-def test_a_plane_that_was_hardly_seen_to_end_is_a_fragment(n_open, is_piece):
-    observed = np.zeros((12, 12), dtype=np.bool_)
-    observed[2:10, 2:10] = True  # 36 cells lie around it
-    labels = np.full((12, 12), Label.OCCLUDED, np.int8)
-    labels[1, 1 : 1 + n_open] = Label.FREE
-    nothing, none = np.zeros((12, 12), np.int32), np.zeros((12, 12), dtype=np.bool_)
+@pytest.mark.parametrize(
+    ("uv", "side", "past", "past_m", "passed", "hidden"),
+    [
+        ((0.5, 0.5), -1, 0, 0, 0.4, 0.8),
+        ((0.1, 0.5), 0, 0.1 / 0.8, 0.1, 0.1, 0.5),
+        ((1.4, 0.5), 1, 0.4 / 0.8, 0.4, 0.3, 0.7),
+        ((0.5, -1.0), 2, 1.2 / 0.6, 1.2, 0.2, 0.6),
+        ((1.4, 1.05), 1, 0.5, 0.4, 0.3, 0.7),  # past two sides
+        ((1.4, 1.4), 3, 1.0, 0.6, 0.4, 0.8),
+    ],
+)
+def test_the_side_that_a_place_is_farthest_past_tells(uv, side, past, past_m, passed, hidden):
+    found, at = known(uv)
+    assert at == side
+    if side < 0:
+        return
+    values = list(found.values())
+    np.testing.assert_allclose(values[:3], [np.log(past + 0.02), np.log(past_m + 0.02), 0.15])
+    np.testing.assert_allclose(values[6:8], [passed, hidden])
+
+
+def test_walls_have_ends_and_things_stand():
+    wall = replace(EXTENT, encloses=True, is_level=True)
+    for extent, expected in ((EXTENT, [0, 0, 0, 0, 0.25]), (wall, [1, 0, 1, 1, 0])):
+        values = list(known((0.5, -0.5), extent)[0].values())
+        np.testing.assert_allclose([*values[3:6], *values[8:10]], expected)
+    values = list(known((0.5, 1.5), wall)[0].values())
+    assert values[8] == 0  # nothing closes that side
+
+
+def test_the_edges_tell_the_more_the_better_the_outline_was_seen():
+    assert list(known((0.5, 1.5), base=0.2)[0].values())[10] == pytest.approx(0.8 * 0.5)
+    values, _ = known_beyond(
+        np.array([[0.5, 1.5]]), np.array([0.2]), EXTENT, replace(SIDES, passed_outline=0.9)
+    )
+    assert values[0, 10] == pytest.approx(0.8)
+
+
+def test_sides_are_looked_at_line_by_line():
+    grid = ChartGrid.over(WALL, np.array([0.0, 0.0]), np.array([1.2, 1.0]), 0.1, full_turn=False)
+    u, v = grid.axes()
+    observed = ((u > 0.2) & (u < 1.0)) & ((v > 0.2) & (v < 0.8))[:, None]
+    labels = np.full(grid.shape, Label.OCCLUDED, np.int8)
+    right = observed.any(axis=0).nonzero()[0].max() + 1
+    rows = observed.any(axis=1).nonzero()[0]
+    labels[rows[:2], right] = Label.FREE
+    nothing, none = np.zeros(grid.shape, np.int32), np.zeros(grid.shape, dtype=np.bool_)
     evidence = Evidence(labels, observed, observed, nothing, nothing, nothing, none, none)
-    assert is_fragment(evidence) is is_piece
+    sides = Sides.of(grid, evidence, EXTENT)
+    share = 2 / len(rows)
+    np.testing.assert_allclose(sides.passed, [[0, 0], [share, 0]])
+    np.testing.assert_allclose(sides.hidden, [[1, 1], [1 - share, 1]])
+    assert 0 < sides.passed_outline < 0.1
+    first = labels.copy()
+    first[rows[0], right - 5 :] = Label.FREE  # this line ends early, and does not count
+    shorter = observed.copy()
+    shorter[rows[0], right - 5 :] = False
+    evidence = Evidence(first, shorter, shorter, nothing, nothing, nothing, none, none)
+    assert Sides.of(grid, evidence, EXTENT).passed[1, 0] == pytest.approx(1 / len(rows))
+
+
+def test_it_is_less_probable_farther_away_and_past_a_side_that_was_seen_to_end():
+    def at(uv, sides=SIDES):
+        return probability_beyond(known_beyond(np.array([uv]), np.ones(1), EXTENT, sides)[0])[0]
+
+    assert 1 > at((1.1, 0.5)) > at((1.5, 0.5)) > at((3.0, 0.5)) > 0
+    ended = replace(SIDES, passed=np.ones((2, 2)), hidden=np.zeros((2, 2)))
+    unseen = replace(SIDES, passed=np.zeros((2, 2)), hidden=np.ones((2, 2)))
+    assert at((1.2, 0.5), ended) < 0.3 < at((1.2, 0.5), unseen)
+    assert len(WEIGHTS) == len(KNOWN) + 1
+
+
+def test_what_a_person_said_goes_on_does():
+    row = np.full((1, len(KNOWN)), -50.0)
+    kind = np.array([Onward.BEYOND], np.int8)
+    one = Prospects(np.ones(1), kind, np.ones(1), row, np.ones(1, dtype=np.bool_))
+    assert one.probability() == 1

@@ -123,7 +123,7 @@ TABLE = {
          "mmmmaaa- mmmmaa-- mmmmaa-- mmmma---"),
     "without anything that ends it, a wall is unknown far off":
         ("..###### ..###### ..###### ..######", {},
-         "mm------ mm------ mm------ mm------"),
+         "mma----- mma----- mma----- mma-----"),
     "a conservative continuation stays in the hull of what was measured":
         ("....#### ....#### ....#### ....####", {"cut": UPRIGHT, "mode": "conservative"},
          "mmmm---- mmmm---- mmmm---- mmmm----"),
@@ -155,7 +155,7 @@ TABLE = {
     "a person may draw where the surface is, apart from the rest of it":
         ("..###### ..###### ..###### ..######",
          {"edits": SurfaceEdits(wishes=(Wish(True, rectangle(0.45, 0.85)),))},
-         "mm---u-- mm---u-- mm---u-- mm---u--"),
+         "mma--u-- mma--u-- mma--u-- mma--u--"),
     "a person may set the end":
         ("....#### ....#### ....#### ....####",
          {"edits": SurfaceEdits(ends=(UPRIGHT,))},

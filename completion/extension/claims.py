@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""Claims: a place belongs to one surface; of several that claim it unseen, the most probable one has it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy import ndimage
+
+from completion.extension.patch import Patch
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.surfaces.catalogue import Plane
+
+_FACING = np.cos(np.radians(20.0))  # of planes that may be taken for one another
+_TILT = np.tan(np.radians(5.0))  # by which what is one surface was measured apart, a slope
+_KEPT = 16  # patches whose distances are remembered
+_DEVIATIONS = 3.0  # standard deviations by which it stands off besides
+
+
+def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
+    """Leave each place to the most probable of the planes that claim it without having measured it.
+
+    Planes that face alike claim one place where they are nearer to each other than a tilt of five degrees
+    makes them, over the way from what was measured of either, and their deviations with the flatness, metres.
+    Of cells that are as probable the surface with the smaller number keeps its own. What is cut off from the
+    measured part thereby goes too.
+    """
+    lost, ways = [np.zeros(patch.grid.shape, dtype=np.bool_) for patch in patches], _ways(patches)
+    pairs = _pairs(patches)
+    for one, other in pairs:
+        for first, second in ((one, other), (other, one)):
+            cells, at = _contested(first, second, patches, ways, flatness_m)
+            rival = np.where(patches[second].hypothesised, patches[second].confidence, -1.0).ravel()[at]
+            own = patches[first].confidence.ravel()[cells]
+            gives_way = (rival > own) | ((rival == own) & (first > second))
+            lost[first].ravel()[cells[gives_way]] = True
+    for one, other in pairs:  # cells of two charts overlap in part
+        cells, at = _contested(other, one, patches, ways, flatness_m)
+        both = (patches[one].hypothesised & ~lost[one]).ravel()[at] & ~lost[other].ravel()[cells]
+        lost[other].ravel()[cells[both]] = True
+    return [
+        _without(patch, cells) if cells.any() else patch for patch, cells in zip(patches, lost, strict=True)
+    ]
+
+
+def overlap_m2(patches: Sequence[Patch], flatness_m: float) -> float:
+    """Area that is inferred of several planes at once, square metres, counted once for each further one."""
+    area, ways = 0.0, _ways(patches)
+    for one, other in _pairs(patches):
+        _, at = _contested(other, one, patches, ways, flatness_m)
+        claimed = patches[one].hypothesised.ravel()[at]
+        area += float(np.count_nonzero(claimed)) * patches[other].grid.cell_area
+    return area
+
+
+def _pairs(patches: Sequence[Patch]) -> list[tuple[int, int]]:
+    """Pairs of planes that face alike and whose inferred parts may be near each other."""
+    planes = [(k, patch.grid.surface) for k, patch in enumerate(patches) if patch.hypothesised.any()]
+    normal = {k: plane.normal_direction for k, plane in planes if isinstance(plane, Plane)}
+    chosen = list(normal)
+    if len(chosen) < 2:
+        return []
+    normals = np.array(list(normal.values()))
+    boxes = np.array([_box(patches[k]) for k in chosen])
+    pairs = []
+    for place, k in enumerate(chosen[:-1]):
+        later = slice(place + 1, None)
+        reach = _TILT * np.linalg.norm(boxes[place, 1] - boxes[place, 0])
+        near = (boxes[later, 0] <= boxes[place, 1] + reach).all(axis=1)
+        near &= (boxes[later, 1] >= boxes[place, 0] - reach).all(axis=1)
+        near &= normals[later] @ normals[place] >= _FACING
+        pairs += [(k, chosen[place + 1 + index]) for index in np.flatnonzero(near).tolist()]
+    return pairs
+
+
+def _box(patch: Patch) -> FloatArray:
+    """Least and greatest coordinates (2, 3) of the rectangle of the chart around what is inferred."""
+    rows, columns = (np.flatnonzero(patch.hypothesised.any(axis=axis)) for axis in (1, 0))
+    corners = np.array([(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]) + 0.5
+    points = patch.grid.surface.from_uv(patch.grid.uv_of(corners[:, 0], corners[:, 1]))
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _ways(patches: Sequence[Patch]) -> Callable[[int], FloatArray]:
+    """How far each flat cell of a patch is from what was measured of it, metres; of some patches kept."""
+
+    @lru_cache(_KEPT)
+    def way(number: int) -> FloatArray:
+        patch = patches[number]
+        away = ndimage.distance_transform_edt(~patch.observed, sampling=patch.grid.cell[::-1])
+        return np.asarray(away, dtype=np.float64).ravel()
+
+    return way
+
+
+def _contested(
+    number: int, rival: int, patches: Sequence[Patch], ways: Callable[[int], FloatArray], flatness_m: float
+) -> tuple[IntArray, IntArray]:
+    """Inferred cells (n,) of a plane at places that a rival may claim, and the rival's cells (n,) there."""
+    patch, other = patches[number], patches[rival]
+    cells = np.flatnonzero(patch.hypothesised)
+    places = patch.grid.surface.from_uv(patch.grid.centres_uv().reshape(-1, 2)[cells])
+    inside, at = other.grid.cells_of(places)
+    cells, places = cells[inside], places[inside]
+    away = ways(number)[cells] + ways(rival)[at]
+    sd = np.sqrt(patch.spread.ravel()[cells] ** 2 + other.spread.ravel()[at] ** 2 + flatness_m**2)
+    same = np.abs(other.grid.surface.distance(places)) <= _TILT * away + _DEVIATIONS * sd
+    return cells[same], at[same]
+
+
+def _without(patch: Patch, cells: BoolArray) -> Patch:
+    """The patch without some inferred cells, and without what they held to the measured part."""
+    kept = patch.hypothesised & ~cells
+    part, _ = ndimage.label(kept | patch.observed)
+    held = np.zeros(part.max() + 1, dtype=np.bool_)
+    held[np.unique(part[patch.observed])] = True
+    kept &= held[part]
+    provenance = np.where(kept | patch.observed, patch.provenance, -1).astype(np.int8)
+    return replace(patch, hypothesised=kept, provenance=provenance)
