@@ -107,8 +107,17 @@ def _contested(
     cells, places = cells[inside], places[inside]
     away = ways(number)[cells] + ways(rival)[at]
     sd = np.sqrt(patch.spread.ravel()[cells] ** 2 + other.spread.ravel()[at] ** 2 + flatness_m**2)
-    same = np.abs(other.grid.surface.distance(places)) <= _TILT * away + _DEVIATIONS * sd
+    same = _inside(places, patch) & _inside(places, other)  # cells at a cut are in part beyond it
+    same &= np.abs(other.grid.surface.distance(places)) <= _TILT * away + _DEVIATIONS * sd
     return cells[same], at[same]
+
+
+def _inside(places: FloatArray, patch: Patch) -> BoolArray:
+    """Tell which places (n, 3) lie on a surface's side of all that it ends at."""
+    inside = np.ones(len(places), dtype=np.bool_)
+    for cut in patch.limits.cuts:
+        inside &= cut.distance(places) >= 0
+    return inside
 
 
 def _without(patch: Patch, cells: BoolArray) -> Patch:

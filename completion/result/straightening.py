@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,10 @@ import shapely
 
 from completion.boundary.curves import Line, meeting_line
 from completion.boundary.meshing import ChartMesh
+from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
 from completion.result.cell_polygons import polygons_of_cells
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
 _REACH = 3.0  # cells between an outline and the edge that it follows
 _MEETING = 10.0  # the same where it meets another surface
@@ -49,8 +50,16 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
     area = shapely.transform(polygons_of_cells(whole, cut), lambda xy: grid.uv_of(xy[:, 1], xy[:, 0]))
     size, least = float(grid.cell.max()), _LEAST_CELLS * grid.cell_area
     guides, straight = guides_of(patch), []
+    declined = (patch.evidence.labels == Label.OCCLUDED) & patch.is_within & ~whole & ~patch.hypothesised
+
+    def is_declined(uv: FloatArray) -> BoolArray:
+        inside, cells = grid.cells_at(uv)
+        result = np.zeros(len(uv), dtype=np.bool_)
+        result[inside] = declined.ravel()[cells]
+        return result
+
     for part in _without_small(area, least):
-        straight += _without_small(straightened(part, guides, size), least)
+        straight += _without_small(straightened(part, guides, size, is_declined), least)
     return shapely.union_all(straight)
 
 
@@ -86,14 +95,29 @@ def guides_of(patch: Patch) -> list[Guide]:
     return guides
 
 
-def straightened(polygon: Any, guides: Sequence[Guide], cell_m: float) -> Any:
+def straightened(
+    polygon: Any,
+    guides: Sequence[Guide],
+    cell_m: float,
+    is_declined: Callable[[FloatArray], BoolArray] | None = None,
+) -> Any:
     """Return a shapely polygon of the chart, its sides laid on the guides where these run beside it.
 
+    A place stays where it is if the way to its guide leads through what was not inferred, though hidden:
+    `is_declined` tells it of places (n, 2), as (n,).
     What follows none is straightened to within a cell of `cell_m` metres. Places along a straight side are
     dropped before what was folded is put right: there they would become slivers.
     """
     dense = shapely.segmentize(polygon, cell_m)
-    laid = shapely.transform(dense, lambda uv: _on_guides(uv, guides)) if guides else dense
+
+    def lay(uv: FloatArray) -> FloatArray:
+        moved = _on_guides(uv, guides)
+        if is_declined is not None:
+            stays = is_declined((uv + moved) / 2) & (np.linalg.norm(moved - uv, axis=1) > _REACH * cell_m)
+            moved[stays] = uv[stays]
+        return moved
+
+    laid = shapely.transform(dense, lay) if guides else dense
     corners = _from_corners(laid).simplify(_STRAIGHT * cell_m, preserve_topology=False)
     return _from_corners(shapely.make_valid(corners)).simplify(_ROUGH * cell_m)
 
