@@ -14,7 +14,7 @@ from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Part, PoseDoubt
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import refit_each
+from completion.observe.refits.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray

@@ -19,7 +19,7 @@ from completion.merging.prior import Prior
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import improve
+from completion.observe.refits.refitting import improve
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray, IntArray

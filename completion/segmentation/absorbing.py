@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
-from completion.observe.packed_surfaces import gap_to
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
+from completion.observe.refits.packed_surfaces import gap_to
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
 from completion.observe.observation import Beams, Observation
-from completion.observe.packed_surfaces import pack
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
-from completion.observe.refitting import improve
+from completion.observe.refits.packed_surfaces import pack
+from completion.observe.refits.refitting import improve
 from completion.observe.tiles import Tiles
 from completion.observe.triple import Triple
 from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.packed_surfaces import pack_plane, tangent_plane
+from completion.observe.refits.packed_surfaces import pack_plane, tangent_plane
 from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray

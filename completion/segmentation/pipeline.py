@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Beams, Observation
-from completion.observe.packed_surfaces import pack
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import improve, refit
+from completion.observe.refits.packed_surfaces import pack
+from completion.observe.refits.refitting import improve, refit
 from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, solve_plane, spread_over_pixels, tile_side
 from completion.segmentation.absorbing import absorb, sharpen_creases
 from completion.segmentation.competition import compete

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
-from completion.observe.packed_surfaces import unpack
 from completion.observe.pixel_set import PixelSet
 from completion.observe.rays import Rays, ray_at
+from completion.observe.refits.packed_surfaces import unpack
 from completion.observe.tolerance import FLATNESS_M
 from completion.observe.triple import plus
 from scenes.checks import FloatArray, check_options

@@ -6,10 +6,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from completion.observe.alike_residuals import block_sums
 from completion.observe.observation import Beams, observe
 from completion.observe.pixel_set import PixelSet
-from completion.observe.refitting import refit, refit_each
+from completion.observe.refits.alike_residuals import block_sums
+from completion.observe.refits.refitting import refit, refit_each
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from completion.observe.packed_surfaces import pack_plane
 from completion.observe.rays import Noise, rays_of
+from completion.observe.refits.packed_surfaces import pack_plane
 from completion.observe.tiles import cut_tiles
 from completion.segmentation.growing import deviations, flood, grow_plane, tile_cut, with_smooth_ring
 from completion.segmentation.pipeline import find_seeds, next_seed

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import SurfaceFit
-from completion.observe.alike_residuals import block_sums, residual_correlation
-from completion.observe.normal_equations import NormalEquations, add_up
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
+from completion.observe.refits.alike_residuals import block_sums, residual_correlation
+from completion.observe.refits.normal_equations import NormalEquations, add_up
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Beams
-from completion.observe.packed_surfaces import gap_to, pack
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
+from completion.observe.refits.packed_surfaces import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Surface
