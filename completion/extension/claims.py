@@ -16,7 +16,7 @@ from scenes.surfaces.catalogue import Plane
 
 _FACING = np.cos(np.radians(20.0))  # of planes that may be taken for one another
 _TILT = np.tan(np.radians(5.0))  # by which what is one surface was measured apart, a slope
-_KEPT = 16  # patches whose distances are remembered
+_KEPT = 2  # patches whose distances are remembered: those of a pair
 _DEVIATIONS = 3.0  # standard deviations by which it stands off besides
 
 
@@ -28,8 +28,8 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
     Of cells that are as probable the surface with the smaller number keeps its own. What is cut off from the
     measured part thereby goes too.
     """
-    lost, ways = [np.zeros(patch.grid.shape, dtype=np.bool_) for patch in patches], _ways(patches)
-    pairs = _pairs(patches)
+    pairs, ways = _pairs(patches), _ways(patches)
+    lost = {k: np.zeros(patches[k].grid.shape, dtype=np.bool_) for pair in pairs for k in pair}
     for one, other in pairs:
         for first, second in ((one, other), (other, one)):
             cells, at = _contested(first, second, patches, ways, flatness_m)
@@ -42,7 +42,7 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
         both = (patches[one].hypothesised & ~lost[one]).ravel()[at] & ~lost[other].ravel()[cells]
         lost[other].ravel()[cells[both]] = True
     return [
-        _without(patch, cells) if cells.any() else patch for patch, cells in zip(patches, lost, strict=True)
+        _without(patch, lost[k]) if k in lost and lost[k].any() else patch for k, patch in enumerate(patches)
     ]
 
 
@@ -91,7 +91,7 @@ def _ways(patches: Sequence[Patch]) -> Callable[[int], FloatArray]:
     def way(number: int) -> FloatArray:
         patch = patches[number]
         away = ndimage.distance_transform_edt(~patch.observed, sampling=patch.grid.cell[::-1])
-        return np.asarray(away, dtype=np.float64).ravel()
+        return np.asarray(away).ravel()
 
     return way
 
