@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from completion.extension.patch import Patch
 from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 _FACING = np.cos(np.radians(20.0))  # of planes that may be taken for one another
@@ -78,6 +79,7 @@ def _pairs(patches: Sequence[Patch]) -> list[tuple[int, int]]:
 
 def _box(patch: Patch) -> FloatArray:
     """Least and greatest coordinates (2, 3) of the rectangle of the chart around what is inferred."""
+    trim()
     rows, columns = (np.flatnonzero(patch.hypothesised.any(axis=axis)) for axis in (1, 0))
     corners = np.array([(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]) + 0.5
     points = patch.grid.surface.from_uv(patch.grid.uv_of(corners[:, 0], corners[:, 1]))
@@ -100,9 +102,11 @@ def _contested(
     number: int, rival: int, patches: Sequence[Patch], ways: Callable[[int], FloatArray], flatness_m: float
 ) -> tuple[IntArray, IntArray]:
     """Inferred cells (n,) of a plane at places that a rival may claim, and the rival's cells (n,) there."""
+    trim()
     patch, other = patches[number], patches[rival]
     cells = np.flatnonzero(patch.hypothesised)
-    places = patch.grid.surface.from_uv(patch.grid.centres_uv().reshape(-1, 2)[cells])
+    row, column = np.divmod(cells, patch.grid.shape[1])
+    places = patch.grid.surface.from_uv(patch.grid.uv_of(row + 0.5, column + 0.5))
     inside, at = other.grid.cells_of(places)
     cells, places = cells[inside], places[inside]
     away = ways(number)[cells] + ways(rival)[at]
