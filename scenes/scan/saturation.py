@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
+from scenes.scan.pixels import mended, row_blocks
 from scenes.scan.range_image import RangeImage
 
 _CLOSE = 1e-3  # relative: codes for "no return" lie so close to the fullest number
@@ -19,24 +21,36 @@ _SPREAD = 5  # rows and columns: a true distance that comes again and again does
 
 
 def saturation_start(ranges: FloatArray) -> float:
-    """Return the least of the saturated numbers among finite ranges (n,), inf where there is none.
+    """Return the least of the saturated numbers among the finite of ranges (...), inf where there is none.
 
     They are the largest, at most eight different ones within 0.1 % of the largest, each there 20 times or
     more; most ranges are nearer than them by a sixth, with a twentieth as many strays in between.
     """
-    if len(ranges) < _LEAST_TIMES:
+    n_known, most = 0, 0.0
+    for known in _finite(ranges):
+        n_known, most = n_known + len(known), max(most, float(known.max(initial=0.0)))
+    if n_known < _LEAST_TIMES:
         return np.inf
-    most = float(ranges.max())
-    top = ranges[ranges >= (1 - _CLOSE) * most]
-    strays = np.count_nonzero(ranges >= most / _GAP) - len(top)
-    if not _LEAST_TIMES <= len(top) < len(ranges) / 2 or strays > _STRAYS * len(top):
+    n_far, tops = 0, []
+    for known in _finite(ranges):
+        far = known[known >= most / _GAP]
+        n_far += len(far)
+        tops.append(far[far >= (1 - _CLOSE) * most])
+    top = np.sort(np.concatenate(tops))
+    if not _LEAST_TIMES <= len(top) < n_known / 2 or n_far - len(top) > _STRAYS * len(top):
         return np.inf
-    top = np.sort(top)
     group = np.concatenate([[0], np.cumsum(np.diff(top) > _SAME * most)])
     times = np.bincount(group)
     if len(times) > _MOST_CODES or times.min() < _LEAST_TIMES:
         return np.inf
     return float(top[0])
+
+
+def _finite(ranges: FloatArray) -> Iterator[FloatArray]:
+    """The finite ranges, some at a time."""
+    column = ranges.reshape(-1, 1)
+    for rows in row_blocks(column.shape, column):
+        yield column[rows][np.isfinite(column[rows])]
 
 
 def saturation_warning(n_saturated: int, start: float, n_ranges: int) -> str:
@@ -49,18 +63,21 @@ def saturation_warning(n_saturated: int, start: float, n_ranges: int) -> str:
 
 def without_saturated(scan: RangeImage) -> RangeImage:
     """Return the scan with saturated ranges as no return, counted in its warnings."""
-    known = scan.ranges[scan.valid]
-    start = saturation_start(known)
+    start = saturation_start(scan.ranges)
     if start == np.inf:
         return scan
     full = scan.valid & (scan.ranges >= start)
     if min(np.count_nonzero(full.any(axis=k)) for k in (0, 1)) < _SPREAD:
         return scan
-    told = saturation_warning(int(full.sum()), start, len(known))
+    told = saturation_warning(int(full.sum()), start, int(scan.valid.sum()))
     points = scan.sensor_points
+
+    def is_full(rows: slice, _held: FloatArray) -> BoolArray:
+        return full[rows]
+
     return replace(
         scan,
-        ranges=np.where(full, np.inf, scan.ranges),
-        sensor_points=None if points is None else np.where(full[..., None], np.nan, points),
+        ranges=mended(scan.ranges, scan.ranges.dtype, is_full, np.inf),
+        sensor_points=None if points is None else mended(points, points.dtype, is_full, np.nan),
         warnings=(*scan.warnings, told),
     )
