@@ -59,7 +59,7 @@ def overlap_m2(patches: Sequence[Patch], flatness_m: float) -> float:
 
 def _pairs(patches: Sequence[Patch]) -> list[tuple[int, int]]:
     """Pairs of planes that face alike and whose inferred parts may be near each other."""
-    planes = [(k, patch.grid.surface) for k, patch in enumerate(patches) if patch.hypothesised.any()]
+    planes = [(k, patch.grid.surface) for k, patch in enumerate(patches) if _has_inferred(patch)]
     normal = {k: plane.normal_direction for k, plane in planes if isinstance(plane, Plane)}
     chosen = list(normal)
     if len(chosen) < 2:
@@ -75,6 +75,11 @@ def _pairs(patches: Sequence[Patch]) -> list[tuple[int, int]]:
         near &= normals[later] @ normals[place] >= _FACING
         pairs += [(k, chosen[place + 1 + index]) for index in np.flatnonzero(near).tolist()]
     return pairs
+
+
+def _has_inferred(patch: Patch) -> bool:
+    trim()
+    return bool(patch.hypothesised.any())
 
 
 def _box(patch: Patch) -> FloatArray:

@@ -156,11 +156,7 @@ class _Usage(NamedTuple):
 
 def _usage() -> _Usage:
     try:
-        statm = os.open("/proc/self/statm", os.O_RDONLY)  # loops ask often: `open` takes three times as long
-        try:
-            pages = [int(number) for number in os.read(statm, 256).split()]
-        finally:
-            os.close(statm)
+        pages = [int(number) for number in os.pread(_statm(os.getpid()), 256, 0).split()]
     except OSError:  # no /proc: the largest that it was so far, where that is told
         if sys.platform == "win32":
             return _Usage(0, 0, 0)
@@ -168,6 +164,12 @@ def _usage() -> _Usage:
         return _Usage(peak, peak, peak)
     size = os.sysconf("SC_PAGE_SIZE")
     return _Usage(*(pages[k] * size for k in (0, 1, 5)))
+
+
+@cache
+def _statm(_process: int) -> int:
+    """The file in which a process reads what it has; it stays open, because loops ask often."""
+    return os.open("/proc/self/statm", os.O_RDONLY)
 
 
 def resident() -> int:
