@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +34,8 @@ from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
-from scenes.run.mapping import trim
-from scenes.run.memory import require, threads
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
+from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
-
-Progress = Callable[[str, int, int], None]
-_IN_MEMORY = 1 << 21  # pixels of all scans, up to which all is kept there
-_BYTES_KEPT = 350  # of each of them, to the end: regions, surfaces, textures
-_BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
-_NOT_KEPT = ("noise and normals",)  # by the journal: they are made again as fast as read
-_In = TypeVar("_In")
-_Out = TypeVar("_Out")
 
 
 def complete(
@@ -95,11 +82,12 @@ def complete(
         raise InputError("nothing to complete: give at least one scan")
     seed = int(np.random.default_rng(rng).integers(2**63))
     world_from_reference, stated = scans[0].world_from_sensor, options.tolerance(len(scans))
-    with _Steps.over(scans, n_threads, progress, journal) as steps:
+    with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         observations = steps.each(
             "noise and normals",
             lambda scan: observe(scan, world_from_reference, options.sigma_m, options.projector_m),
             scans,
+            remember=False,
         )
         keys = find_key_frames(observations)
         registration = steps.one(
@@ -236,65 +224,3 @@ def _together(found: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) ->
     faces = [result.faces + start for (_, result), start in zip(found, first, strict=False)]
     area = float(sum(result.violation_m2 for _, result in found))
     return AuditResult(area, np.concatenate([np.zeros(0, np.int64), *faces]), overlap)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Steps:
-    """Runs the stages on threads; tells their progress, and the journal what they came to.
-
-    What the steps of many or large scans come to is kept on disk, and so are their pixels: after each step
-    the system may have the memory back.
-    """
-
-    pool: ThreadPoolExecutor
-    tell: Progress
-    journal: Journal
-    spill: Spill | NoSpill
-
-    @classmethod
-    @contextmanager
-    def over(
-        cls, scans: Sequence[RangeImage], n_threads: int | None, progress: Progress | None, journal: Journal
-    ) -> Iterator[_Steps]:
-        """As many threads as the memory allows for these scans; refuse more pixels than fit."""
-        sizes = [scan.ranges.size for scan in scans]
-        spill = Spill() if sum(sizes) > _IN_MEMORY else NO_SPILL
-        require(
-            _BYTES_KEPT * min(sum(sizes), _IN_MEMORY),
-            f"completing {len(scans)} scans of {sum(sizes):,} pixels",
-            "complete fewer of them at once, smaller ones, or give more memory",
-        )
-        with threads(_BYTES_A_PIXEL * max(sizes), n_threads) as pool:
-            yield cls(pool, progress or (lambda _stage, _done, _total: None), journal, spill)
-
-    def keep(self, value: _Out) -> _Out:
-        """The value, on disk where that is where values are kept; the memory of what was read is free."""
-        kept = self.spill.keep(value)
-        trim()
-        return kept
-
-    def one(self, name: str, work: Callable[[], _Out]) -> _Out:
-        """Do a step by itself."""
-        return self.keep(self.journal.step(name, work))
-
-    def each(self, stage: str, work: Callable[[_In], _Out], items: Iterable[_In]) -> list[_Out]:
-        """Apply `work` to every item on the pool, in order; others may share the journal, and the work."""
-        todo = [(f"{stage}-{number:04d}", item) for number, item in enumerate(items, start=1)]
-
-        def step(name: str, item: _In) -> _Out:
-            return self.keep(work(item)) if stage in _NOT_KEPT else self.one(name, lambda: work(item))
-
-        def offer(index: int) -> None:
-            name, item = todo[index]
-            self.journal.offer(name, lambda: work(item))
-            trim()
-
-        self.tell(stage, 0, len(todo))
-        if stage not in _NOT_KEPT:
-            list(self.pool.map(offer, self.journal.turn(len(todo))))
-        jobs = [self.pool.submit(step, *one) for one in todo]
-        results = []
-        for done, job in enumerate(jobs, start=1):
-            results.append(job.result())
-            self.tell(stage, done, len(jobs))
-        return results

@@ -21,10 +21,11 @@ _SPREAD = 5  # rows and columns: a true distance that comes again and again does
 
 
 def saturation_start(ranges: FloatArray) -> float:
-    """Return the least of the saturated numbers among the finite of ranges (...), inf where there is none.
+    """Return the least of the saturated among the finite numbers of an image (rows, columns), or of (n,).
 
-    They are the largest, at most eight different ones within 0.1 % of the largest, each there 20 times or
-    more; most ranges are nearer than them by a sixth, with a twentieth as many strays in between.
+    It is inf where there is none. They are the largest, at most eight different ones within 0.1 % of the
+    largest, each there 20 times or more; most ranges are nearer than them by a sixth, with a twentieth as many
+    strays in between.
     """
     n_known, most = 0, 0.0
     for known in _finite(ranges):

@@ -27,7 +27,7 @@ from scenes.checks import InputError
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
-from scenes.run import mapping
+from scenes.run import mapping, steps
 from scenes.scan import pixels
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -332,7 +332,7 @@ def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):
     scans = [example("chair_before_wall", "gaussian-2mm", side) for side in (100, 90)]
     options = CompletionOptions(registration_m=0.001)
     complete(scans, options, rng=0).save(tmp_path / "memory")
-    monkeypatch.setattr(pipeline, "_IN_MEMORY", 0)
+    monkeypatch.setattr(steps, "_IN_MEMORY", 0)
     for module in (mapping, pixels):
         monkeypatch.setattr(module, "LARGE", 1_000)
     monkeypatch.setattr(mapping, "_PAUSE_S", 0.0)
