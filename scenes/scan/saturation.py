@@ -24,8 +24,8 @@ def saturation_start(ranges: FloatArray) -> float:
     """Return the least of the saturated among the finite numbers of an image (rows, columns), or of (n,).
 
     It is inf where there is none. They are the largest, at most eight different ones within 0.1 % of the
-    largest, each there 20 times or more; most ranges are nearer than them by a sixth, with a twentieth as many
-    strays in between.
+    largest, each there 20 times or more; most ranges are nearer than them by a sixth, with a twentieth as
+    many strays in between.
     """
     n_known, most = 0, 0.0
     for known in _finite(ranges):
