@@ -9,7 +9,7 @@ import pytest
 from tests.helpers.data_paths import ROOT
 
 _MB_A_REGION = 0.025
-_PHASE_MB = 16  # a quarter of what may come together before memory is given back, wherever that happens
+_PHASE_MB = 64  # what may come together before memory is given back, wherever that happens in a run
 _LARGEST_EXPONENT = 1.2  # 1.15 and what other work on the machine adds
 
 
