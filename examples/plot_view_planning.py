@@ -37,7 +37,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.reduction import reduce_instance
 from nbv.cover.swap_search import polish
-from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import room_lattice, sensor_directions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Scene, builtin_scene
@@ -54,7 +54,7 @@ _ROUNDS = 10
 def candidates_of(scene: Scene, sensor: PinholeSensor, spacing_m: float = 0.5) -> Candidates:
     """Return free positions on a lattice with the sensor's directions."""
     lattice = room_lattice(scene.mesh.bounds(), spacing_m=spacing_m)
-    free = FreeSpace.of(scene.mesh).holds(lattice, 0.3)
+    free = Clearance.of(scene.mesh, 0.3).holds(lattice)
     return Candidates(lattice[free], sensor_directions(sensor, 1))
 
 

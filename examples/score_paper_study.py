@@ -24,7 +24,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import find_cover
 from nbv.plan.baselines import farthest_poses
 from nbv.visibility.samples import SurfaceSamples
-from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Pose, RayCaster, Scene, builtin_scene
 

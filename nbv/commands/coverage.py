@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,9 @@ from nbv.scanning.view import View
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.standing.candidates import find_standing
+from nbv.visibility.standing.site import SiteOptions
+from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
@@ -51,6 +53,8 @@ class CoverageRequest:
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
     mode: Mode | None = None
+    site: SiteOptions = field(default_factory=SiteOptions)
+    without: tuple[str, ...] = ()
     inference: completion.extension.extent.Mode = "standard"
     up: Axis = "z"
     units: Units = "m"
@@ -64,6 +68,8 @@ class CoverageRequest:
             "max_incidence_deg": self.max_incidence_deg,
             "max_range_m": self.max_range_m,
             "mode": self.mode,
+            "site": asdict(self.site),
+            "without": list(self.without),
             "up": self.up,
             "units": self.units,
         }
@@ -87,6 +93,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         files = [request.plan] if request.plan else request.scans.inputs
         run.read([scene, request.sensor, *files])
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = world.without(request.without)
         run.warn(world.warnings)
         measured = _measure(run, world, request)
         coverage = measured.coverage
@@ -126,7 +133,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         sensor = views[0].sensor if views else load_sensor(request.sensor)
         run.will_call(facing, 10)
         caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
-        candidates = scene_candidates(world, sensor, mode=request.mode)
+        candidates = _candidates(run, world, sensor, request)
         coverage = measure_coverage(
             world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
@@ -137,12 +144,20 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
     sensor = load_sensor(request.sensor)
     run.will_call(facing, 10)
     caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
-    candidates = scene_candidates(world, sensor, mode=request.mode)
+    candidates = _candidates(run, world, sensor, request)
     coverage = measure_scan_coverage(
         world, given.scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
     return _Measured(coverage, given.scans, _history(coverage), sensor, list(given.instruments))
+
+
+def _candidates(run: Run, world: Scene, sensor: Sensor, request: CoverageRequest) -> Candidates:
+    """What "reachable" refers to; says what was assumed of rooms."""
+    standing = find_standing(world, sensor, request.site, mode=request.mode)
+    if standing.site is not None:
+        run.warn(standing.site.warnings)
+    return standing.candidates
 
 
 def _history(coverage: Coverage) -> VisibilityHistory:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
+from nbv.visibility.standing.site import SiteOptions
 from nbv.visibility.viewpoints import load_candidates
 from nbv.visibility.visibility import facing
 from nbv.visibility.zones import Box, Zones
@@ -59,6 +60,8 @@ class PlanRequest:
     target: float = 0.99
     views: int | None = None
     mode: Mode | None = None
+    site: SiteOptions = field(default_factory=SiteOptions)
+    without: tuple[str, ...] = ()
     candidates: str | None = None
     scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
     region: tuple[float, ...] | None = None
@@ -89,6 +92,7 @@ class PlanRequest:
             "candidates": None if self.candidates is None else Path(self.candidates).name,
             **self.scans.options(),
             "units": self.units,
+            "site": asdict(self.site),
         }
         return {**own, **named}
 
@@ -105,6 +109,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         run.read([scene, *request.inputs])
         zones = request.zones()
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
+        world = world.without(request.without)
         run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
@@ -122,6 +127,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
                 target=request.target,
                 views=request.views,
                 mode=request.mode,
+                site=request.site,
                 candidates=candidates,
                 noise=request.noise,
                 budgets=request.budgets(),
@@ -136,6 +142,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
                 progress=run.progress,
             )
         coverage = coverage_of(plan)
+        if plan.site is not None:
+            run.warn(plan.site.warnings)
         run.watch.enter("baselines")
         baselines = baselines_of(world, plan, scans, shared)
         run.watch.enter("report")
@@ -150,7 +158,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, scans=scans)
         run.report(page, options)
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
-        summary = {**summary_of(plan), "warnings": world.warnings}
+        warnings = [*world.warnings, *(plan.site.warnings if plan.site else ())]
+        summary = {**summary_of(plan), "warnings": warnings}
         run.finish(resolved, summary, lines_of(plan))
 
 
@@ -183,6 +192,7 @@ def summary_of(plan: Plan) -> dict[str, Any]:
         "inference": plan.shares[-1].to_json() if plan.shares else None,
         "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
         "stopped_because": plan.stopped_because,
+        "rooms": list(plan.rooms),
     }
 
 
@@ -197,11 +207,21 @@ def lines_of(plan: Plan) -> list[str]:
         f"{_classes_line(plan.shares[-1]) if plan.shares else of_reachable}",
         f"stopped because: {plan.stopped_because}",
     ]
+    if plan.site is not None and len(plan.site.rooms.rooms) > 1:
+        lines.append(_rooms_line(plan))
     if plan.stations is not None:
         lines.append(f"a tour of all stations takes {plan.stations.tour.length_m:.1f} m")
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines
+
+
+def _rooms_line(plan: Plan) -> str:
+    """How many rooms have a station, and which have none."""
+    inside = [room for room in plan.rooms if room["is_asked_for"]]
+    empty = [f"{room['name']} ({room['floor_m2']:.1f} m2)" for room in inside if not room["stations"]]
+    none = f"; none in {', '.join(empty)}" if empty else ""
+    return f"stations in {len(inside) - len(empty)} of {count(len(inside), 'room')}{none}"
 
 
 def _classes_line(shares: Shares) -> str:

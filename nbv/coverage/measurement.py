@@ -17,7 +17,7 @@ from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability, find_reachable
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, visible_from_view
 from scenes.checks import BoolArray, FloatArray, InputError

@@ -18,6 +18,7 @@ from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import sensor_from_profile
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
+from nbv.visibility.standing.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError, check_number
@@ -89,6 +90,10 @@ class Plan:
         The scans that had been taken before.
     zones : Zones
         Where surface counts, and where no station may be.
+    site : Site or None
+        The rooms of the scene; None around objects, with given candidates, and for a plan read from a file.
+    rooms : tuple of dict
+        The entries of `plan.json`: each room, whether it was asked for, and its stations, counted from 1.
     """
 
     method: str
@@ -106,6 +111,8 @@ class Plan:
     shares: tuple[Shares, ...] = ()
     resumed_from: Resumption | None = None
     zones: Zones = EVERYWHERE
+    site: Site | None = None
+    rooms: tuple[dict[str, Any], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -123,6 +130,7 @@ class Plan:
             "inference": [shares.to_json() for shares in self.shares],
             "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
             **self.zones.to_json(),
+            "rooms": list(self.rooms),
         }
 
     def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
@@ -205,6 +213,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         shares=tuple(Shares(**_numbers(shares)) for shares in content.get("inference", ())),
         resumed_from=_resumption_of(resumed) if resumed else None,
         zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
+        rooms=tuple(dict(room) for room in content.get("rooms") or ()),
     )
 
 

@@ -21,7 +21,8 @@ from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, w
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing_room import scene_candidates, scene_lattice
+from nbv.visibility.standing.candidates import Standing, find_standing
+from nbv.visibility.standing.site import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -49,6 +50,7 @@ def plan_views(
     target: float = 0.99,
     views: int | None = None,
     mode: str | None = None,
+    site: SiteOptions = SiteOptions(),
     candidates: Candidates | None = None,
     samples: SurfaceSamples | None = None,
     noise: str = "none",
@@ -90,6 +92,9 @@ def plan_views(
         Plan no more than so many.
     mode : "room" or "object", optional
         The scene's own when not given.
+    site : SiteOptions
+        Which rooms to stand in, and where in them; of an object, whether to look from below. Of no use with
+        `candidates`.
     candidates : Candidates, optional
         The scene's own when not given. A `half_angle_deg` in them replaces the sensor's aperture by a cone,
         and patches replace the samples on which coverage is measured.
@@ -153,24 +158,24 @@ def plan_views(
     options = options or PlannerOptions()
     zones = _one_zones(zones, options.zones)
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
-    proposals = candidates
     if candidates is None:
-        candidates = scene_candidates(scene, sensor, mode=mode, subdivisions=2 if method == "nbv" else 1)
-        if (mode or scene.mode) == "room":
-            proposals = Candidates(scene_lattice(scene), candidates.directions)
+        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
+    else:
+        standing = Standing(candidates, candidates, None)
     requirement = _one_requirement(requirement, max_incidence_deg, max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
     requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
-    samples = samples or patch_samples(scene, caster, candidates) or _samples(scene, method)
+    samples = samples or patch_samples(scene, caster, standing.candidates) or _samples(scene, method)
     problem = PlanningProblem(
         scene=scene,
         sensor=sensor,
         requirement=requirement,
         target=target,
-        candidates=allowed(candidates, zones),
-        proposals=allowed(proposals or candidates, zones),
+        candidates=allowed(standing.candidates, zones),
+        proposals=allowed(standing.proposals, zones),
+        site=standing.site,
         samples=_within(samples, zones, scene),
         caster=caster,
         seed=int(rng) if isinstance(rng, int | np.integer) else None,

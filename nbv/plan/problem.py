@@ -24,6 +24,7 @@ from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.standing.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -40,8 +41,9 @@ class PlanningProblem:
     """A prepared planning problem: what to see, from where, when it is enough, and how scans are to overlap.
 
     Of a room without given candidates, `candidates` are the positions that are free in truth, which is what
-    "reachable" refers to; the online planner gets `proposals`, all of the lattice, and finds out. `scans`
-    were taken before: what they have measured is measured. `remote` workers cast for the offline planner.
+    "reachable" refers to, in the rooms of the `site`; the online planner gets `proposals`, all of the
+    lattice, and finds out. `scans` were taken before: what they have measured is measured. `remote` workers
+    cast for the offline planner.
     The `journal` remembers the results of the steps of this very problem.
     """
 
@@ -51,6 +53,7 @@ class PlanningProblem:
     target: float
     candidates: Candidates
     proposals: Candidates
+    site: Site | None
     samples: SurfaceSamples
     caster: RayCaster
     from_outside: bool
@@ -169,4 +172,6 @@ class PlanningRun:
             shares=tuple(self.shares),
             resumed_from=self.resumed_from,
             zones=problem.zones,
+            site=problem.site,
+            rooms=() if problem.site is None else problem.site.entries(self.views),
         )

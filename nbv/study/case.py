@@ -21,7 +21,7 @@ from nbv.scanning.sensors.sensor import Sensor, chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.files.scene_files import open_scene

@@ -197,21 +197,25 @@ def room_lattice(
     if not len(heights):
         heights = np.array([(high[2] - low[2]) / 2])
     spacing = spacing_m or max(_SPACING_M, float(np.sqrt(np.prod(floor) * len(heights) / _MOST_POSITIONS)))
-    x, y = (_line(low[axis], high[axis], spacing, clearance_m) for axis in range(2))
+    x, y = (line_positions(low[axis], high[axis], spacing, clearance_m) for axis in range(2))
     return np.stack(np.meshgrid(x, y, low[2] + heights, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _line(low: float, high: float, spacing: float, clearance: float) -> FloatArray:
+def line_positions(low: float, high: float, spacing: float, clearance: float) -> FloatArray:
+    """Positions (n,) between two bounds, metres; the middle where none fits."""
     first = low + clearance + 0.1  # a little further in than the clearance, so that rounding decides nothing
     n = max(int(np.floor((high - clearance - first) / spacing + 1e-9)) + 1, 0)
     return np.asarray(first + spacing * np.arange(n) if n else [(low + high) / 2], dtype=np.float64)
 
 
-def viewing_sphere(bounds: FloatArray, sensor: Sensor, n_positions: int = 200) -> Candidates:
+def viewing_sphere(
+    bounds: FloatArray, sensor: Sensor, n_positions: int = 200, *, all_round: bool = True
+) -> Candidates:
     """Candidates on a sphere around an object with `bounds` (2, 3), metres, each looking at its centre.
 
     The sphere is as small as lets the aperture hold the bounding sphere, with 5 % to spare, within the
-    sensor's range.
+    sensor's range. Without `all_round` those positions are left out that lie below the lower bound, the
+    plane that the object stands on.
 
     Raises
     ------
@@ -230,7 +234,9 @@ def viewing_sphere(bounds: FloatArray, sensor: Sensor, n_positions: int = 200) -
     height = 1 - (2 * np.arange(n_positions) + 1) / n_positions
     across = np.sqrt(1 - height**2)
     outward = np.stack([across * np.cos(turns), across * np.sin(turns), height], axis=1)
-    return Candidates(centre + radius * outward, -outward[:, None])
+    positions = centre + radius * outward
+    kept = np.ones(n_positions, np.bool_) if all_round else positions[:, 2] > low[2]
+    return Candidates(positions[kept], -outward[kept, None])
 
 
 def _half_aperture(sensor: Sensor) -> float:

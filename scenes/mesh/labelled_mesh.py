@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError, check_faces, check_places, frozen_copy
+from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_places, frozen_copy
 from scenes.pose import Pose
 from scenes.run.memory import in_blocks
 
@@ -161,6 +161,17 @@ class LabelledMesh:
         if not len(self.vertices):
             raise InputError("a mesh without vertices has no bounds")
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def some(self, faces: BoolArray) -> LabelledMesh:
+        """Return the mesh of the chosen faces (m,) alone; vertices that none of them has are dropped."""
+        used, index = np.unique(self.faces[faces], return_inverse=True)
+        look = self.appearance
+        if look is not None:
+            image = None if look.face_image is None else look.face_image[faces]
+            uv = None if look.corner_uv is None else look.corner_uv[faces]
+            look = Appearance(look.corner_colour[faces], look.images, image, uv)
+        corners = index.reshape(-1, 3).astype(np.int32)
+        return LabelledMesh(self.vertices[used], corners, self.face_surface[faces], look)
 
     def transformed(self, pose: Pose) -> LabelledMesh:
         """Return the mesh moved by `pose`."""

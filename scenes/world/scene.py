@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from fnmatch import fnmatchcase
 from typing import Literal
 
 import numpy as np
@@ -17,6 +19,7 @@ from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import Opening
 
 Mode = Literal["room", "object"]
+_NAMES_TOLD = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +78,32 @@ class Scene:
         if not self._trees:
             self._trees.append(RayCaster(self.mesh.vertices, self.mesh.faces))
         return self._trees[0].on_threads(n_threads)
+
+    def without(self, patterns: Sequence[str]) -> Scene:
+        """Return the scene without the surfaces whose names match any of `patterns`, as shells match files.
+
+        Raises
+        ------
+        InputError
+            A pattern that matches no name, or nothing left.
+        """
+        if not patterns:
+            return self
+        left_out = np.zeros(len(self.surface_names), np.bool_)
+        for pattern in patterns:
+            matches = np.array([fnmatchcase(name, pattern) for name in self.surface_names])
+            if not matches.any():
+                some = ", ".join(sorted(self.surface_names)[:_NAMES_TOLD])
+                raise InputError(
+                    f"no surface of {self.name} has a name like {pattern!r}; names are {some}, ..."
+                )
+            left_out |= matches
+        kept = ~left_out[self.mesh.face_surface]
+        if not kept.any():
+            raise InputError(f"without {', '.join(patterns)} nothing is left of {self.name}")
+        told = f"{int(left_out.sum())} of {len(left_out)} surfaces left out by name"
+        openings = tuple(one for one in self.openings if not left_out[one.surface])
+        return replace(self, mesh=self.mesh.some(kept), openings=openings, warnings=(*self.warnings, told))
 
     def __reduce__(self) -> tuple[type[Scene], tuple[object, ...]]:
         return Scene, tuple(getattr(self, one.name) for one in fields(self) if one.init)

@@ -15,6 +15,7 @@ from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.standing.site import SiteOptions
 from nbv.visibility.viewpoints import Candidates, viewing_sphere
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
@@ -99,7 +100,7 @@ def test_plan_json_has_the_documented_form_and_is_read_back(room_plan, tmp_path)
     assert list(content) == [
         *("method", "sensor", "requirement", "seed", "n_candidates"),
         *("views", "coverage", "lower_bound", "stopped_because"),
-        *("inference", "resumed_from", "region", "keep_out"),
+        *("inference", "resumed_from", "region", "keep_out", "rooms"),
     ]
     assert list(content["views"][0]) == ["world_from_sensor", "gain_m2", "met_fraction"]
     assert list(content["coverage"]) == [
@@ -183,7 +184,10 @@ def explore_box(options: PlannerOptions, finished=None):
 
 def test_both_methods_and_modes_reach_the_target_on_a_box():
     sensor = PinholeSensor(fov_deg=40, width=80, height=80)
-    plans = {m: plan_views(box(), sensor, method=m, target=0.99, rng=1) for m in ("nbv", "cover")}
+    hanging = SiteOptions(all_round=True)
+    plans = {
+        m: plan_views(box(), sensor, method=m, site=hanging, target=0.99, rng=1) for m in ("nbv", "cover")
+    }
     for plan in plans.values():
         assert plan.coverage.reachable == 1.0
         assert plan.coverage.met >= 0.99

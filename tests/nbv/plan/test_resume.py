@@ -18,7 +18,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from scenes.checks import InputError
 from scenes.pose import Pose
@@ -31,7 +31,7 @@ COARSE = PlannerOptions(voxel_m=0.2)
 CORNER = Pose.looking_at(np.array([0.6, 0.6, 1.6]), np.array([5.0, 4.0, 0.8]))
 QUICK = CoverOptions(polish_steps=0)
 LATTICE = room_lattice(ROOM.mesh.bounds(), spacing_m=1.0)
-CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(0))
+CANDIDATES = Candidates(LATTICE[Clearance.of(ROOM.mesh, 0.3).holds(LATTICE)], sphere_directions(0))
 
 
 def plan_room(method, scans=(), **more):

@@ -19,7 +19,7 @@ from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose
@@ -70,7 +70,7 @@ def test_stray_echoes_do_not_blow_up_the_volume():
 def test_stations_stand_in_truly_free_space_at_tripod_heights(scan_map, plan):
     positions = np.array([view.world_from_sensor.translation for view in plan.views])
     assert len(positions) == 4
-    assert FreeSpace.of(ROOM.mesh).holds(positions, 0.1).all()
+    assert Clearance.of(ROOM.mesh, 0.1).holds(positions).all()
     stood = [scan.origin for scan in scan_map.scans]
     on_tripod = [
         np.isclose(z - scan_map.floor_m, [0.4, 1.0, 1.6, 2.2], atol=1e-6).any() for z in positions[:, 2]

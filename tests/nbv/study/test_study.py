@@ -31,7 +31,7 @@ from nbv.study.results import check_results, write_results
 from nbv.study.spec import read_study
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import scene_candidates
+from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.visibility import visible_from_positions
 from scenes.checks import InputError
 from scenes.run.staged_outputs import lock_file, locked

@@ -15,7 +15,7 @@ from nbv.report.coverage_report import plan_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing_room import FreeSpace
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import InputError
@@ -26,7 +26,7 @@ ROOM = builtin_scene("two_occluders")  # 6 x 5 x 2.7 m; boxes [1.5, 2.9] x [1.5,
 SAMPLES = sample_surface(ROOM.mesh, 0.2)
 SENSOR = PinholeSensor(fov_deg=70, width=120, height=120)
 LATTICE = room_lattice(ROOM.mesh.bounds(), spacing_m=1.0)
-CANDIDATES = Candidates(LATTICE[FreeSpace.of(ROOM.mesh).holds(LATTICE, 0.3)], sphere_directions(0))
+CANDIDATES = Candidates(LATTICE[Clearance.of(ROOM.mesh, 0.3).holds(LATTICE)], sphere_directions(0))
 WEST = Box((0, 0, 0), (2, 5, 2.7))
 SOUTH_EAST = Box((3, 0, 0), (6, 2.5, 2.7))
 

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""Candidates of a known scene: in its rooms, or around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nbv.scanning.sensors.sensor import Sensor
+from nbv.visibility.standing.site import Site, SiteOptions, find_site
+from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, room_lattice, viewing_sphere
+from scenes.checks import FloatArray, InputError
+from scenes.world.scene import Scene
+
+_SAME_LEVEL_M = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """Where a sensor may stand in a scene.
+
+    Attributes
+    ----------
+    candidates : Candidates
+        What "reachable" refers to, and offline planners choose from.
+    proposals : Candidates
+        What the online planner gets, who finds out himself what is free of it: in rooms the whole lattice.
+    site : Site or None
+        The rooms; None around an object.
+    """
+
+    candidates: Candidates
+    proposals: Candidates
+    site: Site | None
+
+
+def find_standing(
+    scene: Scene,
+    sensor: Sensor,
+    options: SiteOptions = SiteOptions(),
+    *,
+    mode: str | None = None,
+    subdivisions: int = 1,
+) -> Standing:
+    """Find the candidates of a known scene, each position with the sensor's directions all round.
+
+    Room mode: places on the floor of its rooms (`find_site`), with 42 directions for a camera at 1
+    subdivision of the icosahedron, 162 at 2. Object mode: the part of a viewing sphere above the plane that
+    the object stands on, or all of it where `options` say so.
+
+    Raises
+    ------
+    InputError
+        Another mode, or nowhere to stand.
+    """
+    mode = mode or scene.mode
+    if mode == "object":
+        around = viewing_sphere(scene.mesh.bounds(), sensor, all_round=options.all_round)
+        return Standing(around, around, None)
+    if mode != "room":
+        raise InputError(f"mode must be room or object, got {mode!r}")
+    site = find_site(scene, options)
+    candidates = site.candidates(sensor, subdivisions)
+    return Standing(candidates, Candidates(_lattice(scene, site, options), candidates.directions), site)
+
+
+def scene_candidates(
+    scene: Scene,
+    sensor: Sensor,
+    options: SiteOptions = SiteOptions(),
+    *,
+    mode: str | None = None,
+    subdivisions: int = 1,
+) -> Candidates:
+    """Return the candidates of a known scene: those of `find_standing`, which says what they are."""
+    return find_standing(scene, sensor, options, mode=mode, subdivisions=subdivisions).candidates
+
+
+def _lattice(scene: Scene, site: Site, options: SiteOptions) -> FloatArray:
+    """Positions (p, 3) over the levels of the chosen rooms, free or not, metres."""
+    levels = np.sort([site.rooms.rooms[number - 1].level_m for number in site.chosen])
+    first = np.append(True, np.diff(levels) > _SAME_LEVEL_M)
+    bounds, parts = scene.mesh.bounds(), []
+    for level in levels[first]:
+        bounds[0, 2] = level
+        parts.append(
+            room_lattice(
+                bounds,
+                spacing_m=site.spacing_m,
+                heights_m=options.heights_m or TRIPOD_HEIGHTS_M,
+                clearance_m=options.clearance_m,
+            )
+        )
+    return np.vstack(parts)

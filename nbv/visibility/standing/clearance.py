@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: MIT
+"""Clearance: how far places are from every surface of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from nbv.visibility.samples import sample_surface
+from scenes.checks import BoolArray, FloatArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+
+CLEARANCE_M = 0.3
+_FINENESS = 5.0  # samples along the clearance: distances are right to a hundredth of it
+_MOST_SAMPLES = 2e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clearance:
+    """Dense samples of a mesh, among which places are to keep `clearance_m` metres."""
+
+    clearance_m: float
+    surface: cKDTree
+
+    @classmethod
+    def of(cls, mesh: LabelledMesh, clearance_m: float = CLEARANCE_M) -> Clearance:
+        """Sample a mesh; its samples are at most two million, and then further apart."""
+        spacing = max(clearance_m / _FINENESS, float(np.sqrt(mesh.face_areas().sum() / _MOST_SAMPLES)))
+        samples = sample_surface(mesh, spacing, every_face=len(mesh.faces) < _MOST_SAMPLES)
+        return cls(clearance_m, cKDTree(samples.points))
+
+    def holds(self, positions: FloatArray) -> BoolArray:
+        """Tell at which positions (p, 3) no surface is nearer than the clearance."""
+        distance, _ = self.surface.query(positions, workers=1)
+        return np.asarray(distance >= self.clearance_m - 1e-9)

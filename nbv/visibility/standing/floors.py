@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: MIT
+"""Floors: what one can walk on and stand a tripod on, told from furniture, solids and drops.
+
+As in maps for walking figures (after Haumont et al. 2003 and Recast, Mononen 2009): free spans above level
+surface are joined where one steps from one to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from nbv.visibility.standing.columns import Columns
+from scenes.checks import BoolArray
+from scenes.rays.raycast import RayCaster
+
+HEADROOM_M = 1.8  # that a person needs who puts up a tripod
+STEP_M = 0.25  # the highest riser of stairs that building codes allow, and a little
+_SILL_M = 0.1  # lower steps are part of one level patch; furniture drops by more all round
+_WALKABLE = float(np.cos(np.radians(45.0)))  # steeper surface is no floor
+_SMALL_M2 = 2.0  # level patches of at most this that drop all round are furniture
+_ALL_ROUND = 0.9  # of the outline
+_MOSTLY = 0.35  # of the outline of what no step leads to, as tables against a wall
+_SOMEWHERE = 0.2  # of that of small ones, as seats and shelves between walls
+_FOOT_M = 0.25  # radius of a tripod's feet
+RAMP_DEG = 5.0  # the steepest that it stands on
+_UNEVEN_M = 0.02
+_CHEST_M, _ANKLE_M = 1.2, 0.1  # above the floor: where walls and panes stop who walks, or what falls
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Floors:
+    """What of the spans of `columns` is floor.
+
+    Attributes
+    ----------
+    columns : Columns
+        The spans.
+    patch : (n,) int64
+        Number of the level patch that lies below a span; -1 where one cannot walk.
+    is_floor : (n,) bool
+        Spans above floor: that one walks on, no furniture.
+    can_stand : (n,) bool
+        Spans above floor that is level under all of a tripod's feet.
+    walk : (n,) int64
+        What steps and stairs connect has one number; -1 off the floor.
+    links : (m, 2) int64
+        Pairs of floor spans side by side from one to the other of which one walks or steps.
+    furniture_m2 : float
+        Area that is level but stands on other floor, square metres.
+    """
+
+    columns: Columns
+    patch: NDArray[np.int64]
+    is_floor: BoolArray
+    can_stand: BoolArray
+    walk: NDArray[np.int64]
+    links: NDArray[np.int64]
+    furniture_m2: float
+
+
+def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROOM_M) -> Floors:
+    """Tell floor from what else is level.
+
+    A person walks where there is headroom above surface that is not steep, and steps up or down by no more
+    than a riser, where no wall stands between. Level patches whose outline drops all round are furniture
+    unless they are larger than 2 m2 and steps lead to them; so is what no step leads to and stands out above
+    other floor.
+    """
+    walkable = (columns.top - columns.bottom >= headroom_m) & (columns.slope >= _WALKABLE)
+    one, other = columns.neighbours()
+    rise = columns.bottom[other] - columns.bottom[one]
+    low = np.minimum(columns.top[one], columns.top[other]) - np.maximum(
+        columns.bottom[one], columns.bottom[other]
+    )
+    near = walkable[one] & walkable[other] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
+    near[near] = ~_walled(columns, caster, one[near], other[near], _CHEST_M)
+    level = near & (np.abs(rise) <= _SILL_M)
+    patch = _joined(walkable, one[level], other[level])
+    walk = _joined(walkable, one[near], other[near])
+    outline = _Outline.of(columns, caster, walkable, pairs=(one, other), near=near)
+    kept = _kept_patches(columns, outline, walkable, patch, walk)
+    is_floor = walkable & kept[np.maximum(patch, 0)]
+    held = near & is_floor[one] & is_floor[other]
+    walk = np.where(is_floor, _joined(is_floor, one[held], other[held]), -1)
+    return Floors(
+        columns=columns,
+        patch=np.where(is_floor, patch, -1),
+        is_floor=is_floor,
+        can_stand=is_floor & _is_even(columns, is_floor, walk),
+        walk=walk,
+        links=np.column_stack([one[held], other[held]]),
+        furniture_m2=float(np.count_nonzero(walkable & ~is_floor)) * columns.cell_m**2,
+    )
+
+
+def _walled(
+    columns: Columns, caster: RayCaster, one: NDArray[np.int64], other: NDArray[np.int64], height_m: float
+) -> BoolArray:
+    """Tell between which spans (m,) side by side something stands, so high above the higher floor."""
+    height = np.maximum(columns.bottom[one], columns.bottom[other]) + height_m
+    ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (one, other)]
+    return np.asarray(caster.blocked(ends[0], ends[1]))
+
+
+def _joined(among: BoolArray, one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number (n,) what links connect, -1 for spans not among them."""
+    n = len(among)
+    links = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n, n))
+    _, label = connected_components(links, directed=False)
+    number = np.full(n, -1, np.int64)
+    number[among] = np.unique(label[among], return_inverse=True)[1]
+    return number
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outline:
+    """Pairs of spans at edges: where one walks or steps on, and where a walkable span drops to another."""
+
+    near: tuple[NDArray[np.int64], NDArray[np.int64]]
+    high: NDArray[np.int64]
+    low: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls,
+        columns: Columns,
+        caster: RayCaster,
+        walkable: BoolArray,
+        *,
+        pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
+        near: BoolArray,
+    ) -> _Outline:
+        """Find the drops: to the span beside that shares most of the height, with no wall between."""
+        one, other = pairs
+        is_up = columns.bottom[other] > columns.bottom[one]
+        high, low = np.where(is_up, other, one), np.where(is_up, one, other)
+        shared = np.minimum(columns.top[high], columns.top[low]) - columns.bottom[high]
+        side = 2 * (np.abs(columns.cell[low] - columns.cell[high]) > 1) + (
+            columns.cell[low] > columns.cell[high]
+        )
+        key, most = 4 * high + side, np.full(4 * len(walkable), -np.inf)
+        np.maximum.at(most, key, shared)
+        falls = (
+            walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > _SILL_M)
+        )
+        falls[falls] = ~_walled(columns, caster, high[falls], low[falls], _ANKLE_M)
+        return cls((one[near], other[near]), high[falls], low[falls])
+
+
+def _kept_patches(
+    columns: Columns,
+    outline: _Outline,
+    walkable: BoolArray,
+    patch: NDArray[np.int64],
+    walk: NDArray[np.int64],
+) -> BoolArray:
+    """Tell which patches (p,) are floor, by how their outlines drop and whether steps lead to them."""
+    n, n_walks = int(patch.max(initial=-1)) + 1, int(walk.max(initial=-1)) + 1
+    one, other = outline.near
+    cells, walk_cells = (
+        np.bincount(patch[walkable], minlength=n),
+        np.bincount(walk[walkable], minlength=n_walks),
+    )
+    inner = np.bincount(patch[one[patch[one] == patch[other]]], minlength=n)
+    edges = np.maximum(4 * cells - 2 * inner, 1)
+    walk_edges = np.maximum(4 * walk_cells - 2 * np.bincount(walk[one], minlength=n_walks), 1)
+    high, low = outline.high, outline.low
+    drops = np.bincount(patch[high[patch[high] != patch[low]]], minlength=n)
+    apart = (walk[high] != walk[low]) & (columns.bottom[high] - columns.bottom[low] > STEP_M)
+    falls = np.bincount(walk[high[apart]], minlength=n_walks) / walk_edges
+    stepped = np.zeros(n, np.bool_)
+    stepped[patch[np.concatenate([one, other])[np.tile(patch[one] != patch[other], 2)]]] = True
+    of = np.zeros(n, np.int64)
+    of[patch[walkable]] = walk[walkable]
+    cell_m2 = columns.cell_m**2
+    furniture = (drops / edges >= _ALL_ROUND) & ~((cells * cell_m2 > _SMALL_M2) & stepped)
+    stands_out = (falls >= _MOSTLY) | ((falls >= _SOMEWHERE) & (walk_cells * cell_m2 <= _SMALL_M2))
+    return np.asarray(~(furniture | stands_out[of]))
+
+
+def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:
+    """Tell where floor lies all around within a tripod's feet, no steeper than a ramp and no drop."""
+    slack = _FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + _UNEVEN_M
+    reach = int(_FOOT_M / columns.cell_m)
+    even = is_floor.copy()
+    spans = np.flatnonzero(is_floor)
+    x, y = np.divmod(columns.cell[spans], columns.shape[1])
+    for dx in range(-reach, reach + 1):
+        for dy in range(-reach, reach + 1):
+            if not 0 < dx * dx + dy * dy <= (_FOOT_M / columns.cell_m) ** 2:
+                continue
+            inside = (x + dx >= 0) & (x + dx < columns.shape[0]) & (y + dy >= 0) & (y + dy < columns.shape[1])
+            there = np.where(inside, (x + dx) * columns.shape[1] + y + dy, 0)
+            held = np.zeros(len(spans), np.bool_)
+            for k in range(int(np.diff(columns.start).max(initial=0))):
+                other = columns.start[there] + k
+                known = inside & (other < columns.start[there + 1])
+                other = np.where(known, other, 0)
+                held |= (
+                    known & is_floor[other] & (walk[other] == walk[spans])
+                    & (np.abs(columns.bottom[other] - columns.bottom[spans]) <= slack)
+                )  # fmt: skip
+            even[spans[~held]] = False
+    return even
