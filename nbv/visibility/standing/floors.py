@@ -186,13 +186,14 @@ def _kept_patches(
 def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:
     """Tell where floor lies all around within a tripod's feet, no steeper than a ramp and no drop."""
     slack = _FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + _UNEVEN_M
-    reach = int(_FOOT_M / columns.cell_m)
+    radius = _FOOT_M / columns.cell_m + 0.5  # cells; half a one, for a place lies beside its cell's line
+    reach = int(radius)
     even = is_floor.copy()
     spans = np.flatnonzero(is_floor)
     x, y = np.divmod(columns.cell[spans], columns.shape[1])
     for dx in range(-reach, reach + 1):
         for dy in range(-reach, reach + 1):
-            if not 0 < dx * dx + dy * dy <= (_FOOT_M / columns.cell_m) ** 2:
+            if not 0 < dx * dx + dy * dy <= radius**2:
                 continue
             inside = (x + dx >= 0) & (x + dx < columns.shape[0]) & (y + dy >= 0) & (y + dy < columns.shape[1])
             there = np.where(inside, (x + dx) * columns.shape[1] + y + dy, 0)
