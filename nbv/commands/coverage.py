@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,9 @@ from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.candidates import find_standing
+from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.standing.candidates import Standing, counted, find_standing
 from nbv.visibility.standing.site import SiteOptions
-from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
@@ -132,32 +131,37 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         views = _views(request.plan, request.sensor)
         sensor = views[0].sensor if views else load_sensor(request.sensor)
         run.will_call(facing, 10)
-        caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
-        candidates = _candidates(run, world, sensor, request)
+        caster = world.ray_caster(threads)
+        standing, samples, apart = _standing(run, world, sensor, request)
         coverage = measure_coverage(
-            world, views, requirement, samples=samples, candidates=candidates, sensor=sensor,
+            world, views, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
+        coverage = replace(coverage, apart_m2=apart)
         return _Measured(coverage, views, _history(coverage), sensor, [])
     given = read_request(request.scans)
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     run.will_call(facing, 10)
-    caster, samples = world.ray_caster(threads), sample_surface(world.mesh)
-    candidates = _candidates(run, world, sensor, request)
+    caster = world.ray_caster(threads)
+    standing, samples, apart = _standing(run, world, sensor, request)
     coverage = measure_scan_coverage(
-        world, given.scans, requirement, samples=samples, candidates=candidates, sensor=sensor,
+        world, given.scans, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
+    coverage = replace(coverage, apart_m2=apart)
     return _Measured(coverage, given.scans, _history(coverage), sensor, list(given.instruments))
 
 
-def _candidates(run: Run, world: Scene, sensor: Sensor, request: CoverageRequest) -> Candidates:
-    """What "reachable" refers to; says what was assumed of rooms."""
+def _standing(
+    run: Run, world: Scene, sensor: Sensor, request: CoverageRequest
+) -> tuple[Standing, SurfaceSamples, Mapping[str, float]]:
+    """What "reachable" refers to, and what surface counts; says what was assumed of rooms."""
     standing = find_standing(world, sensor, request.site, mode=request.mode)
     if standing.site is not None:
         run.warn(standing.site.warnings)
-    return standing.candidates
+    samples, apart = counted(sample_surface(world.mesh), standing, world.ray_caster(run.shared.threads))
+    return standing, samples, apart
 
 
 def _history(coverage: Coverage) -> VisibilityHistory:

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -134,6 +134,9 @@ class Coverage:
         Where completion stands in for views: index into `nbv.coverage.surface_classes.CLASSES`.
     history : VisibilityHistory, optional
         Which view saw which sample, as measuring found it.
+    apart_m2 : mapping
+        Area that bounds none of the rooms asked for and counts for nothing, by reason
+        (`nbv.visibility.standing.bounding.APART`), square metres; the samples there stand for no area.
     """
 
     samples: SurfaceSamples
@@ -146,6 +149,7 @@ class Coverage:
     n_faces: int
     classes: NDArray[np.int8] | None = None
     history: VisibilityHistory | None = None
+    apart_m2: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -208,7 +212,7 @@ class Coverage:
         """Coverage of each surface that has area, by surface id."""
         ids, table = self.samples.surface, []
         kinds = self.state == MET, self.state != UNREACHABLE, self._is(INFERRED), self._is(MODELLED)
-        for surface in np.unique(ids):
+        for surface in np.unique(ids[self.samples.areas > 0]):
             here = ids == surface
             area = self.samples.areas[here]
             total = float(area.sum())
@@ -256,6 +260,7 @@ class Coverage:
             "requirement": self.requirement.to_json(),
             "n_samples": len(self.samples),
             "unreachable_because": self.reasons(),
+            "set_apart_m2": dict(self.apart_m2),
             "surfaces": surfaces,
         }
 

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability, find_reachable
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import scene_candidates
+from nbv.visibility.standing.candidates import counted, find_standing
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, visible_from_view
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -161,7 +161,7 @@ def measure_coverage(
     samples : SurfaceSamples, optional
         Where to measure; the scene's own default samples when not given.
     candidates : Candidates, optional
-        What "reachable" refers to; the scene's own (`scene_candidates`) when not given.
+        What "reachable" refers to; the scene's own (`find_standing`) when not given.
     sensor : Sensor, optional
         The sensor that would stand at the candidates; the first view's when not given.
     caster : RayCaster, optional
@@ -180,12 +180,12 @@ def measure_coverage(
     standing = sensor or (views[0].sensor if views else None)
     if standing is None:
         raise InputError("without views, coverage needs a sensor to say what is reachable")
-    tally = CoverageTally.start(
-        caster or scene.ray_caster(n_threads), samples or sample_surface(scene.mesh), requirement
-    )
-    candidates = candidates or scene_candidates(scene, standing)
+    caster = caster or scene.ray_caster(n_threads)
+    samples, candidates, apart = _settled(scene, samples, candidates, standing, caster)
+    tally = CoverageTally.start(caster, samples, requirement)
     tally.add_all(views, progress)
-    return tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
+    coverage = tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
+    return replace(coverage, apart_m2=apart)
 
 
 def measure_scan_coverage(
@@ -224,12 +224,28 @@ def measure_scan_coverage(
     """
     requirement = _one_requirement(requirement, max_incidence_deg)
     standing = sensor or load_sensor("generic60")
-    tally = CoverageTally.start(
-        caster or scene.ray_caster(n_threads), samples or sample_surface(scene.mesh), requirement
-    )
-    candidates = candidates or scene_candidates(scene, standing)
+    caster = caster or scene.ray_caster(n_threads)
+    samples, candidates, apart = _settled(scene, samples, candidates, standing, caster)
+    tally = CoverageTally.start(caster, samples, requirement)
     tally.add_all(scans, progress)
-    return tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
+    coverage = tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
+    return replace(coverage, apart_m2=apart)
+
+
+def _settled(
+    scene: Scene,
+    samples: SurfaceSamples | None,
+    candidates: Candidates | None,
+    sensor: Sensor,
+    caster: RayCaster,
+) -> tuple[SurfaceSamples, Candidates, Mapping[str, float]]:
+    """Samples and candidates, the scene's own where none are given, and the area that is set apart then."""
+    samples = samples or sample_surface(scene.mesh)
+    if candidates is not None:
+        return samples, candidates, {}
+    standing = find_standing(scene, sensor)
+    samples, apart = counted(samples, standing, caster)
+    return samples, standing.candidates, apart
 
 
 def visibility_history(

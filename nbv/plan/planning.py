@@ -21,7 +21,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, w
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import Standing, find_standing
+from nbv.visibility.standing.candidates import Standing, counted, find_standing
 from nbv.visibility.standing.site import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
@@ -168,6 +168,7 @@ def plan_views(
     requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
     samples = samples or patch_samples(scene, caster, standing.candidates) or _samples(scene, method)
+    samples, apart = counted(_within(samples, zones, scene), standing, caster)
     problem = PlanningProblem(
         scene=scene,
         sensor=sensor,
@@ -176,7 +177,8 @@ def plan_views(
         candidates=allowed(standing.candidates, zones),
         proposals=allowed(standing.proposals, zones),
         site=standing.site,
-        samples=_within(samples, zones, scene),
+        samples=samples,
+        apart_m2=apart,
         caster=caster,
         seed=int(rng) if isinstance(rng, int | np.integer) else None,
         from_outside=(mode or scene.mode) == "object",

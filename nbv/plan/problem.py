@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -55,6 +55,7 @@ class PlanningProblem:
     proposals: Candidates
     site: Site | None
     samples: SurfaceSamples
+    apart_m2: Mapping[str, float]
     caster: RayCaster
     from_outside: bool
     seed: int | None
@@ -164,7 +165,11 @@ class PlanningRun:
             seed=problem.seed,
             n_candidates=problem.candidates.n_poses,
             views=tuple(self.views),
-            coverage=replace(self.tally.coverage(problem.scene, self.reachability), classes=self.classes),
+            coverage=replace(
+                self.tally.coverage(problem.scene, self.reachability),
+                classes=self.classes,
+                apart_m2=problem.apart_m2,
+            ),
             lower_bound=bound,
             stopped_because=reason,
             stations=stations,

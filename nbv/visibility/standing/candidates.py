@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from nbv.scanning.sensors.sensor import Sensor
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.standing.bounding import bounding_surface
 from nbv.visibility.standing.site import Site, SiteOptions, find_site
 from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, room_lattice, viewing_sphere
 from scenes.checks import FloatArray, InputError
+from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
 _SAME_LEVEL_M = 0.1
@@ -63,6 +67,27 @@ def find_standing(
     site = find_site(scene, options)
     candidates = site.candidates(sensor, subdivisions)
     return Standing(candidates, Candidates(_lattice(scene, site, options), candidates.directions), site)
+
+
+def counted(
+    samples: SurfaceSamples, standing: Standing, caster: RayCaster
+) -> tuple[SurfaceSamples, Mapping[str, float]]:
+    """Return the samples, of which only those of the rooms asked for have area, and the rest's area by reason.
+
+    Around objects, and for given candidates, all of them count.
+
+    Raises
+    ------
+    InputError
+        Nothing bounds the rooms.
+    """
+    if standing.site is None:
+        return samples, {}
+    bounding = bounding_surface(samples, standing.site, caster)
+    if not bounding.samples.total_m2 > 0:
+        rooms = ", ".join(map(str, standing.site.chosen))
+        raise InputError(f"no surface bounds the rooms {rooms}; ask for others (--rooms), or finer samples")
+    return bounding.samples, bounding.apart_m2
 
 
 def scene_candidates(

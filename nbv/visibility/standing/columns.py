@@ -19,7 +19,7 @@ _MOST_COLUMNS = 4_000_000  # large ones get larger cells
 _ASIDE = np.array([0.413, 0.387])  # of a cell: lines that avoid walls at round coordinates
 _STEP_OVER = 1e-6  # of the extent: how far below a surface the next one is looked for
 _MOST_SURFACES = 400  # that one line meets; what lies lower is left out
-LEAST_SPAN_M = 0.2  # lower free space is nobody's
+LEAST_SPAN_M = 0.05  # lower free space is nobody's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
