@@ -100,7 +100,7 @@ def _air_before(
     found = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
     steps = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     for step in steps[np.argsort(np.abs(steps).sum(axis=1), kind="stable")]:
-        left = np.flatnonzero(found == 0)
+        left = np.flatnonzero(found <= 0)  # a room's air is looked for beyond the open
         cells = columns.cells_of(places[left, :2] + step * columns.cell_m)
         room = _air_at(columns, air, cells, places[left, 2])
         left, cells, room = left[room != 0], cells[room != 0], room[room != 0]
@@ -116,9 +116,8 @@ def _air_at(
     """Room (n,) of the span that holds each height (n,) over a cell (n,): the open below all surfaces."""
     inside = np.flatnonzero(cells >= 0)
     n_spans = np.diff(columns.start)[cells[inside]]
-    lowest = np.where(
-        n_spans > 0, np.append(columns.bottom, 0.0)[columns.start[cells[inside] + 1] - 1], np.inf
-    )
+    last = np.append(columns.bottom, 0.0)[columns.start[cells[inside] + 1] - 1]
+    lowest = np.where(n_spans > 0, last, np.inf)
     found = np.full(len(cells), _OUTSIDE)
     found[inside[heights[inside] > lowest]] = 0
     for k in range(int(np.diff(columns.start).max(initial=0))):

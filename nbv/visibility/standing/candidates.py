@@ -72,7 +72,7 @@ def find_standing(
 def counted(
     samples: SurfaceSamples, standing: Standing, caster: RayCaster
 ) -> tuple[SurfaceSamples, Mapping[str, float]]:
-    """Return the samples, of which only those of the rooms asked for have area, and the rest's area by reason.
+    """Return the samples, of which only those of the rooms asked for have area, and the area of the others.
 
     Around objects, and for given candidates, all of them count.
 
