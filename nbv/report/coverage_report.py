@@ -13,6 +13,7 @@ from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
 from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
+from nbv.report.blocks.rooms import rooms_section, set_apart
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, State, Text, shares_bar
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
@@ -64,8 +65,9 @@ def plan_page(
             Section(
                 "Views", (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan))
             ),
+            *rooms_section(plan),
             *baselines_section(plan, baselines),
-            Section("What cannot be reached, and why", reasons(coverage)),
+            Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             Section("Surface by surface", (found.surfaces,)),
         ),
         warnings=scene.warnings,
@@ -99,6 +101,7 @@ def _plan_view(
         ),
         zones=plan.zones,
         pictures=pictures,
+        cut_m=plan.site.cut_m if plan.site else None,
     )
 
 
@@ -167,7 +170,7 @@ def coverage_page(
         sections=(
             Section("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
             Section("Stations", blocks),
-            Section("What cannot be reached, and why", reasons(coverage)),
+            Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             Section("Surface by surface", (surfaces_table(coverage),)),
         ),
         warnings=scene.warnings,

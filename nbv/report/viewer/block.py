@@ -67,6 +67,8 @@ class Viewer:
         From which side it is seen at first; from above and the side that shows most when not given.
     one : "view" or "scan"
         What a station is called.
+    cut_m : float, optional
+        Height above which nothing is shown at first, metres.
     """
 
     label: str
@@ -79,6 +81,7 @@ class Viewer:
     pictures: tuple[Picture, ...] = field(default=())
     camera: Camera | None = None
     one: Literal["view", "scan"] = "view"
+    cut_m: float | None = None
     kind: ClassVar[str] = "viewer"
 
     def bounds(self) -> FloatArray:

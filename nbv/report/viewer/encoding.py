@@ -39,6 +39,7 @@ def encoded(viewer: Viewer) -> str:
         "label": viewer.label,
         "mode": viewer.mode,
         "room": viewer.is_room,
+        "cut": None if viewer.cut_m is None else viewer.cut_m - float(bounds[0, 2]),
         "origin": bounds[0].tolist(),
         "size": (bounds[1] - bounds[0]).tolist(),
         "focus": (focus(viewer.layers, forward, is_room=viewer.is_room) - bounds[0]).tolist(),

@@ -53,10 +53,12 @@ def scene_view(
     lines: tuple[Lines, ...] = (),
     zones: Zones = EVERYWHERE,
     pictures: tuple[Picture, ...] = (),
+    cut_m: float | None = None,
 ) -> Viewer:
     """Return the view of a scene whose coverage is known, by what the views have seen of its samples.
 
-    What lies outside the region of `zones` counts for nothing; `pictures` stand in for the view.
+    What lies outside the region of `zones` counts for nothing; `pictures` stand in for the view, which shows
+    nothing above `cut_m` (metres) at first.
     """
     fine = fine_coverage(scene.mesh, coverage, _SAMPLES_A_FACE)
     place = np.where(
@@ -73,7 +75,14 @@ def scene_view(
     met = seen.met if len(seen.met) > 1 else ()
     said, is_room = f"{scene.name}: what the views measure.", scene.mode == "room"
     return Viewer(
-        said, tuple(layers), markers=markers, lines=lines, is_room=is_room, met=met, pictures=pictures
+        said,
+        tuple(layers),
+        markers=markers,
+        lines=lines,
+        is_room=is_room,
+        met=met,
+        pictures=pictures,
+        cut_m=cut_m,
     )
 
 

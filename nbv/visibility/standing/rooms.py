@@ -44,6 +44,8 @@ class Room:
         From 1, the lowest.
     floor_m2, level_m : float
         Area of its floor in square metres, and the height that half of it lies below, metres.
+    ceiling_m : float or None
+        The height that half of its ceiling lies below, metres; None where it has none.
     place : (3,) float
         A place on its floor, far from walls, metres.
     is_outside : bool
@@ -58,6 +60,7 @@ class Room:
     storey: int
     floor_m2: float
     level_m: float
+    ceiling_m: float | None
     place: tuple[float, float, float]
     is_outside: bool
     joined: tuple[int, ...]
@@ -77,6 +80,7 @@ class Room:
             "storey": self.storey,
             "floor_m2": self.floor_m2,
             "level_m": self.level_m,
+            "ceiling_m": self.ceiling_m,
             "place": list(self.place),
             "is_outside": self.is_outside,
             "joined": list(self.joined),
@@ -239,6 +243,7 @@ def _described(
                 storey=int(of[source]),
                 floor_m2=float(area[source]),
                 level_m=float(np.median(columns.bottom[spans])),
+                ceiling_m=_ceiling(columns.top[spans]),
                 place=_middle(floors, spans),
                 is_outside=bool(outside[one - 1]),
                 joined=tuple(sorted(joined[one])),
@@ -311,6 +316,12 @@ def _ways(
             for second in group - {first}:
                 (stairs if level[first] != level[second] else joined)[first].add(second)
     return joined, stairs
+
+
+def _ceiling(tops: FloatArray) -> float | None:
+    """The height that half of a ceiling lies below, by the tops (n,) of spans; None under the sky."""
+    height = float(np.median(tops))
+    return height if np.isfinite(height) else None
 
 
 def _middle(floors: Floors, spans: NDArray[np.int64]) -> tuple[float, float, float]:

@@ -22,6 +22,7 @@ from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.world.scene import Scene
 
 _SPACING_M, _WIDE_M = 0.5, 1.0
+_BELOW_CEILING_M = 0.1
 _LARGE_M2 = 60.0  # of floor: from here on positions are a metre apart
 
 
@@ -99,6 +100,21 @@ class Site:
     position_room: NDArray[np.int32]
     spacing_m: float
     warnings: tuple[str, ...]
+
+    @property
+    def cut_m(self) -> float | None:
+        """Height just below the ceilings of the storey with most of the floor asked for, metres.
+
+        None where a building has no ceilings to look through: it is of one storey under the sky.
+        """
+        rooms = [self.rooms.rooms[number - 1] for number in self.chosen]
+        floor = {
+            storey: sum(r.floor_m2 for r in rooms if r.storey == storey)
+            for storey in {r.storey for r in rooms}
+        }
+        best = max(floor, key=lambda storey: (floor[storey], -storey), default=None)
+        ceilings = [room.ceiling_m for room in rooms if room.storey == best and room.ceiling_m is not None]
+        return float(np.median(ceilings)) - _BELOW_CEILING_M if ceilings else None
 
     def entries(self, views: Sequence[View]) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each room: whether it is asked for, and its stations, from 1."""

@@ -88,12 +88,16 @@ class View {
   buildCut() {
     const [low, high] = [this.model.origin[2], this.model.origin[2] + this.model.size[2]];
     const value = height => height >= high ? "nothing" : `${height.toFixed(2)} m`;
-    const span = high - low, cut = slider("Cut off above", { min: 0, max: 200, step: 1, value: 200 }, share => {
+    const span = high - low, first = this.model.cut === null ? 200 : Math.round(200 * this.model.cut / span);
+    const set = share => {
       this.cut = share >= 200 ? Infinity : span * share / 200;
       cut.text.textContent = value(low + this.cut);
+    };
+    const cut = slider("Cut off above", { min: 0, max: 200, step: 1, value: first }, share => {
+      set(share);
       this.redraw();
     });
-    cut.text.textContent = "nothing";
+    set(first);
     const backs = switches("Faces that look away", [{ key: "backs", label: "shown", shown: !this.culls }], (_key, shown) => {
       this.culls = !shown;
       this.redraw();
