@@ -135,19 +135,32 @@ class Rooms:
 def find_rooms(floors: Floors, caster: RayCaster) -> Rooms:
     """Part the floor of a scene into rooms.
 
-    Floor that turns its back is the inside of a solid, unless all of it does. Floors within one and a half
-    metres of the lowest are a storey. Each storey is parted at its doorways
+    Floor that turns its back is the inside of a solid, unless only such floor lies under ceilings. Floors
+    within one and a half metres of the lowest are a storey. Each storey is parted at its doorways
     (`nbv.visibility.standing.doorways.part_at_doorways`).
     """
     columns, spans = floors.columns, np.flatnonzero(floors.is_floor)
-    walk, doubts = floors.walk[spans], list[str]()
+    walk = floors.walk[spans]
     solid = _is_solid(walk, columns.shows_back[spans])
-    if len(spans) and solid[walk].all():
-        solid[:] = False
-        doubts.append("all floor turns its back upwards: its faces are taken to be turned over")
+    found = _parted(floors, caster, spans, solid[walk], ())
+    if solid.any() and all(room.is_outside for room in found.rooms):
+        turned = "all floor under ceilings turns its back upwards: its faces are taken to be turned over"
+        found = _parted(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
+    return found
+
+
+def _parted(
+    floors: Floors,
+    caster: RayCaster,
+    spans: NDArray[np.int64],
+    in_solid: BoolArray,
+    doubts: Sequence[str],
+) -> Rooms:
+    """Part the floor spans that lie in no solid (n,) into rooms."""
+    columns = floors.columns
     inner = np.zeros(len(floors.is_floor), np.bool_)
-    inner[spans] = ~solid[walk]
-    solid_m2 = float(np.count_nonzero(solid[walk])) * columns.cell_m**2
+    inner[spans] = ~in_solid
+    solid_m2 = float(np.count_nonzero(in_solid)) * columns.cell_m**2
     storey = _storeys(floors, inner)
     region = np.zeros(len(inner), np.int64)
     for number in range(1, int(storey.max(initial=0)) + 1):
