@@ -111,9 +111,10 @@ def demo_page(
     met = [view.met_fraction or 0.0 for view in plan.views]
     few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
     alone, never = percent(coverage.met), percent(coverage.unreachable)
+    hidden = "" if never == percent(0.0) else f", and no view reaches {never} % of it"
     summary = (
-        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {alone} % of this room well, and "
-        f"no view reaches {never} % of it. {few.capitalize()} of these views measure {percent(measured)} %; "
+        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {alone} % of this room well"
+        f"{hidden}. {few.capitalize()} of these views measure {percent(measured)} %; "
         f"completion infers {percent(inferred)} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
@@ -187,7 +188,7 @@ def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple
     )
     ids = comparison.samples.surface
     rows = []
-    for surface in np.unique(ids):
+    for surface in np.unique(ids[comparison.samples.areas > 0]):
         here = ids == surface
         area = float(comparison.samples.areas[here].sum())
         cells = [Cell(scene.surface_names[surface]), Cell(square_metres(area))]

@@ -47,7 +47,9 @@ def test_the_online_planner_covers_the_room(room_plan):
     coverage = room_plan.coverage
     assert len(room_plan.views) <= 25
     assert coverage.met >= 0.95 * coverage.reachable
-    assert coverage.reachable == pytest.approx(0.971, abs=0.005)
+    assert coverage.reachable >= 0.995  # of what bounds the room
+    under_boxes = 2 * (1.4 * 1.0 + 0.7 * 0.7)  # their bottoms, and the floor below
+    assert sum(coverage.apart_m2.values()) == pytest.approx(under_boxes, rel=0.05)
     assert room_plan.stopped_because == "target met on the true scene: 0.95 of the reachable area"
     met = [view.met_fraction for view in room_plan.views]
     assert met == sorted(met)

@@ -257,10 +257,10 @@ def test_a_case_that_cannot_be_planned_says_why_and_stops_no_other(tmp_path):
     assert json.loads(result.stdout)["failed"] == 2
     rows = rows_of(tmp_path / "out" / "results.csv")
     assert [row["views"] == "" for row in rows] == [False, False, True, True]
-    assert "none of 1 positions in tile is free" in rows[2]["error"]
+    assert "nowhere to stand in tile: 0.0 m2 of floor" in rows[2]["error"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "2 cases could not be planned" in page
-    assert "none of 1 positions in tile is free" in page
+    assert "nowhere to stand in tile: 0.0 m2 of floor" in page
 
 
 def test_damaged_and_foreign_plans_are_made_again(undisturbed, tmp_path, file):
