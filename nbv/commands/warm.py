@@ -20,7 +20,9 @@ from nbv.commands.plan import PlanRequest, run_plan
 from nbv.commands.process.run import Shared
 from nbv.commands.scan import Stand, run_scan
 from nbv.commands.texture import run_texture
+from nbv.visibility.standing.site import find_site
 from scenes.files.scan_request import ScanRequest
+from scenes.files.scene_files import open_scene
 
 _ROOM = "builtin:two_occluders"
 _SENSOR = """
@@ -57,6 +59,7 @@ def warm_completion(folder: Path) -> None:
 
 def warm_planning(folder: Path) -> None:
     """Plan two views online and offline."""
+    find_site(open_scene(_ROOM))
     candidates = folder / "candidates.npz"
     positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
     np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
