@@ -74,7 +74,7 @@ def merge(
         Where the pixels of what is joined are kept.
     """
     pieces = [
-        [Piece.of_region(scan, region, seen, tolerance) for region in found]
+        [spill.keep(Piece.of_region(scan, region, seen, tolerance)) for region in found]
         for scan, (seen, found) in enumerate(zip(observations, regions, strict=True))
     ]
     groups = [[one] for own in pieces for one in own]
@@ -106,7 +106,7 @@ def _in_blocks(
             groups = _grouped(some, observations, sights, tolerance)
             fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
-                Piece.fused(group, fit, observations)
+                spill.keep(Piece.fused(group, fit, observations))
                 for group, fit in zip(groups, fitted, strict=True)
             ])  # fmt: skip
         pieces = blocks

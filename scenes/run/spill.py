@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from scenes.run.mapping import allocate, is_mapped, trim
 
-_LEAST = 4 * mmap.PAGESIZE  # bytes of an array that is worth a place in a file
+_LEAST = 512  # bytes of an array that is worth a place in a file; what names the place takes a hundred
+_STEP = 64  # bytes between the beginnings of small arrays; those of many pages begin with one
 _FILE = 1 << 26  # bytes; larger arrays have a file of their own
 _Value = TypeVar("_Value")
 
@@ -32,8 +33,8 @@ class Spill:
     def keep(self, value: _Value) -> _Value:
         """Return an equal value whose large arrays are on disk.
 
-        Dataclasses, tuples and lists are gone through. Arrays in files already stay where they are; so does
-        whatever else there is. An array that cannot be written to stays so.
+        Dataclasses, tuples and lists are gone through. Arrays in files already stay where they are; so do
+        arrays of objects, and whatever else there is. An array that cannot be written to stays so.
 
         Raises
         ------
@@ -49,7 +50,8 @@ class Spill:
         """
         kept: Any = value
         if isinstance(value, np.ndarray):
-            kept = self._copied(value) if value.nbytes >= _LEAST and not is_mapped(value) else value
+            is_there = value.nbytes < _LEAST or value.dtype.hasobject or is_mapped(value)
+            kept = value if is_there else self._copied(value)
         elif isinstance(value, list):
             kept = [self.keep(item) for item in value]
         elif isinstance(value, tuple):
@@ -75,8 +77,9 @@ class Spill:
         return copy
 
     def _place(self, n_bytes: int) -> NDArray[np.uint8]:
-        """Room for so many bytes, from the beginning of a page on."""
-        whole = -(-n_bytes // mmap.PAGESIZE) * mmap.PAGESIZE
+        """Room for so many bytes, small arrays side by side on one page."""
+        step = mmap.PAGESIZE if n_bytes > _FILE // 4 else _STEP
+        whole = -(-n_bytes // step) * step
         with self._lock:
             if whole > _FILE // 4:
                 file = allocate((whole, 1), np.uint8)[:, 0]

@@ -14,7 +14,7 @@ from completion.evidence.registration.facets import Facets, facets_of
 from completion.evidence.registration.meetings import meet
 from completion.evidence.registration.registration import Registration
 from completion.evidence.registration.scan_pair import ScanPair, scan_pairs
-from completion.evidence.registration.settling import LEAST_MEETINGS, Pair, Settling, meet_all, settle
+from completion.evidence.registration.settling import LEAST_MEETINGS, Pair, Settling, settle
 from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import EvidenceOptions
@@ -72,12 +72,11 @@ def register(
         motions[[*some]], shifts[[*some]] = (one[: len(some)] for one in group.found)
         groups.append(group)
         trim()
-    pairs = [one for group in groups for one in held.pairs(group, moves=moves)]
+    pairs = [one for group in groups for one in held.pairs(group)]
     is_off = any(one.offset_m > max(_NOTICED_M, _SURE * one.offset_sd_m) for one in pairs)
     if moves and is_off:
         return Registration(motions, shifts, _left(pairs, n), tuple(pairs), stated_m)
-    if moves:
-        pairs = [one for group in groups for one in held.pairs(group, moves=False)]
+    pairs = [one.left_alone() for one in pairs]
     return Registration(still, np.zeros(n), _left(pairs, n), tuple(pairs), stated_m)
 
 
@@ -132,13 +131,9 @@ class _Held:
         known = {place[number]: motions[number] for number in several[len(scans) :]}
         return _Group(several, own, settle(*self._of(several), own, known))
 
-    def pairs(self, group: _Group, *, moves: bool) -> list[ScanPair]:
-        """Return what the scans of a group say of each other's poses, which are moved or not."""
-        facets, sights = self._of(group.scans)
-        still = np.tile(np.eye(4), (len(facets), 1, 1))
-        given = meet_all(facets, sights, group.pairs, still)
-        used = meet_all(facets, sights, group.pairs, group.settled.motions)
-        found = scan_pairs(facets, given, used, group.settled, moves)
+    def pairs(self, group: _Group) -> list[ScanPair]:
+        """Return what the scans of a group say of each other's poses, moved as they settled."""
+        found = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
         numbers = [sorted((group.scans[one.first], group.scans[one.second])) for one in found]
         return [
             replace(one, first=first, second=second)

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from completion.evidence.registration.facets import Facets
 from completion.evidence.registration.meetings import Meetings
-from completion.evidence.registration.settling import LEAST_MEETINGS, Links, Pair, Settling, link
+from completion.evidence.registration.settling import LEAST_MEETINGS, Links, Pair, Settling, link, meet_all
+from completion.evidence.sight import Sight
 from scenes.checks import FloatArray
 
 _NORMAL = 1.4826  # standard deviations of a normal distribution to its median absolute deviation
@@ -53,31 +54,32 @@ class ScanPair:
     depth_m: float
     still_contradicted_m2: float
 
+    def left_alone(self) -> ScanPair:
+        """Return what they say where no scan was moved."""
+        left = float(np.hypot(self.offset_m, self.left_m))
+        return replace(self, left_m=left, still_contradicted_m2=self.contradicted_m2)
+
 
 def scan_pairs(
-    facets: Sequence[Facets],
-    given: Mapping[Pair, Meetings],
-    used: Mapping[Pair, Meetings],
-    settled: Settling,
-    is_moved: bool,
+    facets: Sequence[Facets], sights: Sequence[Sight], pairs: Sequence[Pair], settled: Settling
 ) -> list[ScanPair]:
-    """Return a pair of scans for each two of which enough facets met.
+    """Return a pair of scans for each two of which enough facets met, moved as they settled.
 
     Parameters
     ----------
-    facets : sequence of Facets
+    facets, sights : sequences
         Of each scan.
-    given, used : mapping
-        What the facets of the second of two scans met in the first, by poses as given and as settled.
+    pairs : sequence of (int, int)
+        Which scans' facets (the second) are held against which scan (the first).
     settled : Settling
-        The motions between these.
-    is_moved : bool
-        Whether the scans are moved, or keep the poses as given.
+        The motions from the poses as given.
     """
-    found = []
-    for i, j in sorted({(min(pair), max(pair)) for pair in given}):
-        both = [pair for pair in ((i, j), (j, i)) if pair in given]
-        still = np.tile(np.eye(4), (len(facets), 1, 1))
+    found, asked = [], set(pairs)
+    still = np.tile(np.eye(4), (len(facets), 1, 1))
+    for i, j in sorted({(min(pair), max(pair)) for pair in pairs}):
+        both = [pair for pair in ((i, j), (j, i)) if pair in asked]
+        given = dict(meet_all(facets, sights, both, still))
+        used = dict(meet_all(facets, sights, both, settled.motions))
         links = [link(pair, given[pair], facets, still, settled.pivots) for pair in both]
         after = [link(pair, used[pair], facets, settled.motions, settled.pivots) for pair in both]
         if sum(len(one.offset) for one in after) < LEAST_MEETINGS:
@@ -86,8 +88,8 @@ def scan_pairs(
             links = after
         offset, sd = _spread(both, links, settled)
         known = float(np.hypot(sd, _excess(after)))
-        passed, depth = _passed(facets, {pair: given[pair] for pair in both})
-        still_passed, _ = _passed(facets, {pair: used[pair] for pair in both})
+        passed, depth = _passed(facets, given)
+        still_passed, _ = _passed(facets, used)
         found.append(
             ScanPair(
                 first=i,
@@ -95,10 +97,10 @@ def scan_pairs(
                 overlap_m2=sum(float(facets[k].area[used[h, k].met].sum()) for h, k in both) / len(both),
                 offset_m=offset,
                 offset_sd_m=sd,
-                left_m=known if is_moved else float(np.hypot(offset, known)),
+                left_m=known,
                 contradicted_m2=passed,
                 depth_m=depth,
-                still_contradicted_m2=still_passed if is_moved else passed,
+                still_contradicted_m2=still_passed,
             )
         )
     return found

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -112,8 +112,7 @@ def settle(
     scale[[*held]] = _NOTHING_M
     motions: FloatArray = np.array([held.get(k, np.eye(4)) for k in range(n)])
     for _ in range(_N_ROUNDS):
-        links = link_all(facets, sights, pairs, motions, pivots)
-        matrix, vector = _equations(links, n)
+        matrix, vector = _equations(link_all(facets, sights, pairs, motions, pivots), n)
         vector += matrix @ vectors.ravel()
         before = vectors
         for _ in range(_N_PRIORS):
@@ -137,21 +136,20 @@ def link_all(
     pairs: Sequence[Pair],
     motions: FloatArray,
     pivots: FloatArray,
-) -> dict[Pair, Links]:
-    """Return the links of all pairs of n scans, moved by `motions` (n, 4, 4); `pivots` (n, 3), metres."""
-    met = meet_all(facets, sights, pairs, motions)
-    return {pair: link(pair, one, facets, motions, pivots) for pair, one in met.items()}
+) -> Iterator[tuple[Pair, Links]]:
+    """Yield the links of each pair of n scans, moved by `motions` (n, 4, 4); `pivots` (n, 3), metres."""
+    for pair, met in meet_all(facets, sights, pairs, motions):
+        yield pair, link(pair, met, facets, motions, pivots)
 
 
 def meet_all(
     facets: Sequence[Facets], sights: Sequence[Sight], pairs: Sequence[Pair], motions: FloatArray
-) -> dict[Pair, Meetings]:
-    """Return what the facets of each pair's second scan meet in its first, moved by `motions` (n, 4, 4)."""
+) -> Iterator[tuple[Pair, Meetings]]:
+    """Yield what the facets of each pair's second scan meet in its first, moved by `motions` (n, 4, 4)."""
     back = np.linalg.inv(motions)
-    return {
-        (i, j): meet(facets[j], np.ascontiguousarray((back[i] @ motions[j])[:3]), sights[i], facets[i], 1)
-        for i, j in pairs
-    }
+    for i, j in pairs:
+        motion = np.ascontiguousarray((back[i] @ motions[j])[:3])
+        yield (i, j), meet(facets[j], motion, sights[i], facets[i], 1)
 
 
 def link(
@@ -170,10 +168,10 @@ def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> Fl
     return np.concatenate([np.cross(places - pivot, normals), normals], axis=1)
 
 
-def _equations(links: Mapping[Pair, Links], n: int) -> tuple[FloatArray, FloatArray]:
+def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray, FloatArray]:
     """Normal equations (6 n, 6 n), (6 n,) of the pairs that tell anything."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    for (i, j), one in links.items():
+    for (i, j), one in links:
         if len(one.offset) < LEAST_MEETINGS:
             continue
         weight = _weights(one)[:, None]

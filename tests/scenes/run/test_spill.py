@@ -42,6 +42,21 @@ def test_what_holds_nothing_large_stays_itself():
     assert NoSpill().keep(LARGE) is LARGE
 
 
+def test_arrays_smaller_than_a_page_are_on_disk_side_by_side():
+    arrays = [np.full(n, n, dtype=np.int32) for n in range(200, 260)]
+    kept = Spill().keep(arrays)
+    first, *_, last = (one.__array_interface__["data"][0] for one in kept)
+    assert all(map(is_mapped, kept))
+    assert 0 < last - first < 2 * sum(one.nbytes for one in arrays)
+    for array, expected in zip(kept, arrays, strict=True):
+        np.testing.assert_array_equal(array, expected)
+
+
+def test_arrays_of_objects_stay_in_memory():
+    names = np.array(["wall", None] * 500, dtype=object)
+    assert Spill().keep(names) is names
+
+
 def test_an_array_on_disk_stays_where_it_is():
     spill = Spill()
     once = spill.keep(Held(LARGE, "a"))
