@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import ScanPixels
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
@@ -57,7 +57,7 @@ class BoundaryPixels:
 
 def find_boundary_pixels(
     fit: SurfaceFit,
-    pixels: Sequence[PixelSet],
+    pixels: ScanPixels,
     observations: Sequence[Observation],
     tolerance: Tolerance,
     keys: Sequence[int] | None = None,
@@ -68,7 +68,7 @@ def find_boundary_pixels(
     pixel: a fixed step in range would fire at grazing incidence. Places are in the chart of the fit's
     surface. One that no key frame measured has the boundary that the others saw.
     """
-    measured = [number for number, held in enumerate(pixels) if len(held)]
+    measured = [number for number, _ in pixels.held]
     chosen = measured if keys is None else sorted(set(measured) & set(keys)) or measured
     none = BoundaryPixels(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int8))
     parts = [none] + [

@@ -13,7 +13,7 @@ from shapely import Polygon
 from completion.edits.edit import Anchor, Edit, SurfaceEdits, Wish, outline_uv
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.refitting import refit
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
@@ -92,7 +92,7 @@ def apply_edits(
 
 def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
     """The measured point (3,) of a surface that lies deepest inside it, working frame."""
-    largest = int(np.argmax([len(pixels) for pixels in surface.pixels]))
+    largest, _ = max(surface.pixels.held, key=lambda pair: len(pair[1]))
     inside = np.pad(surface.pixels[largest].mask.astype(np.uint8), 1)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
@@ -124,9 +124,11 @@ def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> Edited
     if len(parts) < 2:
         raise InputError(f"{edit.source}: all that it names is one surface already")
     largest = max((part.surface for part in parts), key=lambda surface: surface.n_pixels)
-    pixels = tuple(
-        PixelSet.union(several, several[0].shape)
-        for several in zip(*(part.surface.pixels for part in parts), strict=True)
+    pixels = ScanPixels.of(
+        [
+            PixelSet.union(several, several[0].shape)
+            for several in zip(*(part.surface.pixels for part in parts), strict=True)
+        ]
     )
     n_parts = sum(part.surface.n_parts for part in parts)
     surface = _refitted(MergedSurface(largest.fit, pixels, n_parts), edit, place)
@@ -150,11 +152,13 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
     cut = _cut(whole.surface, edit, place)
     parts = []
     for side in (cut, cut.flipped()):
-        pixels = tuple(
-            replace(held, flat=held.flat[side.distance(seen.points_at(held.flat)) > 0])
-            for held, seen in zip(whole.surface.pixels, place.observations, strict=True)
+        pixels = ScanPixels.of(
+            [
+                replace(held, flat=held.flat[side.distance(seen.points_at(held.flat)) > 0])
+                for held, seen in zip(whole.surface.pixels, place.observations, strict=True)
+            ]
         )
-        n_pixels = sum(map(len, pixels))
+        n_pixels = pixels.n_pixels
         if n_pixels < _FEWEST:
             raise InputError(
                 f"{edit.source}: only {n_pixels} of {whole.surface.n_pixels} measured pixels lie on one side "

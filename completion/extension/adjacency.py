@@ -16,7 +16,7 @@ from completion.evidence.evidence import Scans
 from completion.extension.insets import find_insets
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import ScanPixels
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -186,12 +186,12 @@ def _holds(
     return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)
 
 
-def _outline(plane: Plane, pixels: Sequence[PixelSet], observations: Sequence[Observation]) -> BaseGeometry:
+def _outline(plane: Plane, pixels: ScanPixels, observations: Sequence[Observation]) -> BaseGeometry:
     """The convex hull of a plane's pixels in all scans, in its chart."""
     hulls = []
-    for seen, some in zip(observations, pixels, strict=True):
+    for scan, some in pixels.held:
         if len(some) > 1:
-            hulls.append(LineString(plane.to_uv(seen.points_at(some.flat))).convex_hull)
+            hulls.append(LineString(plane.to_uv(observations[scan].points_at(some.flat))).convex_hull)
             trim()
     return GeometryCollection(hulls).convex_hull
 

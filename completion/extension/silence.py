@@ -110,6 +110,10 @@ def silent_parts(
     for narrower ones. Those that are not `within` lie beyond what the surface ends at, and say nothing; nor
     do silent cells of narrower parts.
     """
+    columns, box = silent.shape[1], _box_around(silent)
+    if box is None:
+        return
+    silent, solid, within = silent[box], solid[box], within[box]
     level = _half_widths(silent)
     for one in sorted(set(level[silent].tolist()), reverse=True):
         number, n_parts = ndimage.label(level == one, _ALL_AROUND)
@@ -120,11 +124,22 @@ def silent_parts(
             rim = (beside > 0) & (number != beside)
             good += np.bincount(beside[rim & solid], minlength=n_parts + 1)
             bad += np.bincount(beside[rim & against], minlength=n_parts + 1)
-        order = np.argsort(number, axis=None, kind="stable")
-        ends = np.searchsorted(number.ravel()[order], np.arange(n_parts + 2))
+        row, column = np.nonzero(number)
+        own = number[row, column]
+        order = np.argsort(own, kind="stable")
+        ends = np.searchsorted(own[order], np.arange(n_parts + 2))
+        cells = ((row + box[0].start) * columns + column + box[1].start)[order]
         for part in range(1, n_parts + 1):
             share = float(good[part] / max(good[part] + bad[part], 1.0))
-            yield SilentPart(order[ends[part] : ends[part + 1]], one * cell_m, share)
+            yield SilentPart(cells[ends[part] : ends[part + 1]], one * cell_m, share)
+
+
+def _box_around(cells: BoolArray) -> tuple[slice, slice] | None:
+    """Rows and columns of cells (rows, columns), with one more on each side where there is; None without."""
+    rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
 
 
 def _half_widths(silent: BoolArray) -> FloatArray:

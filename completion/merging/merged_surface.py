@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import ScanPixels
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 
@@ -23,38 +23,39 @@ class MergedSurface:
     ----------
     fit : SurfaceFit
         Fit to all its points, covariance inflated for correlated residuals; working frame.
-    pixels : tuple of PixelSet
+    pixels : ScanPixels
         Its pixels in each scan.
     n_parts : int
         How many regions were joined.
     """
 
     fit: SurfaceFit
-    pixels: tuple[PixelSet, ...]
+    pixels: ScanPixels
     n_parts: int
 
     @property
     def n_pixels(self) -> int:
         """Pixels in all scans together."""
-        return sum(map(len, self.pixels))
+        return self.pixels.n_pixels
 
-    def sampled(self, most: int) -> tuple[IntArray, ...]:
-        """Return every k-th of its flat pixels (n,) in each scan, counted on from scan to scan.
+    def sampled(self, most: int) -> tuple[tuple[int, IntArray], ...]:
+        """Return each scan that measured it, and every k-th of its flat pixels (n,) there.
 
-        All of them, if there are fewer than twice `most`.
+        They are counted on from scan to scan; all of them, if there are fewer than twice `most`.
         """
-        step, before = max(1, self.n_pixels // most), np.cumsum([0, *map(len, self.pixels)]).tolist()
-        return tuple(
-            held.flat[-start % step :: step] for held, start in zip(self.pixels, before, strict=False)
-        )
+        step, found, before = max(1, self.n_pixels // most), [], 0
+        for scan, held in self.pixels.held:
+            found.append((scan, held.flat[-before % step :: step]))
+            before += len(held)
+        return tuple(found)
 
     def sampled_by(
         self, observations: Sequence[Observation], most: int
     ) -> Iterator[tuple[Observation, IntArray]]:
         """Yield each scan that measured it, and its `sampled` pixels (n,) there."""
-        for seen, some in zip(observations, self.sampled(most), strict=True):
+        for scan, some in self.sampled(most):
             if len(some):
-                yield seen, some
+                yield observations[scan], some
 
     def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
         """Its measured points (n, 3) in the working frame, or a sample of them."""

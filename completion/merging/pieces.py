@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Part, PoseDoubt
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
@@ -76,15 +76,16 @@ class Piece:
         weight = np.array([one.n_pixels for one in pieces], dtype=np.float64)
         systematic = float(np.average([one.systematic_m for one in pieces], weights=weight))
         scale = float(np.average([one.part.scale for one in pieces], weights=weight))
-        flat = np.concatenate([own.flat for _, own in fitted.pixels])
-        scan = np.repeat([number for number, _ in fitted.pixels], [len(own) for _, own in fitted.pixels])
+        held = fitted.pixels.held
+        flat = np.concatenate([own.flat for _, own in held])
+        scan = np.repeat([number for number, _ in held], [len(own) for _, own in held])
         chosen = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
         flat, scan = flat[chosen], scan[chosen]
         sample = tuple((int(number), flat[scan == number]) for number in np.unique(scan))
         points = np.concatenate([observations[number].points_at(own) for number, own in sample])
         return cls(
             fit=fitted.fit,
-            pixels=fitted.pixels,
+            pixels=held,
             part=Part.of(fitted.fit, points, scale, systematic, _doubt_of(pieces, weight)),
             n_regions=sum(one.n_regions for one in pieces),
             n_pixels=int(weight.sum()),
@@ -112,7 +113,7 @@ def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
 class Fitted(NamedTuple):
     """All pixels of some pieces of one surface, and its fit to them."""
 
-    pixels: tuple[tuple[int, PixelSet], ...]  # by scan, ascending
+    pixels: ScanPixels
     fit: SurfaceFit
 
 
@@ -127,15 +128,12 @@ def fit_groups(
     The fit of a piece alone stays. Where the pixels determine no surface, that of the largest piece does.
     """
     starts = [max(pieces, key=lambda one: one.n_pixels).fit for pieces in groups]
-    pixels = [spill.keep(_together(pieces)) for pieces in groups]
+    shapes = np.array([seen.scan.shape for seen in observations], np.int32).reshape(-1, 2)
+    pixels = [ScanPixels(spill.keep(_together(pieces)), shapes) for pieces in groups]
     several = [k for k, pieces in enumerate(groups) if len(pieces) > 1]
-    none = [PixelSet.union([], seen.scan.shape) for seen in observations]
-    every = [[*none] for _ in several]
-    for own, k in zip(every, several, strict=True):
-        for scan, some in pixels[k]:
-            own[scan] = some
     surfaces = [starts[k].surface for k in several]
-    fits = refit_each(surfaces, observations, every, tolerance.flatness_m, n_rounds=2)
+    chosen = [pixels[k] for k in several]
+    fits = refit_each(surfaces, observations, chosen, tolerance.flatness_m, n_rounds=2)
     anew = {k: fit for k, fit in zip(several, fits, strict=True) if fit is not None}
     return [Fitted(own, anew.get(k, starts[k])) for k, own in enumerate(pixels)]
 

@@ -18,7 +18,6 @@ from completion.merging.pieces import Piece, fit_groups
 from completion.merging.prior import Prior
 from completion.merging.sights import Sights
 from completion.observe.observation import Beams, Observation
-from completion.observe.pixel_set import PixelSet
 from completion.observe.refits.refitting import improve
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
@@ -240,12 +239,9 @@ def _merged(
     spill: Spill | NoSpill,
 ) -> list[MergedSurface]:
     """One surface for each group, those of several pieces first."""
-    nothing = [PixelSet.union([], observation.scan.shape) for observation in observations]
     ordered = sorted(groups, key=lambda pieces: len(pieces) == 1)
-    merged = []
-    for pieces, fitted in zip(ordered, fit_groups(ordered, observations, tolerance, spill), strict=True):
-        pixels = list(nothing)
-        for scan, own in fitted.pixels:
-            pixels[scan] = own
-        merged.append(MergedSurface(fitted.fit, tuple(pixels), sum(one.n_regions for one in pieces)))
-    return merged
+    fitted = fit_groups(ordered, observations, tolerance, spill)
+    return [
+        MergedSurface(one.fit, one.pixels, sum(piece.n_regions for piece in pieces))
+        for pieces, one in zip(ordered, fitted, strict=True)
+    ]

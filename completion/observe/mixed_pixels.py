@@ -89,7 +89,7 @@ def _is_jump(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step: tup
     if not (0 <= column + first * right < columns and 0 <= column + last * right < columns):
         return False
     here, there = ranges[row, column], ranges[row + (n + 1) * down, column + (n + 1) * right]
-    if not abs(there - here) < np.inf:
+    if not _JUMP * FLATNESS_M < abs(there - here) < np.inf:  # noise is no less than flatness
         return False
     before = ranges[row + first * down, column + first * right]
     after = ranges[row + last * down, column + last * right]

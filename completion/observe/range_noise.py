@@ -116,12 +116,12 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
         return RangeNoise(0.0, 0.0)
     middle = np.array([np.median(ranges[which == b]) for b in bins])
     rough = np.array([_quartile(square[which == b], _CAMERA_TILE) for b in bins])
-    step = _steps(scan, edges)[bins]
+    step, seen = (one[bins] for one in _steps(scan, edges, 0.0, _MICRON))
     variance = rough + step**2 / 12
     weight = 1.0 / np.maximum(variance, _ROUNDING)  # relative errors: near bins count as much as far ones
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
     terms, _ = nnls(basis * weight[:, None], variance * weight)
-    seen = _steps(scan, edges, _MICRON)[bins]  # those that the way from counts to ranges made unequal, too
+    # Steps that hide the noise are those, too, that the way from counts to ranges made unequal.
     return RangeNoise(float(np.sqrt(terms[0])), float(np.sqrt(terms[1])), step_m=_hiding(seen, rough))
 
 
@@ -140,7 +140,7 @@ def _scanner_noise(scan: RangeImage) -> RangeNoise:
     middle = np.array([np.median(ranges[own]) for own in bins])
     rough = np.array([_quartile(square[own], _SCANNER_TILE) for own in bins])
     edges = np.exp2((octave[[int(np.flatnonzero(own)[0]) for own in bins]][:, None] + [0, 1]) / _PER_OCTAVE)
-    step = np.array([_steps(scan, edge)[0] for edge in edges])
+    step = np.array([_steps(scan, edge, 0.0)[0][0] for edge in edges])
     variance = np.maximum(rough, step**2 / 12)
     if np.median(variance) <= _ROUNDING:
         return RangeNoise(0.0, 0.0)
@@ -198,25 +198,30 @@ def _hiding(step: FloatArray, rough: FloatArray) -> float:
     return float(np.median(step)) if np.median(step**2 / 12 - rough / 2) > 0 else 0.0
 
 
-def _steps(scan: RangeImage, edges: FloatArray, equal_m: float = 0.0) -> FloatArray:
-    """Typical step of the depths whose ranges lie between consecutive edges; of large scans, of some rows.
+def _steps(scan: RangeImage, edges: FloatArray, *equal_m: float) -> list[FloatArray]:
+    """Typical steps of the depths whose ranges lie between consecutive edges; of large scans, of some rows.
 
-    Depths are equal that are so to `equal_m`, metres.
+    Depths are equal that are so to `equal_m`, metres: for each of these, the steps (n,) of all bins.
     """
     some = slice(None, None, -(-scan.ranges.size // _ENOUGH))
     valid = scan.valid[some]
     ranges = scan.ranges[some][valid]
     pinhole = scan.projection.kind == "pinhole"
     depth = scan.points_in_sensor()[some][valid][:, 2] if pinhole else ranges
-    depth = np.rint(depth / equal_m) * equal_m if equal_m else depth
     which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, len(edges) - 2)
-    return np.array([_quantisation_step(depth[which == b]) for b in range(len(edges) - 1)])
+    bins = [np.sort(depth[which == b]) for b in range(len(edges) - 1)]
+    return [np.array([_quantisation_step(one, equal) for one in bins]) for equal in equal_m]
 
 
-def _quantisation_step(depth: FloatArray) -> float:
-    """Typical distance between the values that `depth` takes, 0 where hardly any value comes twice."""
-    values, count = np.unique(depth, return_counts=True)
-    if len(values) < 2 or len(depth) < 4 * len(values):
+def _quantisation_step(depth: FloatArray, equal_m: float) -> float:
+    """Typical distance between the values that ascending depths (n,) take, 0 where hardly any comes twice.
+
+    Depths are equal that are so to `equal_m`, metres.
+    """
+    depth = np.rint(depth / equal_m) * equal_m if equal_m else depth
+    first = np.flatnonzero(np.diff(depth, prepend=np.nan) != 0)
+    if len(first) < 2 or len(depth) < 4 * len(first):
         return 0.0
-    common = values[count >= np.median(count) / 4]
+    count = np.diff(first, append=len(depth))
+    common = depth[first[count >= np.median(count) / 4]]
     return float(np.median(np.diff(common))) if len(common) > 1 else 0.0

@@ -93,7 +93,8 @@ def _of_scan(seen: Observation) -> tuple[str, ...]:
 def _times_noise(patch: Patch, observations: Sequence[Observation]) -> float:
     """How many times the range noise of its pixels a surface's residuals are."""
     squares = [np.zeros(0)]
-    for seen, pixels in zip(observations, patch.source.pixels, strict=True):
+    for scan, pixels in patch.source.pixels.held:
+        seen = observations[scan]
         some = pixels.flat[:: max(1, len(pixels.flat) // _FEW_PX)]
         squares.append(np.square(seen.noise.sigma(seen.scan.ranges.ravel()[some])))
     known = np.concatenate(squares)

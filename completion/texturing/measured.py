@@ -74,7 +74,7 @@ def footprint(
 def _texel_size(patch: Patch, observations: Sequence[Observation]) -> float:
     """The quartile of the sizes of the surface's pixels, metres."""
     sizes = []
-    for observation, pixels in zip(observations, patch.source.sampled(_MOST_PIXELS), strict=True):
+    for observation, pixels in patch.source.sampled_by(observations, _MOST_PIXELS):
         points = observation.points_at(pixels)
         sizes.append(footprint(observation, points, patch.grid.surface.normal(points))[0])
     return float(np.quantile(np.concatenate(sizes), 0.25))

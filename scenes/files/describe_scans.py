@@ -63,7 +63,8 @@ def _measure(scan: RangeImage) -> _Measures:
     points = scan.points()[scan.valid]
     if not len(points):
         return _Measures(np.full((2, 3), np.nan), None)
-    return _Measures(np.stack([points.min(axis=0), points.max(axis=0)]), _grid_residual(scan))
+    bounds = np.array([[pick(one) for one in points.T] for pick in (np.min, np.max)])  # faster than by axis
+    return _Measures(bounds, _grid_residual(scan))
 
 
 def _all_at_one_place(scans: Sequence[RangeImage]) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Beams, Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import ScanPixels
 from completion.observe.refits.alike_residuals import block_sums, residual_correlation
 from completion.observe.refits.normal_equations import NormalEquations, add_up
 from scenes.checks import FloatArray
@@ -63,7 +63,7 @@ def refit(
 def refit_each(
     surfaces: Sequence[Surface],
     observations: Sequence[Observation],
-    pixels: Sequence[Sequence[PixelSet]],
+    pixels: Sequence[ScanPixels],
     flatness_m: float,
     n_rounds: int = 1,
 ) -> list[SurfaceFit | None]:
@@ -88,14 +88,13 @@ class _BeamsOfOne:
     """The beams that met one surface, made scan by scan each time that they are gone through."""
 
     observations: Sequence[Observation]
-    pixels: Sequence[PixelSet]  # of each scan
+    pixels: ScanPixels
 
     def __iter__(self) -> Iterator[Beams]:
         """Return the beams of each scan that has any."""
-        for seen, some in zip(self.observations, self.pixels, strict=True):
-            if len(some):
-                trim()
-                yield Beams.at(seen, some.flat)
+        for scan, some in self.pixels.held:
+            trim()
+            yield Beams.at(self.observations[scan], some.flat)
 
 
 def _placed(

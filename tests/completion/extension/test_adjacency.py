@@ -10,7 +10,7 @@ from completion.extension.adjacency import Adjacency, find_adjacency, is_upright
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -41,7 +41,7 @@ def adjacency_of(*names: str) -> Adjacency:
     for number, name in enumerate(names, start=1):
         size = 5 if isinstance(SEEN[name][0], Cylinder) else 3
         fit = SurfaceFit(SEEN[name][0], 0.001, 1e-8 * np.eye(size), 1000)
-        surfaces.append(MergedSurface(fit, (PixelSet.of(nearest == number),), 1))
+        surfaces.append(MergedSurface(fit, ScanPixels.of([PixelSet.of(nearest == number)]), 1))
     boundaries = [find_boundary_pixels(one.fit, one.pixels, [seen], USUAL) for one in surfaces]
     return find_adjacency(surfaces, boundaries, Scans((seen,), (nearest.astype(np.int32),), USUAL))
 

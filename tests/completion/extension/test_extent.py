@@ -13,7 +13,7 @@ from completion.extension.extent import Extent, find_extent, with_ends
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import rays_of
 from completion.observe.tolerance import EvidenceOptions
@@ -47,9 +47,10 @@ def extent_of(surface, points, *, others=(), enclosing=(), standing=0.0, meets=(
     none = np.zeros_like(first)
     size = 5 if isinstance(surface, Cylinder) else 3
     fit = SurfaceFit(surface, 0.001, np.zeros((size, size)) if cov is None else cov, len(points))
-    merged = [MergedSurface(fit, (PixelSet.of(first),), 1)]
+    merged = [MergedSurface(fit, ScanPixels.of([PixelSet.of(first)]), 1)]
     merged += [
-        MergedSurface(SurfaceFit(one, 0.001, np.zeros((3, 3)), N), (PixelSet.of(none),), 1) for one in others
+        MergedSurface(SurfaceFit(one, 0.001, np.zeros((3, 3)), N), ScanPixels.of([PixelSet.of(none)]), 1)
+        for one in others
     ]
     n = len(merged)
     encloses, met = np.zeros(n, dtype=np.bool_), np.zeros((n, n), dtype=np.bool_)

@@ -20,7 +20,7 @@ from completion.extension.pipeline import ExtensionRules, extend
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -59,7 +59,7 @@ def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", 
     observation = observe(scan, Pose.identity())
     mask = depth == 3.0
     fit = replace(EXACT, covariance=np.diag([sd**2, 0.0, 0.0]))
-    wall = MergedSurface(fit, (PixelSet.of(mask),), 1)
+    wall = MergedSurface(fit, ScanPixels.of([PixelSet.of(mask)]), 1)
     uv = WALL.to_uv(observation.scan.points()[mask])
     extent = Extent(
         chart=WALL, enclosures=(), cuts=(), neighbours=(), own_low=uv.min(axis=0), own_high=uv.max(axis=0),
