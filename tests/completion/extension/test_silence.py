@@ -129,6 +129,23 @@ def test_parts_are_cut_by_width_and_held_against_their_rim():
     assert 0.5 < mouth.enclosed < 1
 
 
+@pytest.mark.parametrize("wraps", [False, True])
+def test_parts_are_the_same_wherever_in_the_chart_they_lie(wraps):
+    rng = np.random.default_rng(2)
+    silent = np.pad(rng.random((30, 40)) < 0.8, 1)
+    solid = ~silent & (rng.random(silent.shape) < 0.7)
+    within = rng.random(silent.shape) < 0.9
+    own = list(silent_parts(silent, solid, within, 0.01, wraps=wraps))
+    around = [np.pad(one, ((7, 3), (5, 11))) for one in (silent, solid, within)]
+    row, column = np.divmod(np.arange(silent.size), silent.shape[1])
+    there = (row + 7) * around[0].shape[1] + column + 5
+    moved = list(silent_parts(*around, 0.01, wraps=wraps))
+    assert len(own) == len(moved) > 10
+    for one, other in zip(own, moved, strict=True):
+        np.testing.assert_array_equal(there[one.cells], other.cells)
+        assert (one.half_width_m, one.enclosed) == (other.half_width_m, other.enclosed)
+
+
 def test_what_is_not_silent_is_trusted():
     depth, _ = hole(8)
     patch = wall_patch(depth)

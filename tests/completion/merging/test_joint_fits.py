@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.observe.observation import Beams, observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.alike_residuals import block_sums
 from completion.observe.refits.refitting import refit, refit_each
 from scenes.pose import Pose
@@ -45,7 +45,7 @@ def observations(shape=(203, 154), n_scans=3):
 
 def test_fits_from_pixel_lists_are_those_from_images_to_the_bit():
     seen, labels = observations()
-    pixels = list(zip(*(PixelSet.by_label(one, 3) for one in labels), strict=True))
+    pixels = list(map(ScanPixels.of, zip(*(PixelSet.by_label(one, 3) for one in labels), strict=True)))
     expected = refit(STARTS, seen, labels, FLAT_M, n_rounds=2)
     for one, other in zip(refit_each(STARTS, seen, pixels, FLAT_M, n_rounds=2), expected, strict=True):
         assert one is not None
@@ -58,9 +58,9 @@ def test_fits_from_pixel_lists_are_those_from_images_to_the_bit():
 def test_a_small_surface_takes_no_memory_of_an_images_size():
     (seen,), (labels,) = observations((1000, 800), 1)
     some = PixelSet(PixelSet.by_label(labels, 3)[0].flat[:3000], labels.shape)
-    refit_each(STARTS[:1], [seen], [[some]], FLAT_M)
+    refit_each(STARTS[:1], [seen], [ScanPixels.of([some])], FLAT_M)
     tracemalloc.start()
-    refit_each(STARTS[:1], [seen], [[some]], FLAT_M)
+    refit_each(STARTS[:1], [seen], [ScanPixels.of([some])], FLAT_M)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < labels.size / 4  # bytes

@@ -6,7 +6,7 @@ from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.fitting.result import SurfaceFit
 from completion.observe.key_frames import FEW, find_key_frames
 from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -74,7 +74,7 @@ def test_boundaries_are_those_of_key_frames_if_these_measured_the_surface():
     whole, none = PixelSet.of(seen[0].valid), PixelSet.union([], CAMERA.shape)
 
     def of(pixels, keys):
-        return find_boundary_pixels(fit, pixels, seen, USUAL, keys).uv
+        return find_boundary_pixels(fit, ScanPixels.of(pixels), seen, USUAL, keys).uv
 
     np.testing.assert_array_equal(of([whole] * 3, (1,)), of([none, whole, none], None))
     np.testing.assert_array_equal(of([whole, none, whole], (1,)), of([whole, none, whole], None))

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 
 
 @pytest.mark.parametrize("n_labels", [1, 5, 70_000])
@@ -28,3 +28,34 @@ def test_a_set_picks_as_its_mask_does_and_a_union_holds_all():
     np.testing.assert_array_equal(both.mask, labels > 0)
     np.testing.assert_array_equal(both.flat, PixelSet.of(labels > 0).flat)
     assert len(PixelSet.union([], one.shape)) == 0
+
+
+MASKS = [
+    np.zeros((3, 4), np.bool_),
+    np.eye(5, 2, dtype=np.bool_),
+    np.zeros((2, 2), np.bool_),
+    np.ones((1, 3), np.bool_),
+]
+
+
+@pytest.fixture(scope="module")
+def pixels() -> ScanPixels:
+    return ScanPixels.of([PixelSet.of(mask) for mask in MASKS])
+
+
+def test_each_scan_has_its_own_pixels(pixels):
+    assert len(pixels) == len(MASKS)
+    for own, mask in zip(pixels, MASKS, strict=True):
+        np.testing.assert_array_equal(own.mask, mask)
+    np.testing.assert_array_equal(pixels[-1].mask, MASKS[-1])
+    assert [len(own) for own in pixels[1:3]] == [2, 0]
+    assert pixels.n_pixels == 5
+
+
+def test_scans_without_pixels_are_not_kept(pixels):
+    assert [scan for scan, _ in pixels.held] == [1, 3]
+
+
+def test_there_are_no_more_scans(pixels):
+    with pytest.raises(IndexError):
+        pixels[len(MASKS)]
