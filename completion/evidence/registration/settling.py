@@ -165,7 +165,12 @@ def link(
 
 def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> FloatArray:
     """How heights (n,) of places (n, 3) along normals grow by turn about the pivot and shift (n, 6)."""
-    return np.concatenate([np.cross(places - pivot, normals), normals], axis=1)
+    arm, growth = places - pivot, np.empty((len(places), 6))
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        growth[:, axis] = arm[:, first] * normals[:, second] - arm[:, second] * normals[:, first]
+    growth[:, 3:] = normals
+    return growth
 
 
 def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray, FloatArray]:
