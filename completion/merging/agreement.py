@@ -18,6 +18,7 @@ _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand st
 _STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
 LEAST_COSINE = 0.5  # of the normals of two parts of one surface
 LEAST_FACING = 0.8  # of those of a part and of the surface that it lies on
+_TOGETHER = 4096  # pairs that are compared together
 _FEW = 24  # points of a part that differences are read at
 
 
@@ -146,25 +147,56 @@ def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, Flo
     """How pairs (k, 2) of parts `compare`: `Agreement.chi2` (k,) and `Agreement.log_evidence` (k,)."""
     chi2, log_evidence = np.zeros(len(pairs)), np.zeros(len(pairs))
     curved = np.array([one.form.is_curved for one in parts], dtype=np.bool_)
-    flat = ~curved[pairs].any(axis=1)
-    for k in np.flatnonzero(~flat).tolist():
+    flat = np.flatnonzero(~curved[pairs].any(axis=1))
+    for k in np.flatnonzero(curved[pairs].any(axis=1)).tolist():
         found = compare(parts[pairs[k, 0]], parts[pairs[k, 1]])
         chi2[k], log_evidence[k] = found.chi2, found.log_evidence
-    if flat.any():
-        forms, covariances = np.zeros((len(parts), 12)), np.zeros((len(parts), 3, 3))
-        for number in np.unique(pairs[flat]).tolist():
-            form = parts[number].form
-            forms[number] = *form.point, *form.axis, *form.first, *form.second
-            covariances[number] = parts[number].covariance
-        doubts = np.array([parts[i].doubt.against(parts[j].doubt) for i, j in pairs[flat].tolist()])
-        square, log_density = compare_plane_pairs(
-            pairs[flat].astype(np.int64), forms, covariances, doubts, LEAST_COSINE
-        )
-        boxes = np.array([one.box for one in parts])[pairs[flat]]
-        size = np.linalg.norm(boxes[:, :, 1].max(axis=1) - boxes[:, :, 0].min(axis=1), axis=1)
-        chi2[flat] = square / _CHI2[3]
-        log_evidence[flat] = log_density + _log_prior_volume(1, size)
+    if len(flat):
+        table = _Planes.of(parts)
+        for start in range(0, len(flat), _TOGETHER):
+            some = flat[start : start + _TOGETHER]
+            chi2[some], log_evidence[some] = table.compared(pairs[some])
     return chi2, log_evidence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planes:
+    """The numbers of n parts, of which those of planes are compared."""
+
+    forms: FloatArray  # (n, 12) point, normal, u and v directions
+    covariances: FloatArray  # (n, 3, 3)
+    boxes: FloatArray  # (n, 2, 3)
+    scans: IntArray  # (n,) that measured each, -1 for several
+    doubts: FloatArray  # (n, 2) variances of shift and turn of its pose
+
+    @classmethod
+    def of(cls, parts: Sequence[Part]) -> _Planes:
+        """Return the numbers of parts; those of curved ones are 0."""
+        forms, covariances = np.zeros((len(parts), 12)), np.zeros((len(parts), 3, 3))
+        for number, one in enumerate(parts):
+            if not one.form.is_curved:
+                forms[number] = *one.form.point, *one.form.axis, *one.form.first, *one.form.second
+                covariances[number] = one.covariance
+        doubts = [one.doubt for one in parts]
+        return cls(
+            forms=forms,
+            covariances=covariances,
+            boxes=np.array([one.box for one in parts]),
+            scans=np.array([one.scan for one in doubts], dtype=np.int64),
+            doubts=np.array([(one.shift_m**2, one.turn**2) for one in doubts]),
+        )
+
+    def compared(self, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """`compare` of pairs (k, 2) of planes."""
+        one, other = pairs.T
+        is_of_one_scan = (self.scans[one] == self.scans[other]) & (self.scans[one] >= 0)
+        doubts = np.where(is_of_one_scan[:, None], 0.0, self.doubts[one] + self.doubts[other])
+        square, log_density = compare_plane_pairs(
+            pairs.astype(np.int64), self.forms, self.covariances, doubts, LEAST_COSINE
+        )
+        low = np.minimum(self.boxes[one, 0], self.boxes[other, 0])
+        high = np.maximum(self.boxes[one, 1], self.boxes[other, 1])
+        return square / _CHI2[3], log_density + _log_prior_volume(1, np.linalg.norm(high - low, axis=1))
 
 
 def compare_at_points(one: Part, other: Part) -> Agreement:

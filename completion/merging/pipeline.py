@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby, product
+from itertools import groupby
 
 import numpy as np
 
 from completion.evidence.sight import sight_of
-from completion.merging.agreement import compare, compare_all, lies_on, log_evidence_of_height
+from completion.merging.agreement import Part, compare_all, lies_on, log_evidence_of_height
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
 from completion.merging.groups import Groups
@@ -17,6 +17,7 @@ from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece, fit_groups
 from completion.merging.prior import Prior
 from completion.merging.sights import Sights
+from completion.merging.verdicts import Verdicts
 from completion.observe.observation import Beams, Observation
 from completion.observe.refits.refitting import improve
 from completion.observe.tolerance import Tolerance
@@ -133,12 +134,14 @@ def _join_alike(
     prior: Prior,
 ) -> None:
     """Join the groups of pairs that pass all tests, those that agree best first."""
-    pairs, chi2, log_evidence = _agreements(parts)
-    differ = dict(zip(map(tuple, pairs.tolist()), (chi2 > 1).tolist(), strict=True))
+    alone = [one.part for one in parts]
+    pairs, chi2, log_evidence = _agreements(alone)
+    verdicts = Verdicts(alone, pairs, chi2)
     order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
     tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_ODDS)]
-    for (i, j), evidence in zip(pairs[tried].tolist(), log_evidence[tried].tolist(), strict=True):
-        if groups.are_one(i, j) or _contradicted(groups.of(i), groups.of(j), differ, parts):
+    for k in tried:  # of the pairs there are very many: no list of them
+        i, j, evidence = int(pairs[k, 0]), int(pairs[k, 1]), float(log_evidence[k])
+        if groups.are_one(i, j) or verdicts.contradict(groups.of(i), groups.of(j)):
             continue
         if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
             continue
@@ -148,30 +151,10 @@ def _join_alike(
             groups.join(i, j)
 
 
-def _agreements(parts: Sequence[Piece]) -> tuple[IntArray, FloatArray, FloatArray]:
+def _agreements(parts: Sequence[Part]) -> tuple[IntArray, FloatArray, FloatArray]:
     """The pairs (k, 2) that come into question at all, and how they compare: chi2 (k,), log evidence (k,)."""
-    alone = [one.part for one in parts]
-    pairs = find_candidates(alone)
-    return pairs, *compare_all(alone, pairs)
-
-
-def _contradicted(
-    one: Sequence[int],
-    other: Sequence[int],
-    differ: dict[tuple[int, int], bool],
-    parts: Sequence[Piece],
-) -> bool:
-    """Tell whether some pair across two groups fails the test that their best pair passed.
-
-    What pairs turn out to do is kept in `differ`.
-    """
-    for i, j in product(one, other):
-        pair = (i, j) if i < j else (j, i)
-        if pair not in differ:
-            differ[pair] = compare(parts[pair[0]].part, parts[pair[1]].part).chi2 > 1
-        if differ[pair]:
-            return True
-    return False
+    pairs = find_candidates(parts)
+    return pairs, *compare_all(parts, pairs)
 
 
 def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:

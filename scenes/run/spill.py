@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import mmap
+from functools import cache
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -20,6 +21,7 @@ from scenes.run.mapping import allocate, is_mapped, trim
 _LEAST = 512  # bytes of an array that is worth a place in a file; what names the place takes a hundred
 _STEP = 64  # bytes between the beginnings of small arrays; those of many pages begin with one
 _FILE = 1 << 26  # bytes; larger arrays have a file of their own
+_PLAIN = frozenset({bool, int, float, str, type(None)})
 _Value = TypeVar("_Value")
 
 
@@ -49,21 +51,23 @@ class Spill:
         (False, True, True, 'a')
         """
         kept: Any = value
+        kind: type = type(value)
+        if kind in _PLAIN:
+            return value
         if isinstance(value, np.ndarray):
             is_there = value.nbytes < _LEAST or value.dtype.hasobject or is_mapped(value)
             kept = value if is_there else self._copied(value)
-        elif isinstance(value, list):
-            kept = [self.keep(item) for item in value]
-        elif isinstance(value, tuple):
+        elif isinstance(value, list | tuple):
             items = [self.keep(item) for item in value]
-            kept = type(value)(*items) if hasattr(value, "_fields") else tuple(items)
-        elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-            held = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-            parts = {name: self.keep(item) for name, item in held.items()}
-            if any(parts[name] is not item for name, item in held.items()):
-                kept = object.__new__(type(value))  # as it was: its checks are done
-                for name, item in parts.items():
-                    object.__setattr__(kept, name, item)
+            if any(item is not held for item, held in zip(items, value, strict=True)):
+                kept = kind(*items) if hasattr(kind, "_fields") else kind(items)
+        elif names := _names(kind):
+            held = [getattr(value, name) for name in names]
+            parts = [self.keep(item) for item in held]
+            if any(part is not item for part, item in zip(parts, held, strict=True)):
+                kept = object.__new__(kind)  # as it was: its checks are done
+                for name, part in zip(names, parts, strict=True):
+                    object.__setattr__(kept, name, part)
         result: _Value = kept
         return result
 
@@ -91,6 +95,12 @@ class Spill:
             start = self._used
             self._used += whole
             return self._files[-1][start : start + n_bytes]
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    """The fields of a dataclass; none of another type."""
+    return tuple(field.name for field in dataclasses.fields(kind)) if dataclasses.is_dataclass(kind) else ()
 
 
 class NoSpill:
