@@ -116,7 +116,7 @@ def complete(
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
         owners = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
-        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance, keys)
+        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance, keys, steps.spill)
 
         # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [

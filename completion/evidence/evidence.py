@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -17,6 +17,7 @@ from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray
 from scenes.run.mapping import trim
+from scenes.run.spill import NO_SPILL, NoSpill, Spill
 
 
 class Label(IntEnum):
@@ -88,12 +89,13 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scans:
-    """All scans, and what is needed to hold a surface against them."""
+    """All scans, and what is needed to hold a surface against them, kept where `spill` keeps it."""
 
     observations: tuple[Observation, ...]  # the scans, working frame
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
     keys: tuple[int, ...] | None = None  # numbers of the key frames, ascending; None: all are
+    spill: InitVar[Spill | NoSpill] = NO_SPILL
     sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
     reach: tuple[Reach, ...] = field(init=False)  # of each scan
     views: Views = field(init=False)  # of all scans
@@ -105,12 +107,12 @@ class Scans:
         others = sorted(set(range(len(self.observations))) - set(keys), reverse=True)
         return (*((number, True) for number in reversed(keys)), *((number, False) for number in others))
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, spill: Spill | NoSpill) -> None:
         sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)
         object.__setattr__(self, "sights", sights)
         reaches = []
         for seen in self.observations:
-            reaches.append(reach_of(seen))
+            reaches.append(spill.keep(reach_of(seen)))
             trim()
         object.__setattr__(self, "reach", tuple(reaches))
         eyes, farthest = (one.eye for one in sights), (float(one.far.max()) for one in reaches)
