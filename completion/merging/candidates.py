@@ -10,6 +10,7 @@ import numpy as np
 from completion.merging.agreement import LEAST_COSINE, LEAST_FACING, Part
 from completion.merging.neighbours import Spots, find_near, plant
 from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.run.mapping import trim
 
 _DEVIATIONS = 5.0  # at a part's middle, beyond which no test is needed
 
@@ -31,6 +32,7 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(own), normals, curved))
     passed = []
     for i, part in enumerate(parts):
+        trim()
         near = find_near(tree, part.form, (_DEVIATIONS, *part.spread()), LEAST_COSINE)
         near = near[(curved[near] == part.form.is_curved) & (near != i)]
         height, variance = (
@@ -62,6 +64,7 @@ def find_hosts(small: Sequence[Part], parts: Sequence[Part]) -> list[list[int]]:
     scales = np.array([np.hypot(one.scale, one.doubt.shift_m) for one in small])
     tree = plant(_spots(middles, radii, factor * scales, normals, curved))
     for i, part in enumerate(parts):
+        trim()
         for j in find_near(tree, part.form, (factor, *part.spread()), LEAST_FACING).tolist():
             hosts[j].append(i)
     return hosts

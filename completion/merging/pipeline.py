@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -73,15 +73,17 @@ def merge(
     spill : Spill or NoSpill
         Where the pixels of what is joined are kept.
     """
-    pieces = [
-        [spill.keep(Piece.of_region(scan, region, seen, tolerance)) for region in found]
-        for scan, (seen, found) in enumerate(zip(observations, regions, strict=True))
-    ]
-    groups = [[one] for own in pieces for one in own]
+
+    def pieces_of(scan: int) -> list[Piece]:
+        found = (Piece.of_region(scan, one, observations[scan], tolerance) for one in regions[scan])
+        return [spill.keep(piece) for piece in found]
+
     if across:
         sights = Sights.of([sight_of(seen, tolerance) for seen in _chosen(observations, keys)])
-        pieces = _in_blocks(pieces, observations, sights, tolerance, spill)
-        groups = _grouped([one for own in pieces for one in own], observations, sights, tolerance)
+        pieces = _in_blocks(pieces_of, observations, sights, tolerance, spill)
+        groups = _grouped(pieces, observations, sights, tolerance)
+    else:
+        groups = [[one] for scan in range(len(observations)) for one in pieces_of(scan)]
     merged = _merged(groups, observations, tolerance, spill)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
@@ -91,26 +93,30 @@ def _chosen(observations: Sequence[Observation], keys: Sequence[int] | None) -> 
 
 
 def _in_blocks(
-    pieces: list[list[Piece]],
+    pieces_of: Callable[[int], list[Piece]],
     observations: Sequence[Observation],
     sights: Sights,
     tolerance: Tolerance,
     spill: Spill | NoSpill,
-) -> list[list[Piece]]:
-    """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many."""
-    limit = _MOST_SCANS
-    while len(pieces) > limit:
+) -> list[Piece]:
+    """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many.
+
+    `pieces_of` makes the pieces of a scan by its number, when their block is reached.
+    """
+    limit, n_blocks = _MOST_SCANS, len(observations)
+    while n_blocks > limit:
         limit, blocks = _BLOCK, []
-        for first in range(0, len(pieces), _BLOCK):
-            some = [one for own in pieces[first : first + _BLOCK] for one in own]
+        for first in range(0, n_blocks, _BLOCK):
+            numbers = range(first, min(first + _BLOCK, n_blocks))
+            some = [one for number in numbers for one in pieces_of(number)]
             groups = _grouped(some, observations, sights, tolerance)
             fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
                 spill.keep(Piece.fused(group, fit, observations))
                 for group, fit in zip(groups, fitted, strict=True)
             ])  # fmt: skip
-        pieces = blocks
-    return pieces
+        pieces_of, n_blocks = blocks.__getitem__, len(blocks)
+    return [one for number in range(n_blocks) for one in pieces_of(number)]
 
 
 def _grouped(
@@ -196,6 +202,7 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: 
     single = [j for j in reversed(by_size) if len(groups.of(j)) == 1]
     hosts = find_hosts([parts[j].part for j in single], [one.part for one in parts])
     for j, near in zip(single, hosts, strict=True):
+        trim()
         small = parts[j]
         if len(groups.of(j)) > 1:
             continue
