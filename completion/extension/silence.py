@@ -134,12 +134,13 @@ def silent_parts(
             yield SilentPart(cells[ends[part] : ends[part + 1]], one * cell_m, share)
 
 
-def _box_around(cells: BoolArray) -> tuple[slice, slice] | None:
-    """Rows and columns of cells (rows, columns), with one more on each side where there is; None without."""
+def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None:
+    """Rows and columns of cells (rows, columns), with a margin where there is one; None without cells."""
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return None
-    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
+    row, column = (slice(max(some[0] - margin, 0), some[-1] + margin + 1) for some in (rows, columns))
+    return row, column
 
 
 def _half_widths(silent: BoolArray) -> FloatArray:
@@ -147,8 +148,8 @@ def _half_widths(silent: BoolArray) -> FloatArray:
     level = silent.astype(np.float64)
     away = ndimage.distance_transform_edt(np.pad(silent, 1))[1:-1, 1:-1]
     radius = _STEP
-    while (core := away >= radius).any():
-        level[ndimage.distance_transform_edt(~core) < radius] = radius
+    while (box := _box_around(core := away >= radius, int(np.ceil(radius)))) is not None:
+        level[box][ndimage.distance_transform_edt(~core[box]) < radius] = radius
         radius *= _STEP
     return np.where(silent, level, 0.0)
 
