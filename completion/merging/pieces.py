@@ -77,11 +77,7 @@ class Piece:
         systematic = float(np.average([one.systematic_m for one in pieces], weights=weight))
         scale = float(np.average([one.part.scale for one in pieces], weights=weight))
         held = fitted.pixels.held
-        flat = np.concatenate([own.flat for _, own in held])
-        scan = np.repeat([number for number, _ in held], [len(own) for _, own in held])
-        chosen = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
-        flat, scan = flat[chosen], scan[chosen]
-        sample = tuple((int(number), flat[scan == number]) for number in np.unique(scan))
+        sample = _sampled(held)
         points = np.concatenate([observations[number].points_at(own) for number, own in sample])
         return cls(
             fit=fitted.fit,
@@ -97,6 +93,17 @@ class Piece:
         """Return a share of the sample by scan, flat pixels (n,), one of each scan at least."""
         step = max(int(1 / share), 1)
         return [(scan, own[::step]) for scan, own in self.sample]
+
+
+def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[np.int32]], ...]:
+    """Some flat pixels (n,) by scan, evenly over all of them, without bringing these together."""
+    ends = np.cumsum([len(own) for _, own in held])
+    chosen = np.linspace(0, ends[-1] - 1, min(_N_SAMPLE, int(ends[-1]))).astype(np.int64)
+    which = np.searchsorted(ends, chosen, side="right")
+    return tuple(
+        (held[k][0], held[k][1].flat[chosen[which == k] - (ends[k] - len(held[k][1]))])
+        for k in np.unique(which).tolist()
+    )
 
 
 def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
