@@ -59,14 +59,26 @@ class ChartGrid:
             [self.corner[0] + column * self.cell[0], self.corner[1] + row * self.cell[1]], axis=-1
         )
 
+    def bounds(self) -> FloatArray:
+        """Smallest and largest coordinates (2, 3) of the cell centres, to the bit those of `centres`."""
+        if not isinstance(self.surface, Plane | Cylinder):
+            centres = self.centres()
+            return np.stack([centres.min(axis=0), centres.max(axis=0)])
+        base, up = self._lines(self.surface)
+        return np.stack([base.min(axis=0) + up.min(axis=0), base.max(axis=0) + up.max(axis=0)])
+
+    def _lines(self, surface: Plane | Cylinder) -> tuple[FloatArray, FloatArray]:
+        """Points (columns, 3) of a plane's or cylinder's lowest row, and what each row (rows, 3) adds."""
+        u, v = self.axes()  # v is straight on both
+        along = surface.v_direction if isinstance(surface, Plane) else surface.direction
+        return surface.from_uv(np.stack([u, np.zeros(len(u))], axis=1)), v[:, None] * along
+
     def centres(self) -> FloatArray:
         """Points (rows * columns, 3) at the cell centres."""
         if not isinstance(self.surface, Plane | Cylinder):
             return self.surface.from_uv(self.centres_uv().reshape(-1, 2))
-        u, v = self.axes()  # v is straight on both
-        along = self.surface.v_direction if isinstance(self.surface, Plane) else self.surface.direction
-        base = self.surface.from_uv(np.stack([u, np.zeros(len(u))], axis=1))
-        return np.asarray((base + (v[:, None] * along)[:, None]).reshape(-1, 3))
+        base, up = self._lines(self.surface)
+        return np.asarray((base + up[:, None]).reshape(-1, 3))
 
     def within(self, low: FloatArray, high: FloatArray) -> BoolArray:
         """Cells (rows, columns) in the rectangle from `low` to `high` (2,), all of u if it wraps."""

@@ -24,9 +24,9 @@ class Ball(NamedTuple):
     radius: float  # metres
 
 
-def ball_around(centres: FloatArray, cell: FloatArray) -> Ball:
-    """Return a ball around cells of a size (2,), with centres (n, 3), and two cells more on all sides."""
-    low, high = centres.min(axis=0), centres.max(axis=0)
+def ball_around(bounds: FloatArray, cell: FloatArray) -> Ball:
+    """Return a ball around cells of a size (2,), whose centres have bounds (2, 3), and two cells more."""
+    low, high = bounds
     radius = float(np.linalg.norm(high - low)) / 2 + _MARGIN * float(np.hypot(*cell))
     return Ball(triple((low + high) / 2), radius)
 

@@ -45,7 +45,7 @@ def free_cells(
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
     sd = predicted_sd.reshape(grid.shape)
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)
-    for number in np.flatnonzero(views.may_reach(ball_around(grid.centres(), grid.cell))).tolist():
+    for number in np.flatnonzero(views.may_reach(ball_around(grid.bounds(), grid.cell))).tolist():
         sight, reach = sights[number], reaches[number]
         crossing = crossing_tiles(sight.eye, sight.noise, form, reach, around, float(sd.min()))
         if crossing.any():

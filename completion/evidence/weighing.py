@@ -49,7 +49,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         This surface's number in `scans.owners`.
     """
     found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
-    may_see = scans.views.may_see(ball_around(found.centres, grid.cell)).tolist()
+    may_see = scans.views.may_see(ball_around(grid.bounds(), grid.cell)).tolist()
     for number, is_key in scans.order:  # of equal claims the first scan's counts
         if not may_see[number]:
             continue

@@ -144,7 +144,8 @@ def farthest_hidden(
     of a scan counts.
     """
     found, form = [np.zeros((0, 2))], form_of(chart)
-    window = ball_around(chart.from_uv(np.array([low, high])), (high - low) * _SLACK)
+    corners = chart.from_uv(np.array([low, high]))
+    window = ball_around(np.sort(corners, axis=0), (high - low) * _SLACK)
     for number in np.flatnonzero(scans.views.may_see(window)).tolist():
         seen, reach = scans.observations[number], scans.reach[number]
         origin, pixel = seen.scan.origin, _farthest(form, seen.scan.ranges, seen.rays, reach, low, high)

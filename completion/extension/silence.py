@@ -11,19 +11,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
+from texture.engine.compiled import compiled
 
 _PROBABLE = 0.5  # from which on silent cells are part of the rim of others
 _STEP = 1.5  # from one width that is told apart to the next
 _LEAST_M = 1e-6
 _ALL_AROUND = np.ones((3, 3))
-_STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 ENCLOSED = 0.9
@@ -117,15 +118,10 @@ def silent_parts(
     level = _half_widths(silent)
     for one in sorted(set(level[silent].tolist()), reverse=True):
         number, n_parts = ndimage.label(level == one, _ALL_AROUND)
-        good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
-        against = ~solid & within & ~(silent & (level < one))
-        for step in _STEPS:
-            beside = _shifted(number, step)
-            rim = (beside > 0) & (number != beside)
-            good += np.bincount(beside[rim & solid], minlength=n_parts + 1)
-            bad += np.bincount(beside[rim & against], minlength=n_parts + 1)
         row, column = np.nonzero(number)
         own = number[row, column]
+        good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
+        _look_beside(number, row, column, solid, within, level, one, good, bad)
         order = np.argsort(own, kind="stable")
         ends = np.searchsorted(own[order], np.arange(n_parts + 2))
         cells = ((row + box[0].start) * columns + column + box[1].start)[order]
@@ -146,12 +142,21 @@ def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None
 def _half_widths(silent: BoolArray) -> FloatArray:
     """Radius in cells, in steps of `_STEP`, of the largest disc of silent cells that covers each; else 0."""
     level = silent.astype(np.float64)
-    away = ndimage.distance_transform_edt(np.pad(silent, 1))[1:-1, 1:-1]
+    away = _away_from(np.pad(~silent, 1, constant_values=True))[1:-1, 1:-1]
     radius = _STEP
     while (box := _box_around(core := away >= radius, int(np.ceil(radius)))) is not None:
-        level[box][ndimage.distance_transform_edt(~core[box]) < radius] = radius
+        level[box][_away_from(core[box]) < radius] = radius
         radius *= _STEP
     return np.where(silent, level, 0.0)
+
+
+def _away_from(cells: BoolArray) -> NDArray[np.float32]:
+    """Distance (rows, columns) to the nearest of some cells, in cells: roots of whole numbers to 1e-7.
+
+    Powers of `_STEP` are no such roots, so that what is nearer than one does not depend on rounding.
+    """
+    away = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away, dtype=np.float32)
 
 
 def _at_border(number: NDArray[np.int32], n_parts: int, wraps: bool) -> FloatArray:
@@ -160,8 +165,31 @@ def _at_border(number: NDArray[np.int32], n_parts: int, wraps: bool) -> FloatArr
     return np.bincount(np.concatenate(sides), minlength=n_parts + 1).astype(np.float64)
 
 
-def _shifted(cells: NDArray[np.int32], step: tuple[int, int]) -> NDArray[np.int32]:
-    """At each cell the value one step back, 0 beyond the grid."""
-    padded = np.pad(cells, 1)
-    rows, columns = cells.shape
-    return padded[1 - step[0] : 1 - step[0] + rows, 1 - step[1] : 1 - step[1] + columns]
+@compiled
+def _look_beside(
+    number: NDArray[np.int32],
+    rows: IntArray,
+    columns: IntArray,
+    solid: BoolArray,
+    within: BoolArray,
+    level: FloatArray,
+    one: float,
+    good: FloatArray,
+    bad: FloatArray,
+) -> None:
+    """Count for each part, of cells at rows (n,) and columns (n,), those beside that are surface, and not.
+
+    Silent cells of a `level` below `one`, which narrower parts have, are neither.
+    """
+    for k in range(len(rows)):
+        part = number[rows[k], columns[k]]
+        for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            row, column = rows[k] + down, columns[k] + right
+            if not (0 <= row < number.shape[0] and 0 <= column < number.shape[1]):
+                continue
+            if number[row, column] == part:
+                continue
+            if solid[row, column]:
+                good[part] += 1.0
+            elif within[row, column] and not 0.0 < level[row, column] < one:
+                bad[part] += 1.0

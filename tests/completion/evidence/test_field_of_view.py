@@ -52,6 +52,6 @@ def test_a_turning_scanner_may_see_all():
 
 def test_a_ball_holds_all_cells_to_their_corners():
     centres = np.random.default_rng(1).uniform(-1, 1, (50, 3))
-    ball = ball_around(centres, np.array([0.1, 0.2]))
+    ball = ball_around(np.stack([centres.min(axis=0), centres.max(axis=0)]), np.array([0.1, 0.2]))
     distance = np.linalg.norm(centres - ball.middle, axis=1) + np.hypot(0.1, 0.2) / 2
     assert (distance <= ball.radius).all()
