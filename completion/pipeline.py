@@ -32,7 +32,7 @@ from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
-from scenes.checks import InputError
+from scenes.checks import InputError, check_kind, check_rng
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
@@ -80,7 +80,14 @@ def complete(
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
         raise InputError("nothing to complete: give at least one scan")
-    seed = int(np.random.default_rng(rng).integers(2**63))
+    for scan in scans:
+        check_kind(
+            "a scan",
+            scan,
+            RangeImage,
+            "read_scan(path, ...) reads one, scan_from_station makes one of points",
+        )
+    seed = int(check_rng(rng).integers(2**63))
     world_from_reference, stated = scans[0].world_from_sensor, options.tolerance(len(scans))
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         observations = steps.each(

@@ -110,6 +110,28 @@ def check_number(name: str, value: float, least: float = 0.0, most: float = np.i
     return number
 
 
+def check_kind(name: str, value: object, kind: type | tuple[type, ...], cure: str) -> None:
+    """Raise InputError unless `value` is of a kind; the message says what it is, and the cure."""
+    if not isinstance(value, kind):
+        kinds = " or ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+        what = f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise InputError(f"{name} must be {kinds}, got {what}; {cure}")
+
+
+def check_rng(rng: np.random.Generator | int | None) -> np.random.Generator:
+    """Return the generator of a seed, a generator itself, or one from the system's entropy for None.
+
+    Raises
+    ------
+    InputError
+        No whole number that is not negative, and no generator.
+    """
+    whole = isinstance(rng, int | np.integer) and not isinstance(rng, bool) and rng >= 0
+    if not (rng is None or whole or isinstance(rng, np.random.Generator)):
+        raise InputError(f"rng must be a whole number from 0, a numpy Generator or None, got {rng!r}")
+    return np.random.default_rng(rng)
+
+
 def check_options(options: object, **bounds: tuple[float, float]) -> None:
     """Raise InputError for a field of `options` outside its (least, most); fields that are None may be."""
     for field, (least, most) in bounds.items():

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 import numpy as np
 
@@ -26,13 +27,17 @@ from nbv.visibility.standing.site import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_kind, check_rng
+from scenes.files.scene_files import open_scene
 from scenes.rays.raycast import RayCaster
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
-from scenes.world.scene import Scene
+from scenes.world.scene import Mode, Scene
 
 Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
 _PATCH_TOLERANCE_M = 0.01
 _INCIDENCE_DEG = 60.0  # that counts as measured where nothing else is said
 _ROUNDING_M = 1e-6  # a surface may lie on the region's faces
@@ -40,7 +45,7 @@ _MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: ea
 
 
 def plan_views(
-    scene: Scene,
+    scene: Scene | str | os.PathLike[str] | Trimesh,
     sensor: Sensor | None = None,
     *,
     method: Method = "nbv",
@@ -75,8 +80,8 @@ def plan_views(
 
     Parameters
     ----------
-    scene : Scene
-        The true scene.
+    scene : Scene, path or trimesh.Trimesh
+        The true scene, or the mesh file or mesh that it is made of (`open_scene`, `Scene.from_mesh`).
     sensor : Sensor, optional
         "generic60" when not given.
     method : "nbv", "cover", "greedy", "visibility", "farthest" or "random"
@@ -155,6 +160,13 @@ def plan_views(
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
+    scene = _as_scene(scene, mode)
+    if candidates is not None:
+        cure = "Candidates(positions, directions) holds where the sensor may be and look"
+        check_kind("candidates", candidates, Candidates, cure)
+    if samples is not None:
+        check_kind("samples", samples, SurfaceSamples, "sample_surface(scene.mesh, spacing_m) makes them")
+    check_rng(rng)
     options = options or PlannerOptions()
     zones = _one_zones(zones, options.zones)
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
@@ -198,6 +210,16 @@ def plan_views(
     if method in BASELINES:
         return plan_simply(problem, method, views, rng)
     return plan_online(problem, views, noise, options, rng)
+
+
+def _as_scene(scene: object, mode: str | None) -> Scene:
+    """Return the scene that a path or a mesh holds; a scene as it is."""
+    if isinstance(scene, Scene):
+        return scene
+    asked = cast("Mode | None", mode)
+    if isinstance(scene, str | os.PathLike):
+        return open_scene(scene, mode=asked)
+    return Scene.from_mesh(scene, mode=asked)
 
 
 def _one_requirement(

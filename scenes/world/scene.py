@@ -13,6 +13,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.orientation import decide_mode
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
@@ -22,7 +23,7 @@ Mode = Literal["room", "object"]
 _NAMES_TOLD = 5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
     """What there is to scan.
 
@@ -72,6 +73,44 @@ class Scene:
                 raise InputError(
                     f"an opening names surface {opening.surface}, but there are {len(self.surfaces)} surfaces"
                 )
+
+    @classmethod
+    def from_mesh(cls, mesh: object, *, name: str = "mesh", mode: Mode | None = None) -> Scene:
+        """Return the scene of a mesh that is in memory.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh, LabelledMesh or (vertices, faces)
+            World coordinates, metres, z up. Without labels all of it is one surface, of the scene's name.
+        name : str
+            What to call it.
+        mode : "room" or "object", optional
+            How to scan it; decided from the geometry when not given.
+
+        Raises
+        ------
+        InputError
+            Something else, vertices that are not finite, faces of other vertices.
+        """
+        if isinstance(mesh, tuple) and len(mesh) == 2:
+            vertices, faces = mesh
+        elif not isinstance(mesh, LabelledMesh):
+            vertices, faces = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
+            if vertices is None or faces is None:
+                raise InputError(
+                    f"a mesh must be a trimesh.Trimesh, a LabelledMesh or (vertices, faces), "
+                    f"got {type(mesh).__name__}; read files with load_scene"
+                )
+        labelled = mesh if isinstance(mesh, LabelledMesh) else LabelledMesh(vertices, faces)
+        n_surfaces = int(labelled.face_surface.max(initial=0)) + 1
+        names = (name,) if n_surfaces == 1 else tuple(f"{name} {k}" for k in range(n_surfaces))
+        kind = decide_mode(labelled) if mode is None else mode
+        return cls(labelled, (None,) * n_surfaces, names, name, kind)
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({self.name!r}, {self.mode}, {len(self.mesh.faces)} faces, {len(self.surfaces)} surfaces)"
+        )
 
     def ray_caster(self, n_threads: int | None = None) -> RayCaster:
         """Return the mesh prepared for ray casting: the tree is built once and kept as long as the scene."""
