@@ -19,6 +19,7 @@ from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
+from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from scenes.checks import BoolArray, FloatArray
 
@@ -44,6 +45,8 @@ class Patch:
     ----------
     source : MergedSurface
         The fit and the pixels behind it.
+    stated : SurfaceFit
+        The fit with the covariance that is told: the sensor's systematic errors are part of it.
     limits : Extent
         What bounded the continuation.
     grid : ChartGrid
@@ -75,6 +78,7 @@ class Patch:
     """
 
     source: MergedSurface
+    stated: SurfaceFit
     limits: Extent
     grid: ChartGrid
     evidence: Evidence

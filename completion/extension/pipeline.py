@@ -24,6 +24,7 @@ from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.extension.silence import silent_cells, trust
+from completion.merging.systematics import with_systematics
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -121,6 +122,7 @@ def extend(
     provenance[filled & by_edit] = Provenance.USER
     return Patch(
         source=surface,
+        stated=with_systematics(surface, scans.observations),
         limits=extent,
         grid=grid,
         evidence=evidence,

@@ -42,11 +42,17 @@ class RangeNoise:
     step_m: float = (
         0.0  # between the values that ranges take, at the median range, where that hides the noise
     )
+    farthest_m: float = 0.0  # range up to which it was read off a scan; 0 where it was given
 
     @property
     def is_known(self) -> bool:
         """Whether there is any noise."""
         return max(self.constant_m, self.quadratic_per_m, self.linear) > 0
+
+    @property
+    def is_triangulated(self) -> bool:
+        """Whether a scan showed that its noise is that of a disparity: far away that is most of it."""
+        return self.window_pixels(self.farthest_m) > 1
 
     def sigma(self, ranges: FloatArray) -> FloatArray:
         """Standard deviation (n,) of single ranges (n,), metres."""
@@ -122,7 +128,8 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
     terms, _ = nnls(basis * weight[:, None], variance * weight)
     # Steps that hide the noise are those, too, that the way from counts to ranges made unequal.
-    return RangeNoise(float(np.sqrt(terms[0])), float(np.sqrt(terms[1])), step_m=_hiding(seen, rough))
+    constant, quadratic = (float(np.sqrt(term)) for term in terms)
+    return RangeNoise(constant, quadratic, step_m=_hiding(seen, rough), farthest_m=float(middle.max()))
 
 
 def _scanner_noise(scan: RangeImage) -> RangeNoise:

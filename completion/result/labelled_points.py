@@ -108,7 +108,7 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
         faces=mesh.faces,
         surface=np.full(n, number, np.int32),
         provenance=provenance,
-        sd=patch.source.fit.standard_deviation(mesh.vertices),
+        sd=patch.stated.standard_deviation(mesh.vertices),
         confidence=confidence,
         colour=colour,
     )

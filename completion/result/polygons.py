@@ -69,7 +69,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
             "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
             "normal": normal.tolist(),
         },
-        "standard_deviation": patch.source.fit.parameter_deviations(),
+        "standard_deviation": patch.stated.parameter_deviations(),
         "observed_m2": patch.observed_m2,
         "hypothesised_m2": patch.hypothesised_m2,
         "area_m2": float(area.area),
@@ -108,7 +108,7 @@ def _ring(
         points.append(place)
         edges.append(edge)
     local = patch.grid.surface.from_uv(np.array(points))
-    sd = patch.source.fit.standard_deviation(local)
+    sd = patch.stated.standard_deviation(local)
     for k, edge in enumerate(edges):
         edge["sd_m"] = float(max(sd[k], sd[(k + 1) % len(sd)]))
     return {"points": completion.world_from_reference.apply(local).tolist(), "edges": edges}

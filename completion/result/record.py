@@ -204,7 +204,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
         "kind": fit.surface.kind,
         "anchor": completion.anchor(number).tolist(),
         "parameters": surface_parameters(fit.surface.transformed(world)),
-        "standard_deviation": fit.parameter_deviations(),
+        "standard_deviation": patch.stated.parameter_deviations(),
         "rms": fit.rms,
         "n": fit.n,
         "n_parts": patch.source.n_parts,

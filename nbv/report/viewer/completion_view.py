@@ -136,7 +136,7 @@ def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> 
         number=part.number,
         is_inferred=part.provenance != Provenance.MEASURED,
         provenance=np.full(n, int(part.provenance)),
-        sd=patch.source.fit.standard_deviation(middle[:, :3]) if n else np.zeros(0),
+        sd=patch.stated.standard_deviation(middle[:, :3]) if n else np.zeros(0),
         confidence=patch.confidence[row, column],
         colour=np.full((n, 3, 3), 1.0 if part.page >= 0 else _GREY, np.float32),
         uv=parts[..., 3:5],
