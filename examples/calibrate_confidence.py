@@ -24,7 +24,7 @@ from benchmarks.completion.scenes.rooms import random_case
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
 from completion.extension.beyond import KNOWN, WEIGHTS
-from completion.extension.confidence import PERSISTENCE, Onward, Prospects, prospects
+from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects, prospects
 from nbv.scanning.effects.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
@@ -118,26 +118,30 @@ def _as_heavy(frames: list[list[Places]], rooms: list[list[Places]]) -> list[lis
     return [[replace(one, weight=one.weight * wanted / held) for one in frame] for frame in frames]
 
 
-def log_likelihood(places: Places, persistence: FloatArray, weights: FloatArray) -> float:
+def log_likelihood(
+    places: Places, persistence: FloatArray, weights: FloatArray, even_m: float = EVEN_M
+) -> float:
     """Mean over the places, weighted."""
-    probability = np.clip(places.prospects.probability(persistence, weights), 0.003, 0.997)
+    probability = np.clip(places.prospects.probability(persistence, weights, even_m), 0.003, 0.997)
     told = np.log(np.where(places.is_right, probability, 1 - probability))
     return float(np.average(told, weights=places.weight))
 
 
-def most_likely(places: Places) -> FloatArray:
-    """The constants (3, 2) within what was measured; those in use where nothing tells."""
-    start = np.column_stack([np.log(PERSISTENCE[:, 0] / (1 - PERSISTENCE[:, 0])), np.log(PERSISTENCE[:, 1])])
+def most_likely(places: Places) -> tuple[FloatArray, float]:
+    """The constants (3, 2) within what was measured, and `EVEN_M`; those in use where nothing tells."""
+    pairs = np.column_stack([np.log(PERSISTENCE[:, 0] / (1 - PERSISTENCE[:, 0])), np.log(PERSISTENCE[:, 1])])
+    start = np.append(pairs.ravel(), np.log(EVEN_M))
 
-    def constants(x: FloatArray) -> FloatArray:
-        pairs = x.reshape(-1, 2)
-        return np.column_stack([1 / (1 + np.exp(-pairs[:, 0])), np.exp(pairs[:, 1])])
+    def constants(x: FloatArray) -> tuple[FloatArray, float]:
+        pairs = x[:-1].reshape(-1, 2)
+        return np.column_stack([1 / (1 + np.exp(-pairs[:, 0])), np.exp(pairs[:, 1])]), float(np.exp(x[-1]))
 
     def cost(x: FloatArray) -> float:
-        prior = PRIOR / places.weight.sum() * float(np.sum(np.square(x - start.ravel())))
-        return prior - log_likelihood(places, constants(x), WEIGHTS)
+        persistence, even_m = constants(x)
+        prior = PRIOR / places.weight.sum() * float(np.sum(np.square(x - start)))
+        return prior - log_likelihood(places, persistence, WEIGHTS, even_m)
 
-    return constants(minimize(cost, start.ravel(), method="L-BFGS-B").x)
+    return constants(minimize(cost, start, method="L-BFGS-B", options={"ftol": 1e-12, "gtol": 1e-8}).x)
 
 
 def most_likely_weights(places: Places) -> FloatArray:
@@ -175,23 +179,24 @@ def main() -> None:
     rooms += _as_heavy(frames, rooms[:n_rooms])
     halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
     for k in (0, 1):
-        fitted, weights = most_likely(halves[k]), most_likely_weights(halves[k])
+        (fitted, even_m), weights = most_likely(halves[k]), most_likely_weights(halves[k])
         print(
             f"log likelihood on half {1 - k}: constants in use "
             f"{log_likelihood(halves[1 - k], PERSISTENCE, WEIGHTS):.4f}, fitted to half {k} "
-            f"{log_likelihood(halves[1 - k], fitted, weights):.4f}"
+            f"{log_likelihood(halves[1 - k], fitted, weights, even_m):.4f}"
         )
     every = together([one for room in rooms for one in room])
-    best, weights = most_likely(every), most_likely_weights(every)
+    (best, even_m), weights = most_likely(every), most_likely_weights(every)
     print(
         f"on all: in use {log_likelihood(every, PERSISTENCE, WEIGHTS):.4f}, "
-        f"fitted {log_likelihood(every, best, weights):.4f}"
+        f"fitted {log_likelihood(every, best, weights, even_m):.4f}"
     )
     for onward in list(Onward)[: len(PERSISTENCE)]:
         n_surfaces = sum(bool((one.prospects.onward == onward).any()) for room in rooms for one in room)
         (a, b), (c, d) = PERSISTENCE[onward], best[onward]
         name = onward.name.lower().replace("_", " ")
         print(f"{name:14s} {n_surfaces:4d} surfaces  in use {a:.3f} {b:6.2f}  most likely {c:.3f} {d:6.2f}")
+    print(f"even odds of an opening at half a width of {EVEN_M:.2f} m in use, most likely {even_m:.2f} m")
     print("past the rectangle: log odds in use, most likely")
     for name, used, fit in zip(("constant", *KNOWN), WEIGHTS, weights, strict=True):
         print(f"{used:7.2f} {fit:7.2f}  {name}")

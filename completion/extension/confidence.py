@@ -15,6 +15,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
 from completion.extension.extent import Extent
+from completion.extension.silence import half_widths
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -33,14 +34,24 @@ class Onward(IntEnum):
 
 
 PERSISTENCE: FloatArray = np.array([
-    [0.998, 7.0],
-    [0.956, 9.3],
-    [0.996, 7.6],
+    [0.999, 25.0],
+    [0.928, 7.8],
+    [0.994, 6.6],
 ])  # fmt: skip
 """Probability (3,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
 
 The most likely ones on the same rooms, flats and frames as `beyond.WEIGHTS`, rounded.
 """
+
+EVEN_M = 1.6
+"""Half width, metres, of hidden wall from which on a door or a niche is as probable there as wall.
+
+Where furniture hides an upright wall over a disc, nothing tells whether an opening is behind it, and the odds
+that one is grow with the disc's area: this is how often the walls of the same rooms and flats had one. Floors
+and ceilings have none.
+"""
+
+_COARSE_M = 0.025  # cells in which widths are found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +61,21 @@ class Prospects:
     base: FloatArray  # (n,) probability that no opening or end of the surface lies before them
     onward: NDArray[np.int8]  # (n,) an `Onward`
     distance: FloatArray  # (n,) in its units
+    width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
     known: FloatArray  # (n, 11) `beyond.KNOWN` of those beyond the rectangle; else of no use
     is_said: BoolArray  # (n,) whether a person said that it goes on past them
 
-    def probability(self, persistence: FloatArray = PERSISTENCE, weights: FloatArray = WEIGHTS) -> FloatArray:
+    def probability(
+        self,
+        persistence: FloatArray = PERSISTENCE,
+        weights: FloatArray = WEIGHTS,
+        even_m: float = EVEN_M,
+    ) -> FloatArray:
         """Probability (n,) that the surface is there."""
         beyond = self.onward == Onward.BEYOND
         start, length = persistence[np.where(beyond, 0, self.onward)].T
-        within = self.base * start * np.exp(-self.distance / length)
+        whole = 1 / (1 + np.square(self.width / even_m))
+        within = self.base * start * np.exp(-self.distance / length) * whole
         past = np.where(self.is_said, self.base, probability_beyond(self.known, weights))
         return np.where(beyond, past, within)
 
@@ -99,11 +117,28 @@ def prospects(
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
     if isinstance(extent.chart, Cylinder):
         kind, nothing = np.full(len(d), Onward.CYLINDER, np.int8), np.zeros((len(d), len(KNOWN)))
-        return Prospects(base, kind, near, nothing, np.zeros(len(d), dtype=np.bool_))
-    known, side = known_beyond(grid.centres_uv()[inside], base, extent, Sides.of(grid, evidence, extent))
+        return Prospects(
+            base, kind, near, np.zeros(len(d)), nothing, is_said=np.zeros(len(d), dtype=np.bool_)
+        )
+    sides, places = Sides.of(grid, evidence, extent), grid.centres_uv()[inside]
+    known, side = known_beyond(places, base, extent, sides)
+    width = np.zeros(len(d))
+    if extent.encloses and not extent.is_level:
+        width = hidden_widths(inside & grid.within(extent.own_low, extent.own_high), grid)[inside]
     kind = np.where(side >= 0, Onward.BEYOND, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN)
     is_said = (side >= 0) & extent.by_edit[side % 2, side // 2]
-    return Prospects(base, kind.astype(np.int8), near, known, is_said)
+    return Prospects(base, kind.astype(np.int8), near, width, known, is_said=is_said)
+
+
+def hidden_widths(hidden: BoolArray, grid: ChartGrid) -> FloatArray:
+    """Radius (rows, columns) of the largest disc of hidden cells that covers each, metres; 0 elsewhere.
+
+    Found in cells of 2.5 cm where the grid's are smaller.
+    """
+    step = max(1, int(_COARSE_M / float(grid.cell.max())))
+    level = half_widths(hidden[::step, ::step]) * step * float(grid.cell.max())
+    fine = np.repeat(np.repeat(level, step, axis=0), step, axis=1)[: hidden.shape[0], : hidden.shape[1]]
+    return np.where(hidden, fine, 0.0)
 
 
 def distance_to(cells: BoolArray, grid: ChartGrid) -> tuple[FloatArray, FloatArray]:

@@ -115,7 +115,7 @@ def silent_parts(
     if box is None:
         return
     silent, solid, within = silent[box], solid[box], within[box]
-    level = _half_widths(silent)
+    level = half_widths(silent)
     for one in sorted(set(level[silent].tolist()), reverse=True):
         number, n_parts = ndimage.label(level == one, _ALL_AROUND)
         row, column = np.nonzero(number)
@@ -139,8 +139,8 @@ def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None
     return row, column
 
 
-def _half_widths(silent: BoolArray) -> FloatArray:
-    """Radius in cells, in steps of `_STEP`, of the largest disc of silent cells that covers each; else 0."""
+def half_widths(silent: BoolArray) -> FloatArray:
+    """Radius in cells (rows, columns) of the largest disc of cells that covers each, by steps; else 0."""
     level = silent.astype(np.float64)
     away = _away_from(np.pad(~silent, 1, constant_values=True))[1:-1, 1:-1]
     radius = _STEP

@@ -194,8 +194,8 @@ def _hidden_between(one: Piece, other: Piece, sights: Sights) -> bool:
 def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: Prior) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group.
 
-    Each scan more is a chance more that something of it lies where a surface of another scan is hardly known:
-    what is of another scan is to be evidence of that surface, by its height.
+    Far from where it was measured a surface is hardly known, and something small lies near it by chance: its
+    height is to be evidence of that surface, as that of larger parts is.
     """
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     rank = {index: place for place, index in enumerate(by_size)}
@@ -213,8 +213,7 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: 
             best = parts[min(groups.of(i), key=rank.__getitem__)]  # what is known best of that surface
             if not (lies_on(small.part, large.part) and lies_on(small.part, best.part)):
                 continue
-            is_of_one_scan = small.part.doubt.scan == best.part.doubt.scan >= 0
-            evidence = np.inf if is_of_one_scan else log_evidence_of_height(small.part, best.part)
+            evidence = log_evidence_of_height(small.part, best.part)
             if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
                 continue
             if _hidden_between(large, small, sights):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.extension.beyond import KNOWN, WEIGHTS
-from completion.extension.confidence import PERSISTENCE, Onward, Prospects
+from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects
 from tests.helpers.data_paths import ROOT
 
 
@@ -23,7 +23,8 @@ def calibrate():
 def places_at(calibrate, onward, distance, known, probability, rng):
     """Places that are right with a probability of their prospects."""
     n = len(onward)
-    given = Prospects(np.ones(n), onward, distance, known, np.zeros(n, dtype=np.bool_))
+    width = rng.uniform(0, 1, n)
+    given = Prospects(np.ones(n), onward, distance, width, known, np.zeros(n, dtype=np.bool_))
     right = rng.random(n) < probability(given)
     return calibrate.Places(given, right, np.ones(n))
 
@@ -34,15 +35,16 @@ def test_known_constants_come_out_of_what_they_make(calibrate):
     onward = rng.integers(0, 3, n).astype(np.int8)
     distance = rng.uniform(0, 4, n) * true[onward, 1]
     known = np.zeros((n, len(KNOWN)))
-    places = places_at(calibrate, onward, distance, known, lambda one: one.probability(true), rng)
-    fitted = calibrate.most_likely(places)
+    places = places_at(calibrate, onward, distance, known, lambda one: one.probability(true, even_m=0.9), rng)
+    fitted, even_m = calibrate.most_likely(places)
+    assert even_m == pytest.approx(0.9, rel=0.05)
     np.testing.assert_allclose(fitted[:, 0], true[:, 0], atol=0.03)
     np.testing.assert_allclose(fitted[:, 1], true[:, 1], rtol=0.08)
 
 
 def test_known_weights_come_out_of_what_they_make(calibrate):
     rng, n = np.random.default_rng(0), 60_000
-    true = rng.normal(0, 0.5, len(WEIGHTS))
+    true = rng.normal(0, 0.3, len(WEIGHTS))
     onward, known = np.full(n, Onward.BEYOND, np.int8), rng.normal(0.5, 2, (n, len(KNOWN)))
     places = places_at(calibrate, onward, np.zeros(n), known, lambda one: one.probability(weights=true), rng)
     fitted = calibrate.most_likely_weights(places)
@@ -53,11 +55,12 @@ def test_known_weights_come_out_of_what_they_make(calibrate):
 
 def test_without_evidence_the_constants_in_use_stay(calibrate):
     nothing = Prospects(
-        np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4),
+        np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4),
         np.zeros((4, len(KNOWN))), np.zeros(4, dtype=np.bool_),
     )  # fmt: skip
-    fitted = calibrate.most_likely(calibrate.Places(nothing, np.zeros(4, dtype=np.bool_), np.ones(4)))
+    fitted, even_m = calibrate.most_likely(calibrate.Places(nothing, np.zeros(4, dtype=np.bool_), np.ones(4)))
     np.testing.assert_allclose(fitted, PERSISTENCE)
+    assert even_m == pytest.approx(EVEN_M)
 
 
 @pytest.mark.long

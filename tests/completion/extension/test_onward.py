@@ -9,7 +9,7 @@ import pytest
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
-from completion.extension.confidence import Onward, Prospects
+from completion.extension.confidence import EVEN_M, Onward, Prospects, hidden_widths
 from completion.extension.extent import Extent
 from scenes.surfaces.catalogue import Plane
 
@@ -101,8 +101,29 @@ def test_it_is_less_probable_farther_away_and_past_a_side_that_was_seen_to_end()
     assert len(WEIGHTS) == len(KNOWN) + 1
 
 
+def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
+    grid = ChartGrid.over(WALL, np.array([0.0, 0.0]), np.array([4.0, 3.0]), 0.02, full_turn=False)
+    u, v = grid.axes()
+    hidden = ((np.abs(u - 1) < 0.6) & (np.abs(v - 1.5) < 0.9)[:, None]) | (
+        (np.abs(u - 3) < 0.1) & (np.abs(v - 1.5) < 0.9)[:, None]
+    )
+    width = hidden_widths(hidden, grid)
+    assert not width[~hidden].any()
+    wide, narrow = width[75, 50], width[75, 150]
+    assert 0.6 / 1.5 <= wide <= 0.6 + 0.04  # by steps of half
+    assert 0.1 / 1.5 <= narrow <= 0.1 + 0.04
+    none = np.zeros(3, dtype=np.bool_)
+    kind, known = np.full(3, Onward.WALL_WITHIN, np.int8), np.zeros((3, len(KNOWN)))
+    found = Prospects(np.ones(3), kind, np.zeros(3), np.array([0, narrow, wide]), known, none)
+    bare, slit, door = found.probability()
+    assert bare > slit > door
+    assert slit > 0.98 * bare
+    assert door == pytest.approx(bare / (1 + (wide / EVEN_M) ** 2))
+    assert found.probability(even_m=2.0)[2] > door
+
+
 def test_what_a_person_said_goes_on_does():
     row = np.full((1, len(KNOWN)), -50.0)
     kind = np.array([Onward.BEYOND], np.int8)
-    one = Prospects(np.ones(1), kind, np.ones(1), row, np.ones(1, dtype=np.bool_))
+    one = Prospects(np.ones(1), kind, np.ones(1), np.ones(1), row, np.ones(1, dtype=np.bool_))
     assert one.probability() == 1

@@ -57,3 +57,18 @@ def test_what_lies_between_says_whether_parts_are_one_surface(law):
     assert [one.n_pixels for one in surfaces] == sorted((one.n_pixels for one in surfaces), reverse=True)
     for one in surfaces:
         assert np.abs(one.fit.surface.distance(one.points([observation]))).max() < 0.01
+
+
+@pytest.mark.parametrize(("sigma_m", "n_surfaces"), [(0.05, 1), (0.15, 2)])
+def test_what_is_small_joins_where_its_height_says_something(sigma_m, n_surfaces):
+    depth = np.full((48, 64), 1.5)
+    depth[:, :24] = 3.0  # a wall, and far off a spot that is near its plane
+    depth[20:24, 60:64] = 3.04
+    projection = PinholeProjection.from_fov(64, 48, 60)
+    ranges = depth / projection.directions()[..., 2]
+    observation = observe(RangeImage(ranges, projection, Pose.identity(), sigma_m=sigma_m), Pose.identity())
+    masks = [depth == 3.0, depth == 3.04]
+    regions = [
+        Region(fit_plane(observation.scan.points()[mask], np.zeros(3)), PixelSet.of(mask)) for mask in masks
+    ]
+    assert len(merge([observation], [regions], EvidenceOptions().tolerance())) == n_surfaces
