@@ -10,7 +10,7 @@ from completion.fitting.euclidean import fit_plane
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.systematics import displacements, with_systematics
 from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.range_noise import RangeNoise
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
@@ -31,7 +31,8 @@ def wall_seen(projection, noise, pose=HERE):
     seen = observe(RangeImage(ranges, projection, pose, sigma_m=0.001), Pose.identity())
     seen = replace(seen, noise=noise)
     fit = fit_plane(seen.scan.points().reshape(-1, 3), pose.translation)
-    return MergedSurface(fit, (PixelSet.of(np.ones(projection.shape, dtype=np.bool_)),), 1), seen
+    held = PixelSet.of(np.ones(projection.shape, dtype=np.bool_))
+    return MergedSurface(fit, ScanPixels.of([held]), 1), seen
 
 
 @pytest.mark.parametrize(
@@ -86,6 +87,7 @@ def test_rigid_motion_changes_nothing():
 
 def test_a_surface_of_several_scans_shares_the_sensors_errors():
     merged, seen = wall_seen(CAMERA, KINECT)
-    twice = MergedSurface(merged.fit, merged.pixels * 2, 1)
+    held = PixelSet.of(np.ones(CAMERA.shape, dtype=np.bool_))
+    twice = MergedSurface(merged.fit, ScanPixels.of([held, held]), 1)
     one, two = (with_systematics(what, [seen] * n) for what, n in ((merged, 1), (twice, 2)))
     np.testing.assert_allclose(one.covariance, two.covariance, rtol=0.02, atol=5e-6)
