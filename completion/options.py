@@ -89,7 +89,7 @@ class CompletionOptions:
     def tolerance(self, n_scans: int) -> Tolerance:
         """Return the tolerance along the ray; the pose of a single scan has no error."""
         return self.evidence.tolerance(
-            flatness_m=self.segmentation.flatness_m,
+            flatness_m=self.segmentation.least_flatness_m,
             registration_m=self.registration_m if n_scans > 1 else 0.0,
         )
 
