@@ -11,7 +11,7 @@ import numpy as np
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Plane
+from scenes.surfaces.catalogue import Plane, Surface
 
 _SAMPLE = 1000  # points of a piece that are looked at
 
@@ -31,7 +31,7 @@ class Plate:
         """Root mean square distance of its points from their middle, metres."""
         return float(np.sqrt(self.points.var(axis=0).sum()))
 
-    def relief(self, plane: Plane) -> float:
+    def relief(self, plane: Surface) -> float:
         """How far it strays from a plane, rms beyond noise and what the sensor bends walls by, metres."""
         square = np.mean(np.square(plane.distance(self.points)) - np.square(self.noise)) - self.bias**2
         return float(np.sqrt(max(square, 0.0)))

@@ -11,6 +11,7 @@ import numpy as np
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refits.refitting import refit_each
+from completion.observe.tolerance import FLATNESS_M
 from completion.segmentation.groups import Groups
 from completion.segmentation.plate import Plate, plate_of, together
 from completion.segmentation.regions import Region, SegmentationOptions
@@ -144,3 +145,17 @@ def _join(
 
 def _size(plate: Plate) -> float:
     return plate.size
+
+
+def typical_relief(regions: Sequence[Sequence[Region]]) -> float:
+    """Return how far the planes of some scans stray from their ideal form, metres: the median by pixels.
+
+    At least what any surface may (`FLATNESS_M`).
+    """
+    planes = [one for own in regions for one in own if isinstance(one.fit.surface, Plane)]
+    if not planes:
+        return FLATNESS_M
+    relief = np.array([one.relief_m for one in planes])
+    order = np.argsort(relief, kind="stable")
+    share = np.cumsum(np.array([one.n_pixels for one in planes])[order])
+    return max(float(relief[order][np.searchsorted(share, share[-1] / 2)]), FLATNESS_M)

@@ -19,7 +19,7 @@ from completion import (
     complete,
     pipeline,
 )
-from completion.observe.tolerance import Tolerance
+from completion.observe.tolerance import FLATNESS_M, Tolerance
 from completion.result.record import completion_record, display_mesh, model_parts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
@@ -260,7 +260,7 @@ def test_registration_and_flatness_have_one_home_and_the_stage_may_say_otherwise
     assert CompletionOptions(segmentation=rough).tolerance(1).flatness_m == 0.01
     apart = CompletionOptions(segmentation=rough, evidence=EvidenceOptions(flatness_m=0.002))
     assert apart.tolerance(1).flatness_m == 0.002
-    assert one.flatness_m == SegmentationOptions().flatness_m
+    assert one.flatness_m == SegmentationOptions().least_flatness_m == FLATNESS_M
 
 
 def test_what_is_said_of_registration_and_flatness_reaches_merging_evidence_and_audit(monkeypatch):
