@@ -14,7 +14,7 @@ from scenes.scan.range_image import RangeImage
 
 _EYE = np.array([0.0, 0.0, 1.7])
 _WAVES, _LEAST_WAVE_M, _MOST_WAVE_M = 12, 1.5, 8.0
-_ROUNDS = 40  # until a ray has found the ground
+_ROUNDS = 12  # until a ray has found the ground
 _DOOR = (0.6, 2.1, 2.0)  # where a leaf begins and ends along its wall, and its height, metres
 GROUND, BEYOND, WALL, LEAF = 0, 1, 2, 3
 
