@@ -319,6 +319,8 @@ def test_the_face_is_complete():
         (CompletionOptions, "max_sd_m", -0.02),
         (SegmentationOptions, "min_pixels", 2),
         (SegmentationOptions, "max_angle_deg", 100.0),
+        (CompletionOptions, "min_area_m2", np.nan),
+        (SegmentationOptions, "flatness_m", -0.001),
         (EvidenceOptions, "flatness_m", np.nan),
         (TexturingOptions, "max_texels", 0),
     ],
