@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.fitting.result import warped
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refits.refitting import refit_each
@@ -79,9 +80,7 @@ def _joined(
     if fit is None:
         return max(regions, key=lambda one: one.n_pixels)
     relief = whole.relief(fit.surface)
-    gradient = fit.gradient(whole.points)
-    warp = relief**2 * np.linalg.inv(gradient.T @ gradient / len(gradient))
-    return Region(replace(fit, covariance=fit.covariance + warp), pixels, relief)
+    return Region(warped(fit, whole.points, relief), pixels, relief)
 
 
 def _meets(one: Plate, other: Plate, seam: FloatArray, flatness_m: float) -> bool:
