@@ -20,9 +20,9 @@ def test_area_counts_for_the_thing_that_it_is_continued_from() -> None:
     held = continued_area(completed, hypothesis, [wall.scan], is_wall)
     assert held.n_surfaces == 1
     assert held.enclosed_m2 > 0.3
-    assert held.beyond_m2 == 0
+    assert held.beyond_m2 == held.turned_m2 == 0
     others = continued_area(completed, hypothesis, [wall.scan], ~is_wall)
-    assert others.enclosed_m2 + others.beyond_m2 == 0
+    assert others.enclosed_m2 + others.turned_m2 + others.beyond_m2 == 0
     blind = RangeImage(wall.scan.ranges, wall.scan.projection, wall.scan.world_from_sensor, name="blind")
     with pytest.raises(InputError, match="blind: has no truth"):
         continued_area(completed, hypothesis, [blind], is_wall)
