@@ -11,11 +11,14 @@ import numpy as np
 from benchmarks.completion.truth.hypothesis import Hypothesis
 from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import BoolArray, InputError
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.scan.range_image import RangeImage
 
-_ENCLOSED, _TURNED = Provenance.INTERIOR.name.lower(), Provenance.FULL_TURN.name.lower()
+_ENCLOSED, _TURNED = (
+    PROVENANCE_NAMES[str(kind.value)] for kind in (Provenance.INTERIOR, Provenance.FULL_TURN)
+)
 
 
 @dataclass(frozen=True, slots=True)
