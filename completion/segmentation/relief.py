@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.fitting.result import warped
 from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
+from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.refitting import refit_each
 from completion.observe.tolerance import FLATNESS_M
 from completion.segmentation.groups import Groups
@@ -76,7 +76,7 @@ def _joined(
         return replace(regions[0], relief_m=plates[0].relief(plates[0].plane))
     pixels = PixelSet.union([one.pixels for one in regions], observation.scan.shape)
     whole = together(plates)
-    (fit,) = refit_each([whole.plane], [observation], [[pixels]], flatness_m, n_rounds=2)
+    (fit,) = refit_each([whole.plane], [observation], [ScanPixels.of([pixels])], flatness_m, n_rounds=2)
     if fit is None:
         return max(regions, key=lambda one: one.n_pixels)
     relief = whole.relief(fit.surface)
