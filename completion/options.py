@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.edits.edit import Edit
+from completion.extension.choice import KINDS
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
-from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.regions import Region, SegmentationOptions
+from completion.segmentation.relief import typical_relief
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
 
@@ -39,6 +42,12 @@ class CompletionOptions:
         Whether scans whose poses contradict what they measured are moved, by as much as brings them together.
     texture : bool
         Whether hypothesised area is textured.
+    min_area_m2 : float
+        Surfaces of which less was measured, square metres, are not continued and have no number: they stay in
+        the model as they were measured.
+    only : tuple of str
+        The kinds of surface that are continued and numbered, of `extension.choice.KINDS`; all, when empty.
+        The others bound them, and hide them, all the same.
     max_sd_m : float
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
     cues : tuple of Cue
@@ -51,7 +60,7 @@ class CompletionOptions:
     Raises
     ------
     InputError
-        An unknown mode or cue, or a length that is negative or not finite.
+        An unknown mode, cue or kind, or a length that is negative or not finite.
     """
 
     mode: Mode = "standard"
@@ -60,6 +69,8 @@ class CompletionOptions:
     registration_m: float = REGISTRATION_M
     moves_scans: bool = True
     texture: bool = True
+    min_area_m2: float = 0.0
+    only: tuple[str, ...] = ()
     max_sd_m: float = 0.02
     cues: tuple[Cue, ...] = ALL_CUES
     edits: tuple[Edit, ...] = ()
@@ -73,7 +84,10 @@ class CompletionOptions:
         for cue in self.cues:
             if cue not in ALL_CUES:
                 raise InputError(f"cues must be some of {', '.join(ALL_CUES)}, got {cue!r}")
-        lengths = ("sigma_m", "registration_m", "max_sd_m")
+        for kind in self.only:
+            if kind not in KINDS:
+                raise InputError(f"only must be some of {', '.join(KINDS)}, got {kind!r}")
+        lengths = ("sigma_m", "registration_m", "max_sd_m", "min_area_m2")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
 
     def rules(self) -> ExtensionRules:
@@ -89,9 +103,16 @@ class CompletionOptions:
     def tolerance(self, n_scans: int) -> Tolerance:
         """Return the tolerance along the ray; the pose of a single scan has no error."""
         return self.evidence.tolerance(
-            flatness_m=self.segmentation.flatness_m,
+            flatness_m=self.segmentation.least_flatness_m,
             registration_m=self.registration_m if n_scans > 1 else 0.0,
         )
+
+    def flatness(self, regions: Sequence[Sequence[Region]]) -> float:
+        """Return how uneven surfaces are, metres: what is stated, else what the regions of the scans show."""
+        stated = (
+            self.segmentation.flatness_m if self.evidence.flatness_m is None else self.evidence.flatness_m
+        )
+        return typical_relief(regions) if stated is None else stated
 
     def pose_errors(self, left_m: FloatArray) -> FloatArray:
         """Return how far the pose of each of n scans may be off, metres.

@@ -17,6 +17,7 @@ from completion.evidence.evidence import Scans
 from completion.evidence.registration.pipeline import register
 from completion.evidence.registration.registration import Registration
 from completion.extension.adjacency import find_adjacency
+from completion.extension.choice import Choice, is_chosen, numbered_anew
 from completion.extension.claims import overlap_m2, settle_claims
 from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
@@ -111,8 +112,9 @@ def complete(
         observations = registration.applied(observations, errors)
         tolerance = replace(stated, registration_m=float(errors.min()))
 
-        # 2. Segment: cut each scan into regions on planes and cylinders.
+        # 2. Segment: cut each scan into regions on planes and cylinders, and see how uneven surfaces are.
         regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
+        tolerance = replace(tolerance, flatness_m=options.flatness(regions))
 
         # 3. Merge: join the regions that are one surface, then join and part as a person says.
         across = Cue.MERGING in options.cues
@@ -122,8 +124,8 @@ def complete(
         )
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
         surfaces = [one.surface for one in edited]
-        owners = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
-        seen = Scans(tuple(observations), tuple(map(steps.keep, owners)), tolerance, keys, steps.spill)
+        numbered = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
+        seen = Scans(tuple(observations), tuple(map(steps.keep, numbered)), tolerance, keys, steps.spill)
 
         # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [
@@ -132,20 +134,27 @@ def complete(
         ]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
-        # 5. Extend: continue each surface behind its occluders, as far as it may go and is probable.
-        # Where several claim a place, the most probable one has it.
+        # 5. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
+        # probable. Where several claim a place, the most probable one has it.
         up = world_from_reference.matrix[2, :3]
 
-        def extended(index: int) -> Patch:
+        def extended(index: int) -> Patch | None:
+            said, encloses = edited[index].edits, bool(adjacency.encloses[index])
+            if not said.actions and not is_chosen(
+                surfaces[index].fit.surface, options.only, encloses=encloses, up=up
+            ):
+                return None
             extent = find_extent(
                 index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up
             )
-            return extend(
+            patch = extend(
                 boundaries[index], extent, edited[index], scans=seen, number=index + 1, rules=options.rules()
             )
+            return patch if said.actions or patch.observed_m2 >= options.min_area_m2 else None
 
-        extended_alone = steps.each("extend", extended, range(len(surfaces)))
-        patches = [steps.keep(one) for one in settle_claims(extended_alone, tolerance.flatness_m)]
+        every = steps.each("extend", extended, range(len(surfaces)))
+        chosen, owners = numbered_anew(every, seen.owners)
+        patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
 
         # 6. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
@@ -164,7 +173,9 @@ def complete(
         textures=tuple(textures),
         inferred=tuple(mesh for mesh, _ in found),
         audit=_together(found, overlap_m2(patches, tolerance.flatness_m)),
-        owners=seen.owners,
+        owners=owners,
+        flatness_m=tolerance.flatness_m,
+        choice=Choice(options.only, options.min_area_m2, len(every) - len(patches)),
         mode=options.mode,
         edits=options.edits,
         world_from_reference=world_from_reference,
@@ -186,7 +197,7 @@ def verify_first(
     They stand where `registration` moved them, that of all scans together.
     """
     alone = complete_first(scans, options, n_threads=n_threads, journal=journal)
-    evidence = replace(options.evidence, flatness_m=options.tolerance(len(scans)).flatness_m)
+    evidence = replace(options.evidence, flatness_m=alone.flatness_m)
     moves = [registration.moved_world(k, scans[0].world_from_sensor) for k in range(len(scans))]
     others = [
         scan.restated(world_from_sensor=move @ scan.world_from_sensor)

@@ -30,6 +30,7 @@ from nbv.commands.options.options import (
 from nbv.commands.options.views_cli import coverage, plan
 from nbv.commands.process.run import Shared
 
+_KINDS = ("walls", "floors", "ceilings", "pipes", "planes", "cylinders")
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
   plan      how many views does a scene need, where, and what do they miss?
@@ -162,6 +163,28 @@ def complete(
     max_sd: Annotated[
         float, typer.Option("--max-sd", metavar="M", min=0, help="Continue only where known to this.")
     ] = 0.02,
+    flatness: Annotated[
+        float | None,
+        typer.Option(
+            "--flatness",
+            metavar="M",
+            min=0,
+            help="How uneven real surfaces are.",
+            show_default="from the scans",
+        ),
+    ] = None,
+    min_area: Annotated[
+        float, typer.Option("--min-area", metavar="M2", min=0, help="Leave smaller surfaces as measured.")
+    ] = 0.0,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="KINDS",
+            help="Continue these only: walls, floors, ceilings, pipes, planes, cylinders.",
+            show_default="all",
+        ),
+    ] = None,
     registration: Annotated[
         float, typer.Option("--registration", metavar="M", min=0, help="Error of poses, where scans hide it.")
     ] = 0.005,
@@ -202,6 +225,8 @@ def complete(
     """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
     request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units, up=up)
     wanted = parse_choices(export or (), ("obj", "e57"), "--export")
+    named = [kind.strip() for some in only or () for kind in some.split(",")]
+    kinds = parse_choices(named, _KINDS, "--only")
     if texture is not None and no_texture:
         raise typer.BadParameter("give --texture or --no-texture, not both")
     from nbv.commands.complete import CompleteRequest, run_complete
@@ -211,6 +236,9 @@ def complete(
         sigma_m=sigma,
         projector_m=projector,
         max_sd_m=max_sd,
+        flatness_m=flatness,
+        min_area_m2=min_area,
+        only=kinds,
         registration_m=registration,
         moves_scans=not keep_poses,
         texture=not no_texture,

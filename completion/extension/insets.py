@@ -28,7 +28,8 @@ def find_insets(
     """Find which plane each surface is an inset of: the nearest one through whose outline most of it is seen.
 
     A pane lies up to half a metre behind a parallel wall, and the beams that met it passed the wall's plane
-    inside the outline of what was measured of the wall. It ends at its reveal, wherever that is hidden.
+    inside the outline of what was measured of the wall. It ends at its reveal, wherever that is hidden. What
+    most of lies before the inside of a surface's own outline is a thing on it, no wall.
 
     Parameters
     ----------
@@ -65,6 +66,8 @@ def find_insets(
         candidates &= behind > _APART * np.hypot(sd[at], sd)
         for other in np.flatnonzero(candidates)[np.argsort(behind[candidates], kind="stable")]:
             wall, plane = planes[other]
+            if _share_inside(planes[at][1], points, beams[other][1]) >= _THROUGH:
+                continue  # a thing on it: a wall with a hole lies around what is seen through it
             if _share_through(plane, beams[other][1], origins, points) >= _THROUGH:
                 hosts[planes[at][0]] = wall
                 break
@@ -79,6 +82,12 @@ def _beams(merged: MergedSurface, observations: Sequence[Observation]) -> tuple[
         origins.append(np.broadcast_to(seen.scan.origin, points[-1].shape))
         trim()
     return np.concatenate(origins), np.concatenate(points)
+
+
+def _share_inside(plane: Plane, measured: FloatArray, points: FloatArray) -> float:
+    """Share of points (n, 3) whose feet on a plane lie inside the hull of its `measured` points."""
+    outline = MultiPoint(plane.to_uv(measured)).convex_hull
+    return float(np.mean(contains_xy(outline, *plane.to_uv(points).T)))
 
 
 def _share_through(wall: Plane, measured: FloatArray, origins: FloatArray, points: FloatArray) -> float:

@@ -197,6 +197,18 @@ def inflated(fit: SurfaceFit, points: FloatArray, block: float | None = None) ->
     return replace(fit, covariance=fit.covariance * excess, inflation=fit.inflation * excess)
 
 
+def warped(fit: SurfaceFit, points: FloatArray, relief_m: float) -> SurfaceFit:
+    """Return the fit with a covariance that allows for a warp as long as its `points` (n, 3).
+
+    Such a warp is one sample of the surface, not many: it adds s^2 (mean g g')^-1, with s the relief in
+    metres and g the gradient of the surface's height by its parameters.
+    """
+    gradient = fit.gradient(points)
+    moment = gradient.T @ gradient / len(points)
+    warp = relief_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
+    return replace(fit, covariance=fit.covariance + warp)
+
+
 def _chart_origin(surface: Surface) -> FloatArray:
     if isinstance(surface, Sphere):
         return surface.centre

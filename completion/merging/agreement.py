@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.evidence.form import Form, form_of
-from completion.fitting.result import SurfaceFit
+from completion.fitting.result import SurfaceFit, warped
 from completion.merging.plane_pairs import compare_plane_pairs, compare_planes, density
 from scenes.checks import FloatArray, IntArray
 
@@ -70,13 +70,10 @@ class Part:
         Such a warp is one sample of the surface, not many. It adds s^2 (mean g g')^-1 to the covariance, with
         s the systematic error and g the gradient of the surface's height by its parameters.
         """
-        gradient = fit.gradient(points)
-        moment = gradient.T @ gradient / len(points)
-        systematic = systematic_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
         few = points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
         return cls(
             fit=fit,
-            covariance=fit.covariance + systematic,
+            covariance=warped(fit, points, systematic_m).covariance,
             points=points,
             scale=scale,
             few=few,

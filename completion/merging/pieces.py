@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting.result import SurfaceFit
+from completion.fitting.result import SurfaceFit, warped
 from completion.merging.agreement import Part, PoseDoubt
 from completion.observe.observation import Observation
 from completion.observe.pixel_set import PixelSet, ScanPixels
@@ -35,6 +35,7 @@ class Piece:
     n_pixels: int
     systematic_m: float  # error that neighbouring ranges have in common
     sample: tuple[tuple[int, NDArray[np.int32]], ...]  # by scan: flat pixels of the points in `part`
+    relief_m: float = 0.0  # how far it strays from its plane, rms beyond noise and sensor, metres
 
     @classmethod
     def of_region(cls, scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> Piece:
@@ -57,6 +58,7 @@ class Piece:
             n_pixels=n_pixels,
             systematic_m=systematic,
             sample=((scan, pixel),),
+            relief_m=region.relief_m,
         )
 
     @classmethod
@@ -87,6 +89,7 @@ class Piece:
             n_pixels=int(weight.sum()),
             systematic_m=systematic,
             sample=sample,
+            relief_m=_relief_of(pieces),
         )
 
     def thinned(self, share: float) -> list[tuple[int, NDArray[np.int32]]]:
@@ -141,8 +144,26 @@ def fit_groups(
     surfaces = [starts[k].surface for k in several]
     chosen = [pixels[k] for k in several]
     fits = refit_each(surfaces, observations, chosen, tolerance.flatness_m, n_rounds=2)
-    anew = {k: fit for k, fit in zip(several, fits, strict=True) if fit is not None}
+    anew = {
+        k: _with_relief(fit, groups[k], tolerance.flatness_m)
+        for k, fit in zip(several, fits, strict=True)
+        if fit is not None
+    }
     return [Fitted(own, anew.get(k, starts[k])) for k, own in enumerate(pixels)]
+
+
+def _relief_of(pieces: Sequence[Piece]) -> float:
+    """How far some pieces of one surface stray from their planes, the mean by pixels, metres."""
+    weights = [one.n_pixels for one in pieces]
+    return float(np.sqrt(np.average([one.relief_m**2 for one in pieces], weights=weights)))
+
+
+def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) -> SurfaceFit:
+    """The fit to some pieces, with their relief as a warp as long as all of them where that is uneven."""
+    relief = _relief_of(pieces)
+    if relief <= flatness_m:
+        return fit
+    return warped(fit, np.concatenate([one.part.points for one in pieces]), relief)
 
 
 def _together(pieces: Sequence[Piece]) -> tuple[tuple[int, PixelSet], ...]:

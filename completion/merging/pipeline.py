@@ -12,7 +12,6 @@ from completion.evidence.sight import sight_of
 from completion.merging.agreement import Part, compare_all, lies_on, log_evidence_of_height
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
-from completion.merging.groups import Groups
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece, fit_groups
 from completion.merging.prior import Prior
@@ -21,6 +20,7 @@ from completion.merging.verdicts import Verdicts
 from completion.observe.observation import Beams, Observation
 from completion.observe.refits.refitting import improve
 from completion.observe.tolerance import Tolerance
+from completion.segmentation.groups import Groups
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim

@@ -15,6 +15,7 @@ from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
 from completion.evidence.registration.registration import Registration
+from completion.extension.choice import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.observe.observation import Observation
@@ -209,6 +210,8 @@ class CompletedModel:
     world_from_reference: Pose
     key_frames: tuple[int, ...]
     registration: Registration
+    flatness_m: float
+    choice: Choice
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

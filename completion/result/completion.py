@@ -59,6 +59,10 @@ class Completion(CompletedModel):
         Numbers, from 0, of the scans that show something new; all of up to 64.
     registration : Registration
         What the scans say of each other's poses, and by how much they were moved for it.
+    flatness_m : float
+        How far real surfaces were taken to stray from their ideal form, metres.
+    choice : Choice
+        Which surfaces were wanted.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

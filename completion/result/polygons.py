@@ -12,6 +12,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.extension.choice import role_of
 from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.openings import Opening
@@ -22,7 +23,6 @@ from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 FORMAT = "unseen polygons 1"
-_LEVEL, _UPRIGHT = float(np.cos(np.radians(10.0))), float(np.sin(np.radians(10.0)))
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
 
@@ -64,7 +64,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
     area, boundary = surface.polygon, _BoundaryCells.of(patch.grid, surface.outline)
     return {
         "id": number,
-        "role": _role(normal, encloses=patch.limits.encloses),
+        "role": role_of(normal, encloses=patch.limits.encloses),
         "plane": {
             "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
             "normal": normal.tolist(),
@@ -85,15 +85,6 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
         ],
         "openings": [_opening(completion, patch, normal, found) for found in surface.openings],
     }
-
-
-def _role(normal: FloatArray, *, encloses: bool) -> str:
-    """What a plane is to the room: its normal points inwards, and z is up."""
-    if not encloses:
-        return "surface"
-    if abs(normal[2]) >= _LEVEL:
-        return "floor" if normal[2] > 0 else "ceiling"
-    return "wall" if abs(normal[2]) <= _UPRIGHT else "surface"
 
 
 def _ring(
@@ -144,7 +135,7 @@ def _stretches(
 def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
     points = completion.world_from_reference.apply(found.points)
-    is_wall = patch.limits.encloses and abs(normal[2]) <= _UPRIGHT
+    is_wall = role_of(normal, encloses=patch.limits.encloses) == "wall"
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
     across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
     across /= np.linalg.norm(across)

@@ -151,6 +151,8 @@ def completion_record(completion: CompletedModel, verification: Verification | N
             }
             for seen in completion.observations
         ],
+        "flatness_m": completion.flatness_m,
+        "choice": {**asdict(completion.choice), "only": list(completion.choice.only)},
         "projector": [seen.shadow._asdict() for seen in completion.observations],
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},

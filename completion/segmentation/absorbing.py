@@ -44,7 +44,7 @@ def absorb(
     enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
     sums = _distances(
         labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays,
-        observation.noise.numbers(), options.flatness_m, options.n_sigma,
+        observation.noise.numbers(), options.least_flatness_m, options.n_sigma,
     )  # fmt: skip
     goes_to = np.arange(n + 1)
     for i in np.flatnonzero(enclosed).tolist():
@@ -53,7 +53,7 @@ def absorb(
             continue
         middle = (observation.scan.origin + mean / count)[None]
         gap = abs(sums[i, 6] / count)
-        stray = np.hypot(options.flatness_m, observation.noise.bias(np.array([reach / count]))[0])
+        stray = np.hypot(options.least_flatness_m, observation.noise.bias(np.array([reach / count]))[0])
         cosine = float(surfaces[i].normal(middle)[0] @ surfaces[host[i]].normal(middle)[0])
         if gap <= options.n_sigma * stray and cosine >= np.cos(np.radians(options.max_angle_deg)):
             goes_to[i + 1] = goes_to[host[i] + 1]

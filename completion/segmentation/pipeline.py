@@ -20,6 +20,7 @@ from completion.segmentation.competition import compete
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
 from completion.segmentation.growing import CHI2_3, Cluster, grow_plane, quadratic, tile_cut
 from completion.segmentation.regions import Region, SegmentationOptions, split_parts
+from completion.segmentation.relief import join_relief
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
@@ -37,20 +38,22 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     than its noise, a cylinder grows from it instead. Then pixels compete: each goes to the surface near by
     that it fits best. What is left over is cut into finer tiles, for small faces. Connected parts are
     refitted, errors along the rays; warps go back to the surface around them, and edges that the sensor has
-    rounded to the planes that meet there; and pixels compete once more.
+    rounded to the planes that meet there; and pixels compete once more. Pieces that an uneven plane broke
+    into are joined.
     """
     labels, models, tiles = _grow(observation, options)
     labels, surfaces = split_parts(labels, models, observation, options)
-    placed = improve(surfaces, [Beams.of(observation, labels).thinned(_THINNING)], options.flatness_m)
+    placed = improve(surfaces, [Beams.of(observation, labels).thinned(_THINNING)], options.least_flatness_m)
     surfaces = [new or old for new, old in zip(placed, surfaces, strict=True)]
     models = np.array([pack(surface, observation.scan.origin) for surface in surfaces]).reshape(-1, 9)
     labels = absorb(labels, models, surfaces, observation, options)
     labels = sharpen_creases(labels, models, observation)
     labels = compete(labels, models, observation, tiles, options)
     labels, surfaces = split_parts(labels, models, observation, options)
-    fits = refit(surfaces, [observation], [labels], options.flatness_m)
+    fits = refit(surfaces, [observation], [labels], options.least_flatness_m)
     each = PixelSet.by_label(labels, len(fits))
-    return [Region(fit, pixels) for fit, pixels in zip(fits, each, strict=True) if fit is not None]
+    regions = [Region(fit, pixels) for fit, pixels in zip(fits, each, strict=True) if fit is not None]
+    return join_relief(regions, observation, options)
 
 
 def _grow(
@@ -61,13 +64,13 @@ def _grow(
     side = tile_side(scan.ranges, observation.noise.numbers(), spacing)
     noise = observation.noise.numbers(bulge=_BULGE * spacing)
     labels, models = np.zeros(scan.shape, np.int32), np.zeros((0, 9))
-    tiles = cut_tiles(scan.ranges, observation.rays, noise, options.flatness_m, side)
+    tiles = cut_tiles(scan.ranges, observation.rays, noise, options.least_flatness_m, side)
     fine = tiles
     for thorough in (False, True):
         if thorough:
             left = np.where(labels == 0, scan.ranges, np.inf)
             half = max(LEAST_TILE, side // 2)
-            fine = cut_tiles(left, observation.rays, noise, options.flatness_m, half)
+            fine = cut_tiles(left, observation.rays, noise, options.least_flatness_m, half)
         clusters = find_clusters(fine, observation, options, thorough=thorough)
         labels = _numbered(labels, clusters, fine, len(models))
         models = np.concatenate([models, *(cluster.model[None] for cluster in clusters)])

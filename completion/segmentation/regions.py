@@ -28,9 +28,10 @@ class SegmentationOptions:
     ----------
     n_sigma : float
         A pixel belongs to a surface within this many standard deviations.
-    flatness_m : float
+    flatness_m : float, optional
         How far a real surface may differ from its ideal form, beside the noise, metres; in all stages,
-        unless `EvidenceOptions.flatness_m` says otherwise.
+        unless `EvidenceOptions.flatness_m` says otherwise. When None, it is read off the scans, and pieces
+        that an uneven surface broke into are joined by how uneven they are (`segmentation.relief`).
     max_angle_deg : float
         Largest angle between a tile's normal and the surface's, beside the normal's error.
     min_pixels : int
@@ -42,7 +43,7 @@ class SegmentationOptions:
     """
 
     n_sigma: float = 3.0
-    flatness_m: float = FLATNESS_M
+    flatness_m: float | None = None
     max_angle_deg: float = 25.0
     min_pixels: int = 80
     min_arc_deg: float = 20.0
@@ -59,6 +60,11 @@ class SegmentationOptions:
             max_regions=(0, np.inf),
         )
 
+    @property
+    def least_flatness_m(self) -> float:
+        """Unevenness that any surface may have, before its own is known, metres."""
+        return FLATNESS_M if self.flatness_m is None else self.flatness_m
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
@@ -66,6 +72,7 @@ class Region:
 
     fit: SurfaceFit  # its surface, in the working frame
     pixels: PixelSet
+    relief_m: float = 0.0  # how far it strays from it, rms beyond noise and sensor, metres
 
     @property
     def n_pixels(self) -> int:

@@ -18,6 +18,7 @@ from completion.pipeline import complete, verify_first
 from completion.result.completion import Completion, write_model
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
+from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
@@ -27,7 +28,7 @@ from scenes.files.scan_request import ScanRequest, read_request
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CompleteRequest:
-    """How scans are to be completed, in metres; what is None is read off each scan: noise, projector.
+    """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
     `search` is that of textures, `edits` a file, `exports` the formats ("obj", "e57") beside those that are
     always written, `scheduler` who works; results do not depend on it.
@@ -44,6 +45,9 @@ class CompleteRequest:
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
     projector_m: float | None = None
+    flatness_m: float | None = None
+    min_area_m2: float = 0.0
+    only: tuple[str, ...] = ()
     scheduler: str | None = None
 
     def resolved(self) -> CompletionOptions:
@@ -55,7 +59,10 @@ class CompleteRequest:
             max_sd_m=self.max_sd_m,
             registration_m=self.registration_m,
             moves_scans=self.moves_scans,
+            min_area_m2=self.min_area_m2,
+            only=self.only,
             texture=self.texture,
+            segmentation=SegmentationOptions(flatness_m=self.flatness_m),
             evidence=EvidenceOptions(cell_m=self.cell_m),
             texturing=TexturingOptions(search=self.search),
             edits=() if self.edits is None else read_edits(self.edits),
@@ -142,6 +149,8 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
+        "flatness_m": completion.flatness_m,
+        "left_out": completion.choice.n_left_out,
         "edits": len(completion.edits),
         **_poses_of(completion),
     }
@@ -168,6 +177,8 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
         f"inferred  {square_metres(inferred)} m2{share}",
         f"inferred where a beam went through: {square_metres(completion.free_space_violation_m2)} m2",
     ]
+    if completion.choice.n_left_out:
+        lines.append(f"left as measured: {count(completion.choice.n_left_out, 'other surface')}")
     lines += _lines_of_poses(completion)
     if verification is not None:
         confirmed, refuted, hidden = (

@@ -168,7 +168,21 @@ def surface_blocks(completion: Completion) -> tuple[Block, ...]:
         "rms: distance of the measured points from the fitted surface. Radii carry their standard deviation "
         "from the fit. Inferred area is a hypothesis: completion.json says why each boundary ends there."
     )
-    return Table(columns, rows), Text(note, is_note=True)
+    return Table(columns, rows), Text(" ".join((note, *_assumed(completion))), is_note=True)
+
+
+def _assumed(completion: Completion) -> tuple[str, ...]:
+    """How uneven surfaces were taken to be, and which were left out."""
+    told, choice = (
+        [f"Surfaces were taken to be flat to {1000 * completion.flatness_m:.2g} mm."],
+        completion.choice,
+    )
+    if choice.only or choice.min_area_m2 > 0:
+        wanted = ", ".join(choice.only) or "surfaces of all kinds"
+        least = f" of at least {choice.min_area_m2:g} m\u00b2" if choice.min_area_m2 > 0 else ""
+        others = count(choice.n_left_out, "other is", "others are")
+        told.append(f"Only {wanted}{least} were asked for; {others} shown as measured, without number.")
+    return tuple(told)
 
 
 def _row(number: int, patch: Patch) -> tuple[Cell, ...]:

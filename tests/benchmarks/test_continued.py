@@ -7,8 +7,13 @@ import pytest
 from benchmarks.completion.scenes.cases import hypothesis_of
 from benchmarks.completion.scores.continued import continued_area
 from completion import CompletionOptions, complete
+from completion.extension.patch import Provenance
+from nbv import PinholeSensor, scan_scene
 from scenes.checks import InputError
+from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Cylinder
+from scenes.world.builtin import builtin_scene
 from tests.helpers.evaluation_examples import plain_wall
 
 
@@ -20,9 +25,25 @@ def test_area_counts_for_the_thing_that_it_is_continued_from() -> None:
     held = continued_area(completed, hypothesis, [wall.scan], is_wall)
     assert held.n_surfaces == 1
     assert held.enclosed_m2 > 0.3
-    assert held.beyond_m2 == 0
+    assert held.beyond_m2 == held.turned_m2 == 0
     others = continued_area(completed, hypothesis, [wall.scan], ~is_wall)
-    assert others.enclosed_m2 + others.beyond_m2 == 0
+    assert others.enclosed_m2 + others.turned_m2 + others.beyond_m2 == 0
     blind = RangeImage(wall.scan.ranges, wall.scan.projection, wall.scan.world_from_sensor, name="blind")
     with pytest.raises(InputError, match="blind: has no truth"):
         continued_area(completed, hypothesis, [blind], is_wall)
+
+
+def test_backs_of_round_things_are_counted_apart() -> None:
+    scene = builtin_scene("drum_and_post")
+    pose = Pose.looking_at((0.6, 0.6, 1.5), (3.0, 2.4, 0.8))
+    scan = scan_scene(scene, pose, PinholeSensor(fov_deg=75, width=160, height=120), truth=True, rng=0)
+    completed = complete([scan], CompletionOptions(texture=False), rng=0)
+    hypothesis = hypothesis_of(completed, [scan])
+    is_round = np.array([isinstance(surface, Cylinder) for surface in scene.surfaces])
+    held = continued_area(completed, hypothesis, [scan], is_round)
+    turned = sum(
+        float(np.count_nonzero(patch.provenance == Provenance.FULL_TURN)) * patch.grid.cell_area
+        for patch in completed.patches
+    )
+    assert held.turned_m2 == pytest.approx(turned, rel=0.1)
+    assert held.turned_m2 > 0.1

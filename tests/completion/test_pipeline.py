@@ -19,7 +19,7 @@ from completion import (
     complete,
     pipeline,
 )
-from completion.observe.tolerance import Tolerance
+from completion.observe.tolerance import FLATNESS_M, Tolerance
 from completion.result.record import completion_record, display_mesh, model_parts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
@@ -260,7 +260,7 @@ def test_registration_and_flatness_have_one_home_and_the_stage_may_say_otherwise
     assert CompletionOptions(segmentation=rough).tolerance(1).flatness_m == 0.01
     apart = CompletionOptions(segmentation=rough, evidence=EvidenceOptions(flatness_m=0.002))
     assert apart.tolerance(1).flatness_m == 0.002
-    assert one.flatness_m == SegmentationOptions().flatness_m
+    assert one.flatness_m == SegmentationOptions().least_flatness_m == FLATNESS_M
 
 
 def test_what_is_said_of_registration_and_flatness_reaches_merging_evidence_and_audit(monkeypatch):
@@ -319,6 +319,8 @@ def test_the_face_is_complete():
         (CompletionOptions, "max_sd_m", -0.02),
         (SegmentationOptions, "min_pixels", 2),
         (SegmentationOptions, "max_angle_deg", 100.0),
+        (CompletionOptions, "min_area_m2", np.nan),
+        (SegmentationOptions, "flatness_m", -0.001),
         (EvidenceOptions, "flatness_m", np.nan),
         (TexturingOptions, "max_texels", 0),
     ],

@@ -2,8 +2,8 @@
 """`python -m benchmarks.completion.ledger.things`: what is continued of figures, chairs and plants.
 
 Each thing stands in a bare room of its own and is seen by three frames; each frame is completed alone. What
-is inferred of surfaces that were measured on the thing is counted: in holes that they enclose, and beyond,
-which should be nothing.
+is inferred of surfaces that were measured on the thing is counted: in holes that they enclose, on the backs
+of round limbs and pots, and beyond, which should be nothing.
 """
 
 from __future__ import annotations
@@ -44,18 +44,21 @@ def things(
             thing_of_file(seed, "oak chair", OAK_CHAIR, up="y", unit_m=0.01)
             for seed in range(first, first + _N_OAK)
         ]
-    totals = {kind: np.zeros(4) for kind in (*KINDS, "oak chair")}
+    totals = {kind: np.zeros(5) for kind in (*KINDS, "oak chair")}
     for thing in made:
         for number, one in enumerate(continued_of(thing, options)):
-            totals[thing.kind] += [1, one.n_surfaces, one.enclosed_m2, one.beyond_m2]
+            totals[thing.kind] += [1, one.n_surfaces, one.enclosed_m2, one.turned_m2, one.beyond_m2]
             print(
                 f"{thing.kind} {thing.seed}, frame {number}: {one.n_surfaces} surfaces, "
-                f"enclosed {one.enclosed_m2:.3f} m2, beyond {one.beyond_m2:.3f} m2",
+                f"enclosed {one.enclosed_m2:.3f} m2, backs {one.turned_m2:.3f} m2, "
+                f"beyond {one.beyond_m2:.3f} m2",
                 flush=True,
             )
-    print("\n| | frames | surfaces | in enclosed holes m2 | beyond m2 |\n|---|---|---|---|---|")
-    for kind, (frames, surfaces, enclosed, beyond) in totals.items():
-        print(f"| {kind} | {frames:.0f} | {surfaces:.0f} | {enclosed:.3f} | {beyond:.3f} |")
+    print("\n| | frames | surfaces | in enclosed holes m2 | on backs m2 | beyond m2 |")
+    print("|---|---|---|---|---|---|")
+    for kind, (frames, surfaces, *areas) in totals.items():
+        enclosed, turned, beyond = (f"{area:.3f}" for area in areas)
+        print(f"| {kind} | {frames:.0f} | {surfaces:.0f} | {enclosed} | {turned} | {beyond} |")
 
 
 if __name__ == "__main__":

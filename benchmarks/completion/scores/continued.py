@@ -11,11 +11,14 @@ import numpy as np
 from benchmarks.completion.truth.hypothesis import Hypothesis
 from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
+from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import BoolArray, InputError
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.scan.range_image import RangeImage
 
-_ENCLOSED = Provenance.INTERIOR.name.lower()
+_ENCLOSED, _TURNED = (
+    PROVENANCE_NAMES[str(kind.value)] for kind in (Provenance.INTERIOR, Provenance.FULL_TURN)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +31,15 @@ class Continued:
         Surfaces of which more than half of the pixels lie on the thing.
     enclosed_m2 : float
         Inferred area in holes that their measured part encloses.
+    turned_m2 : float
+        Inferred backs of its cylinders: round where they were measured, no continuation of their length.
     beyond_m2 : float
         All other inferred area of theirs.
     """
 
     n_surfaces: int
     enclosed_m2: float
+    turned_m2: float
     beyond_m2: float
 
 
@@ -67,10 +73,14 @@ def continued_area(
         np.add.at(pixels, (owner[known], on_thing), 1)
     of_thing = pixels[1:, 1] > pixels[1:, 0]
     areas = triangle_areas(hypothesis.vertices[hypothesis.faces])
-    enclosed = np.array([reason == _ENCLOSED for reason in hypothesis.reasons])[hypothesis.face_reason]
+    enclosed, turned = (
+        np.array([reason == kind for reason in hypothesis.reasons])[hypothesis.face_reason]
+        for kind in (_ENCLOSED, _TURNED)
+    )
     counted = of_thing[hypothesis.surface]
     return Continued(
         n_surfaces=int(of_thing.sum()),
         enclosed_m2=float(areas[counted & enclosed].sum()),
-        beyond_m2=float(areas[counted & ~enclosed].sum()),
+        turned_m2=float(areas[counted & turned].sum()),
+        beyond_m2=float(areas[counted & ~enclosed & ~turned].sum()),
     )

@@ -76,3 +76,19 @@ def test_fewer_than_two_surfaces_have_no_insets(n: int) -> None:
     completed = facade()
     found = find_insets([one.source for one in completed.patches[:n]], completed.observations, 0.005)
     assert found.tolist() == [-1] * n
+
+
+def test_a_wall_is_no_inset_of_the_moulding_on_it() -> None:
+    build = SceneBuilder("panelled", "room")
+    build.add_rectangle("floor", (-2, 0, -1), (4, 0, 0), (0, 3, 0), GREY)
+    build.add_rectangle("wall", (-2, WALL_Y, -1), (4, 0, 0), (0, 0, 2), GREY)
+    hole = [(0.15, 0.15, 2.25, 1.45)]
+    build.add_panel("moulding", (-1.2, WALL_Y - 0.04, -0.8), (2.4, 0, 0), (0, 0, 1.6), GREY, hole)
+    pose = Pose.looking_at((0, 0, 0), (0, 1, 0))
+    scan = scan_scene(build.finish(), pose, CAMERA, noise="gaussian-2mm", rng=0)
+    completed = complete(scan, CompletionOptions(texture=False), rng=0)
+    sources = [one.source for one in completed.patches]
+    depth = np.array([one.points(completed.observations)[:, 2].mean() for one in sources])
+    assert np.count_nonzero(np.abs(depth - WALL_Y) < 0.01) == 1
+    assert np.count_nonzero(np.abs(depth - WALL_Y + 0.04) < 0.01) >= 1
+    assert (find_insets(sources, completed.observations, 0.001) < 0).all()

@@ -203,7 +203,7 @@ def test_the_outline_of_a_floor_lies_on_the_walls(room):
 def test_openings_say_their_kind_and_size():
     found = complete(wall_with_openings(), CompletionOptions(texture=False))
     record = polygons_record(found)
-    (wall,) = (surface for surface in record["surfaces"] if surface["role"] == "wall")
+    wall = next(surface for surface in record["surfaces"] if surface["role"] == "wall")
     assert [opening["kind"] for opening in wall["openings"]] == ["window", "door"]
     window, door = wall["openings"]
     pixel = 3.0 * found.observations[0].scan.projection.pixel_angle

@@ -375,6 +375,9 @@ def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
         "sigma": (*plain, "--sigma", 0.01),
         "millimetres": (*plain, "--units", "mm"),
         "coarse": (*plain, "--resolution", 0.08),
+        "uneven": (*plain, "--flatness", 0.02),
+        "floors": (*plain, "--only", "floors,cylinders"),
+        "large": (*plain, "--min-area", 5.0),
         "textured": ("--quiet",),
         "seeded": ("--quiet", "--seed", 5),
     }
@@ -396,6 +399,37 @@ def test_the_cells_and_the_search_are_told(scan, tmp_path):
     both = CliRunner().invoke(app, ["complete", str(scan), "--no-texture", "--texture", "exact"])
     assert both.exit_code == 2
     assert "give --texture or --no-texture, not both" in both.stderr
+
+
+def test_what_is_wanted_is_told(scan, tmp_path):
+    said = succeed(
+        "complete", scan, "--only", "floors, pipes", "--only", "ceilings", "--no-texture", "-o", tmp_path
+    )
+    assert "left as measured: " in said.stdout
+    record = json.loads((tmp_path / "completion.json").read_text())
+    assert record["choice"]["only"] == ["floors", "pipes", "ceilings"]
+    assert record["choice"]["n_left_out"] > 0
+    page = (tmp_path / "report.html").read_text()
+    assert "Only floors, pipes, ceilings were asked for" in page
+    assert "flat to 1 mm" in page
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "word"),
+    [
+        ("--only", "walls,doors", "'doors' is none of walls, floors, ceilings, pipes, planes, cylinders"),
+        ("--only", "", "'' is none of walls"),
+        ("--min-area", "-1", "'--min-area': Input should be greater"),
+        ("--min-area", "nan", "Input should be greater"),
+        ("--flatness", "-0.01", "'--flatness': Input should be greater"),
+        ("--flatness", "inf", "flatness_m must be"),
+    ],
+)
+def test_nonsense_about_what_is_wanted_is_refused_in_one_line(option, value, word, scan, tmp_path):
+    said = CliRunner().invoke(app, ["complete", str(scan), option, value, "-o", str(tmp_path / "out")])
+    assert said.exit_code in (1, 2)
+    assert word in " ".join(said.stderr.split())
+    assert "Traceback" not in said.stderr
 
 
 @pytest.mark.parametrize("side", ["nan", "inf", "0", "-1", "2", "1e-9"])

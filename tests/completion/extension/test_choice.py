@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+import json
+
+import numpy as np
+import pytest
+
+from completion import CompletionOptions, complete
+from completion.edits.edit import Anchor, Edit
+from completion.extension.choice import KINDS, is_chosen, role_of
+from completion.result.polygons import polygons_record
+from nbv.cli import _KINDS
+from scenes.checks import InputError
+from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
+from tests.helpers.completion_examples import completed, example
+
+UP = np.array([0.0, 0.0, 1.0])
+FLOOR, WALL, CEILING = (Plane((0, 0, 0), normal) for normal in ((0, 0, 1), (1, 0, 0), (0, 0.1, -1)))
+SLOPE, BALL = Plane((0, 0, 0), (0, 1, 1)), Sphere((0, 0, 0), 1.0)
+PIPE, VAULT = (Cylinder((0, 0, 0), (1, 0, 0), 0.1, None, concave) for concave in (False, True))
+
+
+@pytest.mark.parametrize(
+    ("surface", "kinds"),
+    [
+        (FLOOR, {"floors", "planes"}),
+        (WALL, {"walls", "planes"}),
+        (CEILING, {"ceilings", "planes"}),
+        (SLOPE, {"planes"}),
+        (PIPE, {"pipes", "cylinders"}),
+        (VAULT, {"cylinders"}),
+        (BALL, set()),
+    ],
+)
+def test_kinds_are_roles_and_shapes(surface, kinds):
+    chosen = {kind for kind in KINDS if is_chosen(surface, (kind,), encloses=True, up=UP)}
+    assert chosen == kinds
+    assert is_chosen(surface, (), encloses=False, up=UP)
+    inside = {kind for kind in KINDS if is_chosen(surface, (kind,), encloses=False, up=UP)}
+    assert inside == kinds - {"walls", "floors", "ceilings"}
+
+
+def test_the_command_knows_the_same_kinds():
+    assert _KINDS == KINDS
+
+
+def test_a_plane_that_does_not_enclose_has_no_role():
+    assert role_of(UP, encloses=False) == role_of(SLOPE.normal_direction, encloses=True) == "surface"
+
+
+def test_unknown_kinds_are_refused_by_name():
+    with pytest.raises(InputError, match=r"only must be some of walls, floors, .* got 'doors'"):
+        CompletionOptions(only=("walls", "doors"))
+
+
+def test_what_is_left_out_is_measured_and_bounds_the_rest():
+    every = completed("two_occluders", "gaussian-2mm", pixels=96)
+    scan = example("two_occluders", "gaussian-2mm", pixels=96)
+    walls = complete(scan, CompletionOptions(texture=False, only=("walls", "floors")))
+    roles = [surface["role"] for surface in polygons_record(walls)["surfaces"]]
+    assert set(roles) <= {"wall", "floor"}
+    assert walls.choice.n_left_out == len(every.patches) - len(walls.patches) > 0
+    kept = [p for p in every.patches if role_of(_normal(every, p), encloses=p.limits.encloses) != "surface"]
+    area = {round(patch.observed_m2, 9): patch.hypothesised_m2 for patch in kept}
+    assert all(area[round(patch.observed_m2, 9)] == patch.hypothesised_m2 for patch in walls.patches)
+    owner, before = walls.owners[0], every.owners[0]
+    assert set(np.unique(owner)) == set(range(len(walls.patches) + 1))
+    assert np.count_nonzero(owner) < np.count_nonzero(before)
+    assert before[owner > 0].min() > 0
+    rest, _ = walls.derived.remainder
+    assert len(rest.faces) > len(every.derived.remainder[0].faces)
+    occluders = np.concatenate([patch.evidence.occluder.ravel() for patch in walls.patches])
+    assert occluders.max() <= len(walls.patches)
+
+
+def _normal(completion, patch):
+    surface = patch.grid.surface
+    if not isinstance(surface, Plane):
+        return np.zeros(3)
+    return completion.world_from_reference.rotate(surface.normal_direction[None])[0]
+
+
+def test_small_surfaces_are_left_out_unless_a_person_names_them(tmp_path):
+    every = completed("two_occluders", "gaussian-2mm", pixels=96)
+    scan = example("two_occluders", "gaussian-2mm", pixels=96)
+    least = float(np.median([patch.observed_m2 for patch in every.patches]))
+    large = complete(scan, CompletionOptions(texture=False, min_area_m2=least))
+    assert min(patch.observed_m2 for patch in large.patches) >= least
+    assert large.choice.n_left_out == sum(patch.observed_m2 < least for patch in every.patches)
+    large.save(tmp_path)
+    record = json.loads((tmp_path / "completion.json").read_text())
+    assert record["choice"] == {"only": [], "min_area_m2": least, "n_left_out": large.choice.n_left_out}
+    assert record["flatness_m"] == large.flatness_m == 0.001
+    number = int(np.argmin([patch.observed_m2 for patch in every.patches]))
+    edit = Edit(action="reject", surfaces=(Anchor(every.anchor(number + 1)),))
+    named = complete(scan, CompletionOptions(texture=False, min_area_m2=least, edits=(edit,)))
+    assert len(named.patches) == len(large.patches) + 1
+
+
+def test_nothing_may_be_left():
+    scan = example("two_occluders", "gaussian-2mm", pixels=96)
+    none = complete(scan, CompletionOptions(texture=False, min_area_m2=1e6))
+    assert none.patches == ()
+    assert none.hypothesised_m2 == 0
+    assert not none.owners[0].any()
