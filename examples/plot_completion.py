@@ -23,7 +23,8 @@ from nbv.report.completion_report import before_and_after
 from nbv.report.page.page import Gallery
 from nbv.report.pictures.camera import Camera, aside_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings
-from scenes import Pose, RangeImage, builtin_scene, read_scan
+from scenes import Pose, RangeImage, builtin_scene
+from scenes.files.scan_request import ScanRequest, read_request
 
 _GAP, _WIDTH = 12, 600
 _COLOURS = 160  # of a picture's palette
@@ -53,6 +54,8 @@ class Real:
     origin: str
     camera: int
     look_for: str
+    intrinsics: tuple[float, ...] | None = None
+    depth_scale: float | None = None
 
 
 BUILT_IN = (
@@ -118,6 +121,45 @@ REAL = (
         "The floor and the plinths under the pumps; pipes and motors close around their backs and end where "
         "beams passed.",
     ),
+    Real(
+        "nyu_dining",
+        "range/nyu_dining#1",
+        "NYU Depth, by slambook2",
+        0,
+        "The floor under table and chairs, and the moats of the projector's shadow round them.",
+        intrinsics=(518.0, 519.0, 325.5, 253.5),
+        depth_scale=1000.0,
+    ),
+    Real(
+        "living_room",
+        "range/align3d_sample2#1",
+        "align3d, MIT",
+        1,
+        "The floor behind armchair and table, the wall behind the plant; saw teeth at the edge of the view.",
+    ),
+    Real(
+        "icl_nuim",
+        "range/icl_nuim#1",
+        "ICL-NUIM, by slambook2",
+        0,
+        "Walls and floor behind sofa, table and lamp.",
+        intrinsics=(481.2, -480.0, 319.5, 239.5),
+        depth_scale=5000.0,
+    ),
+    Real(
+        "arcade",
+        "range/tdtk#1",
+        "3DTK, Osnabrueck",
+        1,
+        "An arcade by a laser scanner: the floor is still in pieces, and little is continued.",
+    ),
+    Real(
+        "tins",
+        "range/mOSD/learn33.pcd",
+        "mOSD",
+        0,
+        "The table top behind boxes and tins.",
+    ),
 )
 
 
@@ -132,7 +174,10 @@ def plot_built_in(scene: BuiltIn, folder: Path) -> str:
 
 def plot_real(real: Real, data: Path, folder: Path) -> str:
     """Write the shape as measured and with what is inferred marked; return the line of figures."""
-    scan = read_scan(data / real.path)
+    asked = ScanRequest(
+        (str(data / real.path),), intrinsics=real.intrinsics, depth_scale=real.depth_scale, up="auto"
+    )
+    (scan,) = read_request(asked).scans
     completed = complete(scan, CompletionOptions(texture=False), rng=0)
     stage = ModelDrawings.of(completed, in_colour=False)
     camera: Camera = aside_cameras(scan)[real.camera]
