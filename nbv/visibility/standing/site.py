@@ -16,7 +16,8 @@ from nbv.scanning.view import View
 from nbv.visibility.standing.clearance import CLEARANCE_M, Clearance
 from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import find_floors
-from nbv.visibility.standing.rooms import Room, Rooms, find_rooms
+from nbv.visibility.standing.partition import find_rooms
+from nbv.visibility.standing.rooms import Room, Rooms
 from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, line_positions, sensor_directions
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.world.scene import Scene

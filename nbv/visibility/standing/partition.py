@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: MIT
+"""Partition: a scene's floor parted into storeys and rooms, and which of them lie outside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from nbv.run.wording import count
+from nbv.visibility.standing.doorways import part_at_doorways
+from nbv.visibility.standing.floors import Floors
+from nbv.visibility.standing.rooms import Room, Rooms
+from scenes.checks import BoolArray, FloatArray
+from scenes.rays.raycast import RayCaster
+
+_STOREY_M = 1.5  # floors higher than this above the lowest of a storey are of the next one
+_LEVEL_M2 = 1.0  # of a level patch that makes a storey; treads are smaller
+_ROOM_M2 = 0.5  # smaller ones are niches; what is too narrow for a tripod is the inside of a wall
+_BACK, _MOSTLY_BACK = 0.9, 0.5  # of floor that turns its back: the inside of a solid,
+_ORDERLY = 0.1  # where no more than this of the largest floors does so from the second share on
+_OPEN = 0.5  # of a room's floor that lies under the sky, or
+_OPEN_SIDE = 0.25  # of its outline that is open to what does: outside
+_ROOFED = 0.2  # of all floor under ceilings: with less the model has none
+_ESCAPES = 0.5  # of the level rays from a floor without ceiling that meet no wall: outside
+_RAYS, _MOST_PLACES = 32, 50  # level rays from each of so many places of a floor
+_EYE_M = 1.5
+_PASSAGE_CELLS = 3  # fewer cells side by side are no way from room to room
+
+
+def find_rooms(floors: Floors, caster: RayCaster) -> Rooms:
+    """Part the floor of a scene into rooms.
+
+    Floor that turns its back is the inside of a solid, unless only such floor lies under ceilings. Floors
+    within one and a half metres of the lowest are a storey. Each storey is parted at its doorways
+    (`nbv.visibility.standing.doorways.part_at_doorways`).
+    """
+    columns, spans = floors.columns, np.flatnonzero(floors.is_floor)
+    walk = floors.walk[spans]
+    solid = _is_solid(walk, columns.shows_back[spans])
+    found = _parted(floors, caster, spans, solid[walk], ())
+    if solid.any() and all(room.is_outside for room in found.rooms):
+        turned = "all floor under ceilings turns its back upwards: its faces are taken to be turned over"
+        found = _parted(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
+    return found
+
+
+def _parted(
+    floors: Floors,
+    caster: RayCaster,
+    spans: NDArray[np.int64],
+    in_solid: BoolArray,
+    doubts: Sequence[str],
+) -> Rooms:
+    """Part the floor spans that lie in no solid (n,) into rooms."""
+    columns = floors.columns
+    inner = np.zeros(len(floors.is_floor), np.bool_)
+    inner[spans] = ~in_solid
+    solid_m2 = float(np.count_nonzero(in_solid)) * columns.cell_m**2
+    storey = _storeys(floors, inner)
+    region = np.zeros(len(inner), np.int64)
+    for number in range(1, int(storey.max(initial=0)) + 1):
+        part = part_at_doorways(columns, storey == number, caster)
+        region[storey == number] = np.where(part > 0, part + region.max(initial=0), 0)
+    region = _spread(region, storey > 0, floors.links)
+    return _described(floors, caster, region=region, storey=storey, solid_m2=solid_m2, doubts=doubts)
+
+
+def _is_solid(walk: NDArray[np.int64], shows_back: BoolArray) -> BoolArray:
+    """Tell which connected floors (w,) are the insides of solids, by their cells (n,)."""
+    n_cells = np.maximum(np.bincount(walk), 1)
+    backs = np.bincount(walk, shows_back) / n_cells
+    largest = np.argsort(-n_cells, kind="stable")
+    half = largest[: int(np.searchsorted(np.cumsum(n_cells[largest]), n_cells.sum() / 2)) + 1]
+    is_orderly = len(half) > 0 and float(np.average(backs[half], weights=n_cells[half])) <= _ORDERLY
+    return np.asarray(backs >= (_MOSTLY_BACK if is_orderly else _BACK))
+
+
+def _storeys(floors: Floors, inner: BoolArray) -> NDArray[np.int64]:
+    """Storey (n,) of each floor span, from 1; 0 for treads of stairs and what is no floor."""
+    columns = floors.columns
+    cell_m2 = columns.cell_m**2
+    n = int(floors.patch.max(initial=-1)) + 1
+    spans = np.flatnonzero(inner)
+    area = np.bincount(floors.patch[spans], minlength=n) * cell_m2
+    level = np.bincount(floors.patch[spans], columns.bottom[spans], n) / np.maximum(area / cell_m2, 1)
+    large = np.flatnonzero(area >= _LEVEL_M2)
+    of_patch = np.zeros(n, np.int64)
+    base, number = -np.inf, 0
+    for patch in large[np.argsort(level[large], kind="stable")]:
+        if level[patch] > base + _STOREY_M:
+            base, number = level[patch], number + 1
+        of_patch[patch] = number
+    storey = np.zeros(len(inner), np.int64)
+    storey[spans] = of_patch[floors.patch[spans]]
+    return storey
+
+
+def _spread(region: NDArray[np.int64], among: BoolArray, links: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Give floor spans `among` without region that of a span beside, ring by ring."""
+    region = region.copy()
+    both = np.vstack([links, links[:, ::-1]])
+    both = both[among[both].all(axis=1)]
+    while True:
+        open_ = both[(region[both[:, 0]] == 0) & (region[both[:, 1]] > 0)]
+        if not len(open_):
+            return region
+        order = np.lexsort((region[open_[:, 1]], open_[:, 0]))
+        first = np.unique(open_[order, 0], return_index=True)[1]
+        chosen = open_[order[first]]
+        region[chosen[:, 0]] = region[chosen[:, 1]]
+
+
+def _described(
+    floors: Floors,
+    caster: RayCaster,
+    *,
+    region: NDArray[np.int64],
+    storey: NDArray[np.int64],
+    solid_m2: float,
+    doubts: Sequence[str],
+) -> Rooms:
+    """Number the rooms and say what each is."""
+    columns, cell_m2 = floors.columns, floors.columns.cell_m**2
+    n = int(region.max(initial=0)) + 1
+    area = np.bincount(region, minlength=n) * cell_m2
+    area[0] = 0.0
+    of = np.zeros(n, np.int64)
+    np.maximum.at(of, region, storey)
+    holds = np.bincount(region, floors.can_stand, n) > 0
+    large = np.flatnonzero((area >= _ROOM_M2) & holds)
+    order = large[np.lexsort((large, -area[large], of[large]))]
+    number = np.zeros(n, np.int32)
+    number[order] = np.arange(1, len(order) + 1)
+    room = number[region]
+    outside = _outside(floors, room, len(order))
+    whole = area[order]
+    if len(order) and whole[~outside].sum() < _ROOFED * whole.sum():
+        outside = _unwalled(floors, room, len(order), caster)
+        doubts = [
+            *doubts,
+            f"no ceiling over {whole.sum():.0f} m2 of floor: {count(int((~outside).sum()), 'floor')} "
+            "with walls around are taken for rooms",
+        ]
+    joined, stairs = _ways(floors, room, storey, len(order))
+    found = []
+    for one, source in enumerate(order.tolist(), start=1):
+        spans = np.flatnonzero(room == one)
+        found.append(
+            Room(
+                number=one,
+                storey=int(of[source]),
+                floor_m2=float(area[source]),
+                level_m=float(np.median(columns.bottom[spans])),
+                ceiling_m=_ceiling(columns.top[spans]),
+                place=_middle(floors, spans),
+                is_outside=bool(outside[one - 1]),
+                joined=tuple(sorted(joined[one])),
+                stairs=tuple(sorted(stairs[one])),
+            )
+        )
+    return Rooms(floors, room, tuple(found), solid_m2, tuple(doubts))
+
+
+def _outside(floors: Floors, room: NDArray[np.int32], n_rooms: int) -> BoolArray:
+    """Tell which rooms (n_rooms,) lie under the sky, or are wide open to what does."""
+    sky = np.isinf(floors.columns.top)
+    size = np.maximum(np.bincount(room, minlength=n_rooms + 1), 1)
+    outside = np.bincount(room, sky, n_rooms + 1) / size >= _OPEN
+    outline = 4.0 * size - np.bincount(room[floors.links].ravel(), minlength=n_rooms + 1)
+    while True:
+        one, other = room[floors.links].T
+        crossing = one != other
+        open_ = np.bincount(one[crossing], outside[other[crossing]], n_rooms + 1)
+        open_ += np.bincount(other[crossing], outside[one[crossing]], n_rooms + 1)
+        wide = outside | (open_ / np.maximum(outline, 1) >= _OPEN_SIDE)
+        wide[0] = False
+        if (wide == outside).all():
+            return np.asarray(outside[1:])
+        outside = wide
+
+
+def _unwalled(floors: Floors, room: NDArray[np.int32], n_rooms: int, caster: RayCaster) -> BoolArray:
+    """Tell from which rooms (n_rooms,) most level rays meet no wall."""
+    turn = 2 * np.pi * (np.arange(_RAYS) + 0.3) / _RAYS
+    around = np.stack([np.cos(turn), np.sin(turn), np.zeros(_RAYS)], axis=1)
+    columns, outside = floors.columns, np.zeros(n_rooms, np.bool_)
+    for number in range(1, n_rooms + 1):
+        spans = np.flatnonzero(room == number)
+        spans = spans[:: -(-len(spans) // _MOST_PLACES)]
+        origins = np.column_stack([columns.places(columns.cell[spans]), columns.bottom[spans] + _EYE_M])
+        hits = caster.first_hit(np.repeat(origins, _RAYS, axis=0), np.tile(around, (len(origins), 1)))
+        outside[number - 1] = float(hits.hit.mean()) < 1 - _ESCAPES
+    return outside
+
+
+def _ways(
+    floors: Floors, room: NDArray[np.int32], storey: NDArray[np.int64], n_rooms: int
+) -> tuple[list[set[int]], list[set[int]]]:
+    """Rooms that each room is joined to directly, and by treads of stairs."""
+    joined: list[set[int]] = [set() for _ in range(n_rooms + 1)]
+    stairs: list[set[int]] = [set() for _ in range(n_rooms + 1)]
+    one, other = room[floors.links].T
+    key = np.sort(np.column_stack([one, other])[(one != other) & (one > 0) & (other > 0)], axis=1)
+    pairs, times = np.unique(key, axis=0, return_counts=True)
+    for (first, second), n in zip(pairs.tolist(), times.tolist(), strict=True):
+        if n >= _PASSAGE_CELLS:
+            joined[first].add(second)
+            joined[second].add(first)
+    tread = floors.is_floor & (room == 0)
+    inner = floors.links[tread[floors.links].all(axis=1)]
+    graph = coo_array((np.ones(len(inner), np.int8), inner.T), shape=(len(room), len(room)))
+    _, flight = connected_components(graph, directed=False)
+    ends: dict[int, set[int]] = {}
+    for a, b in ((0, 1), (1, 0)):
+        touch = tread[floors.links[:, a]] & (room[floors.links[:, b]] > 0)
+        for number, end in zip(
+            flight[floors.links[touch, a]].tolist(), room[floors.links[touch, b]].tolist(), strict=True
+        ):
+            ends.setdefault(number, set()).add(end)
+    level = np.zeros(n_rooms + 1, np.int64)
+    np.maximum.at(level, room, storey)
+    for group in ends.values():
+        for first in group:
+            for second in group - {first}:
+                (stairs if level[first] != level[second] else joined)[first].add(second)
+    return joined, stairs
+
+
+def _ceiling(tops: FloatArray) -> float | None:
+    """The height that half of a ceiling lies below, by the tops (n,) of spans; None under the sky."""
+    height = float(np.median(tops))
+    return height if np.isfinite(height) else None
+
+
+def _middle(floors: Floors, spans: NDArray[np.int64]) -> tuple[float, float, float]:
+    """The place of a room's floor that is nearest to the middle of where one can stand, or of all of it."""
+    columns = floors.columns
+    some = spans[floors.can_stand[spans]]
+    some = some if len(some) else spans
+    places = columns.places(columns.cell[some])
+    best = int(np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1)))
+    x, y = places[best].tolist()
+    return x, y, float(columns.bottom[some[best]])
