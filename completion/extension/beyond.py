@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.extension.extent import Extent
 from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Plane
 from texture.engine.compiled import compiled
 
 KNOWN = (
@@ -42,6 +43,7 @@ and the frames of a walk through a furnished storey, rounded (examples/calibrate
 _NEAREST = 0.02  # added to distances before their logarithm is taken: nearer is as near
 _RAGGED = 0.15  # of the rectangle: how far from its side the outermost cell of a line may lie
 _WELL_SEEN = 0.3  # of the outline: from here on the surface's own edges tell what they can
+_HALVINGS = 40  # of an interval of 40 in the logarithm
 _LEAST_SIZE = 1e-9  # of a measured rectangle, metres
 
 
@@ -114,6 +116,39 @@ def known_beyond(
         (1 - encloses) * goes_on,
         (1 - base) * well_seen,
     ]), side  # fmt: skip
+
+
+def as_far_as_probable(extent: Extent, least: float, weights: FloatArray = WEIGHTS) -> Extent:
+    """Return the extent of a plane that ends where its probability surely falls below `least`.
+
+    The bound holds whatever will be seen: what is not known yet has its most favourable value. There is none
+    where the odds do not fall with the distance.
+    """
+    if not isinstance(extent.chart, Plane) or (weights[1:3] > 0).any() or not (weights[1:3] < 0).any():
+        return extent
+    size = np.maximum(extent.own_high - extent.own_low, _LEAST_SIZE)
+    closed, encloses, level = np.isfinite(extent.ends), float(extent.encloses), float(extent.is_level)
+    known = np.zeros((2, 2, len(KNOWN)))
+    known[..., [2, 6, 7, 10]] = weights[1:][[2, 6, 7, 10]] > 0
+    known[..., 3], known[..., 4], known[..., 5] = encloses, level * (1 - encloses), level * encloses
+    known[..., 8], known[..., 9] = encloses * closed, (1 - encloses) * extent.end_probability
+    odds = weights[0] + known @ weights[1:] - np.log(least / (1 - least))
+
+    # A place that is farthest past one side, in units of the rectangle's, may be past the one beside it too.
+    beside = _farthest(odds.max(axis=0)[::-1], size.max(), weights)
+    past = size * np.maximum(_farthest(odds, size, weights), beside)
+    return replace(extent, reach=np.stack([extent.own_low - past[0], extent.own_high + past[1]]))
+
+
+def _farthest(odds: FloatArray, size: FloatArray, weights: FloatArray) -> FloatArray:
+    """How far past its side, in units of `size`, a place may be until its log odds fall to 0."""
+    low, high = np.full(odds.shape, -20.0), np.full(odds.shape, 20.0)  # logarithms of the distance
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        past = np.exp(middle)
+        left = odds + np.log(np.stack([past, past * size], axis=-1) + _NEAREST) @ weights[1:3]
+        low, high = np.where(left > 0, middle, low), np.where(left > 0, high, middle)
+    return np.asarray(np.exp(high))
 
 
 def probability_beyond(known: FloatArray, weights: FloatArray = WEIGHTS) -> FloatArray:

@@ -71,6 +71,8 @@ class Extent:
         Whether it is a pane or the back of a niche, which ends at its reveal.
     is_level : bool
         Whether the surface is a level plane, as floors and tables are.
+    reach : (2, 2) float
+        Chart coordinates past which it goes on too improbably on the low and the high sides, metres.
     by_edit : (2, 2) bool
         Which of its ends a person set.
     """
@@ -88,14 +90,15 @@ class Extent:
     encloses: bool
     is_inset: bool = False
     is_level: bool = False
+    reach: FloatArray = field(default_factory=lambda: np.repeat([[-np.inf], [np.inf]], 2, axis=1))
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
 
-        On each side it goes to where the surface may end. Without such an end, and where the surface was not
-        seen to end, walls and floors may go on by their diagonal, cylinders by their length along the axis,
-        and other planes by their size in that direction.
+        On each side it goes to where the surface may end, as far as it may get with some probability. Without
+        such an end, and where the surface was not seen to end, walls and floors may go on by their diagonal,
+        cylinders by their length along the axis, and other planes by their size in that direction.
         """
         size = self.own_high - self.own_low
         further = np.array([0.0, size[1]]) if isinstance(self.chart, Cylinder) else size
@@ -103,6 +106,7 @@ class Extent:
             further = np.full(2, np.linalg.norm(size))
         low = np.where(self.end_probability[0] > 0, self.ends[0], self.own_low - further * ~self.ended[0])
         high = np.where(self.end_probability[1] > 0, self.ends[1], self.own_high + further * ~self.ended[1])
+        low, high = np.maximum(low, self.reach[0]), np.minimum(high, self.reach[1])
         return np.maximum(low, self.ends[0]), np.minimum(high, self.ends[1])
 
     def known_window(self) -> tuple[FloatArray, FloatArray]:

@@ -20,6 +20,7 @@ from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
 from completion.evidence.weighing import weigh
+from completion.extension.beyond import as_far_as_probable
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
@@ -74,7 +75,9 @@ def extend(
         What may be used, and how sure the result must be.
     """
     # 1. Weigh: what the scans say of each cell of the chart.
-    surface, edits, extent = edited.surface, edited.edits, with_ends(extent, edited.edits.ends)
+    surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.mode]
+    is_said = edits.ends or edits.wishes
+    extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)
@@ -101,7 +104,7 @@ def extend(
     confidence = estimate(grid, regions, labelling, extent, evidence)
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
-    least, silent = LEAST_CONFIDENCE[rules.mode], silent_cells(evidence, hidden)
+    silent = silent_cells(evidence, hidden)
     probable = hidden & (confidence >= least) & ~edits.rejected(grid)
     filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
     occluded = filled & (evidence.labels == Label.OCCLUDED)

@@ -8,7 +8,14 @@ import pytest
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
-from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
+from completion.extension.beyond import (
+    KNOWN,
+    WEIGHTS,
+    Sides,
+    as_far_as_probable,
+    known_beyond,
+    probability_beyond,
+)
 from completion.extension.confidence import EVEN_M, Onward, Prospects, hidden_widths
 from completion.extension.extent import Extent
 from scenes.surfaces.catalogue import Plane
@@ -65,6 +72,31 @@ def test_the_edges_tell_the_more_the_better_the_outline_was_seen():
         np.array([[0.5, 1.5]]), np.array([0.2]), EXTENT, replace(SIDES, passed_outline=0.9)
     )
     assert values[0, 10] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("encloses", [False, True])
+@pytest.mark.parametrize("least", [0.2, 0.5, 0.8])
+def test_past_its_reach_a_plane_is_improbable_whatever_is_seen(encloses, least):
+    shape = replace(EXTENT, encloses=encloses)
+    low, high = as_far_as_probable(shape, least).reach
+    uv = np.random.default_rng(0).uniform(-9, 10, (20_000, 2))
+    past = ((uv < low) | (uv > high)).any(axis=1)
+    assert past.any()
+    for passed, hidden, outline in ((0, 1, 0), (1, 1, 0), (0, 0, 1), (0.5, 0.5, 0.2)):
+        sides = Sides(np.full((2, 2), float(passed)), np.full((2, 2), float(hidden)), outline)
+        values, _ = known_beyond(uv, np.ones(len(uv)), shape, sides)
+        assert probability_beyond(values)[past].max() <= least
+    best = Sides(np.zeros((2, 2)), np.ones((2, 2)), 0.0)
+    nearer = np.tile((shape.own_low + shape.own_high) / 2, (2, 1))
+    np.fill_diagonal(nearer, shape.own_high + (high - shape.own_high) / 2)
+    values, _ = known_beyond(nearer, np.ones(2), shape, best)
+    is_anywhere = high.max() > shape.own_high.max() + 1e-6
+    assert not is_anywhere or probability_beyond(values).max() > least  # half as far it may be
+
+
+def test_odds_that_do_not_fall_with_the_distance_bound_nothing():
+    level = WEIGHTS * np.where(np.arange(len(WEIGHTS)) == 1, -1.0, 1.0)
+    assert np.isinf(as_far_as_probable(EXTENT, 0.5, level).reach).all()
 
 
 def test_sides_are_looked_at_line_by_line():
