@@ -122,7 +122,7 @@ def as_far_as_probable(extent: Extent, least: float, weights: FloatArray = WEIGH
     """Return the extent of a plane that ends where its probability surely falls below `least`.
 
     The bound holds whatever will be seen: what is not known yet has its most favourable value. There is none
-    where the odds do not fall with the distance.
+    where the odds do not fall with the distance. `weights` (12,) are those of `WEIGHTS`.
     """
     if not isinstance(extent.chart, Plane) or (weights[1:3] > 0).any() or not (weights[1:3] < 0).any():
         return extent
