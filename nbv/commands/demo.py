@@ -14,7 +14,15 @@ from nbv.commands.plan import coverage_of
 from nbv.commands.process.run import Shared, running
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
-from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare, demo_page
+from nbv.report.demo_report import (
+    INFERRED,
+    MEASURED,
+    UNKNOWN,
+    Comparison,
+    compare,
+    demo_page,
+    unreached_share,
+)
 from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -78,10 +86,11 @@ def run_demo(shared: Shared) -> None:
         run.report(demo_page(scene, plan, chosen, completion, comparison, n_threads=threads), asked)
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
+        unreached = unreached_share(coverage)
+        hidden = f"; no view reaches {unreached} %" if unreached else ""
         lines = [
             f"the scanner alone: {count(len(plan.views), 'view measures', 'views measure')} "
-            f"{percent(coverage.met)} % at "
-            f"{MAX_INCIDENCE_DEG:g} deg or less; no view reaches {percent(coverage.unreachable)} %",
+            f"{percent(coverage.met)} % at {MAX_INCIDENCE_DEG:g} deg or less{hidden}",
             f"{len(chosen)} of these scans: measured {percent(shares[MEASURED])} %, "
             f"inferred {percent(shares[INFERRED])} %, unknown {percent(shares[UNKNOWN])} %",
             f"inferred {square_metres(completion.hypothesised_m2)} m2, "

@@ -15,6 +15,7 @@ from nbv.coverage.measurement import measured_samples, visibility_history
 from nbv.coverage.surface_classes import CLOSE_M, distances
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
+from nbv.report.blocks.rooms import set_apart
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
 from nbv.report.page.page import (
@@ -92,6 +93,7 @@ _STATES: tuple[tuple[State, int], ...] = (
     ("inferred", INFERRED),
     ("unknown", UNKNOWN),
 )
+_LEAST_TOLD = 0.0005  # smaller shares would read "<0.1 %"
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
@@ -110,11 +112,11 @@ def demo_page(
     measured, inferred, unknown = (comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN))
     met = [view.met_fraction or 0.0 for view in plan.views]
     few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
-    alone, never = percent(coverage.met), percent(coverage.unreachable)
-    hidden = "" if never == percent(0.0) else f", and no view reaches {never} % of it"
+    unreached = unreached_share(coverage)
+    hidden = f", and no view reaches {unreached} % of it" if unreached else ""
     summary = (
-        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {alone} % of this room well"
-        f"{hidden}. {few.capitalize()} of these views measure {percent(measured)} %; "
+        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {percent(coverage.met)} % "
+        f"of this room well{hidden}. {few.capitalize()} of these views measure {percent(measured)} %; "
         f"completion infers {percent(inferred)} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
@@ -136,7 +138,7 @@ def demo_page(
             ),
             Headline(percent(unknown), "%", "stays unknown", "unknown"),
         ),
-        bar=_bar(comparison),
+        bar=_bar(comparison, sum(coverage.apart_m2.values())),
         sections=(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("Held against the truth", _truth(scene, comparison, n_threads)),
@@ -157,17 +159,23 @@ def demo_page(
                     views_table(plan),
                 ),
             ),
-            Section("What no view reaches, and why", reasons(coverage)),
+            Section("What no view reaches, and why", (*reasons(coverage), *set_apart(coverage))),
             Section(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces that were recognised", surface_blocks(completion)),
         ),
     )
 
 
-def _bar(comparison: Comparison) -> Bar:
+def unreached_share(coverage: Coverage) -> str:
+    """Return the percentage of the area that no view reaches; nothing where it rounds to none."""
+    return percent(coverage.unreachable) if coverage.unreachable >= _LEAST_TOLD else ""
+
+
+def _bar(comparison: Comparison, apart_m2: float) -> Bar:
     total = comparison.samples.total_m2
+    apart = f"; {square_metres(apart_m2)} m\u00b2 that bound no room are set apart" if apart_m2 > 0 else ""
     return Bar(
-        f"All {square_metres(total)} m\u00b2 of the true surface, undersides of the boxes included",
+        f"All {square_metres(total)} m\u00b2 of true surface that bound the room{apart}",
         tuple(
             BarShare(name, name, share, f"{percent(share)} %")
             for name, share in ((name, comparison.share(state)) for name, state in _STATES)

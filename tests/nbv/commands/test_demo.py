@@ -2,6 +2,7 @@
 """The demo, with a small sensor and few views: all files, honest numbers, same bytes again."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from typer.testing import CliRunner
 
 import nbv.commands.demo
 from nbv.cli import app
+from nbv.coverage.coverage import MET, UNREACHABLE, Coverage
 from nbv.coverage.surface_classes import distances
-from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare
+from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare, unreached_share
+from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from scenes.world.builtin import builtin_scene
 
@@ -46,6 +49,8 @@ def test_demo_writes_everything_and_again_the_same(demo, tmp_path, monkeypatch):
     html = (out / "report.html").read_text()
     for words in ("Before and after", "Held against the truth", "stays unknown", "inferred"):
         assert words in html
+    assert "of true surface that bound the room; 3.78 m\u00b2 that bound no room are set apart" in html
+    assert "faces the open air, or lies below all floors" in html
     again = tmp_path / "again"
     run_small(again, 2, monkeypatch, tmp_path)
     for name in names - {"manifest.json"}:
@@ -89,3 +94,12 @@ def test_shares_are_of_area():
     area = samples.areas[samples.points[:, 2] < 0.01].sum() / samples.total_m2
     assert found.share(MEASURED) == pytest.approx(area)
     assert found.share(MEASURED) + found.share(INFERRED) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0, ""), (0.0004, ""), (0.0006, "0.1"), (0.03, "3.0")])
+def test_what_no_view_reaches_is_told_only_where_it_is_something(share, told):
+    samples = sample_surface(builtin_scene("two_occluders").mesh, 0.5).some(np.arange(2))
+    samples = replace(samples, areas=np.array([share, 1 - share]))
+    none = np.zeros(2)
+    coverage = Coverage(samples, Requirement(), none, none, np.array([UNREACHABLE, MET]), none, ("a",), 1)
+    assert unreached_share(coverage) == told
