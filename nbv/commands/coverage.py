@@ -29,7 +29,7 @@ from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.standing.candidates import Standing, counted, find_standing
-from nbv.visibility.standing.site import SiteOptions
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request

@@ -26,7 +26,7 @@ from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.standing.site import SiteOptions
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import load_candidates
 from nbv.visibility.visibility import facing
 from nbv.visibility.zones import Box, Zones

@@ -23,7 +23,7 @@ from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.standing.candidates import Standing, counted, find_standing
-from nbv.visibility.standing.site import SiteOptions
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones

@@ -186,24 +186,43 @@ Given = Callable[..., None]
 def with_shared(command: Given) -> Given:
     """Return a command that also has the options which all have; `command` takes them as `shared`.
 
-    Typer reads options off a function's signature; this writes one with `--out`, `--seed`, `--json`,
-    `--quiet`, `--threads`, `--max-memory` and `--limit` in the place of `shared`.
+    These are `--out`, `--seed`, `--json`, `--quiet`, `--threads`, `--max-memory` and `--limit`.
+    """
+    return with_value(command, "shared", _SHARED, _shared)
+
+
+def with_value(
+    command: Given,
+    name: str,
+    options: Mapping[str, tuple[Any, Any]],
+    make: Callable[..., object],
+    *,
+    after: str = "",
+) -> Given:
+    """Return a command that has some options, of which `command` takes one value under a name.
+
+    Typer reads options off a function's signature; this writes one with the options, each a type hint and a
+    default, `after` another parameter, or at the end. `make` returns the value that they mean.
     """
     hints = get_type_hints(command, include_extras=True)
-    del hints["shared"], hints["return"]
+    del hints["return"], hints[name]
+    added = [
+        Parameter(option, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=hint)
+        for option, (hint, default) in options.items()
+    ]
     own = signature(command).parameters
 
     def run(**given: Any) -> None:
-        command(_shared(**{name: given.pop(name) for name in _SHARED}), **given)
+        value = make(**{option: given.pop(option) for option in options})
+        command(**{name: value}, **given)
 
-    kept = [own[name].replace(annotation=hint) for name, hint in hints.items()]
-    added = [
-        Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=hint)
-        for name, (hint, default) in _SHARED.items()
-    ]
+    parameters = [own[one].replace(annotation=hint) for one, hint in hints.items()]
+    place = list(hints).index(after) + 1 if after else len(parameters)
+    parameters[place:place] = added
     run.__name__, run.__doc__ = command.__name__, command.__doc__
-    run.__annotations__ = {**hints, **{name: hint for name, (hint, _) in _SHARED.items()}}
-    run.__signature__ = Signature([*kept, *added])  # type: ignore[attr-defined]  # functions may have one: PEP 362
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__annotations__["return"] = None
+    run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # functions may have one: PEP 362
     return run
 
 

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nbv.commands.options.options import parse_numbers
+from nbv.commands.options.options import Given, parse_numbers, with_value
 
 if TYPE_CHECKING:
-    from nbv.visibility.standing.site import SiteOptions
+    from nbv.visibility.standing.site_options import SiteOptions
 
 Rooms = Annotated[
     str, typer.Option("--rooms", metavar="all|connected|N,N,...", help="Rooms in which stations may stand.")
@@ -46,35 +48,57 @@ Clearance = Annotated[
 ]
 
 
-def asked_site(
+@dataclass(frozen=True, slots=True)
+class AskedSite:
+    """Where stations may stand, and the patterns of the names of surfaces that are left out."""
+
+    options: SiteOptions
+    without: tuple[str, ...]
+
+
+def with_site(command: Given) -> Given:
+    """Return a command that also has the options of where stations may stand; it takes them as `site`."""
+    return with_value(command, "site", _SITE, _asked, after="mode")
+
+
+_SITE: dict[str, tuple[Any, Any]] = {
+    "rooms": (Rooms, "all"),
+    "without": (Without, None),
+    "outdoors": (Outdoors, False),
+    "all_round": (AllRound, False),
+    "heights": (Heights, None),
+    "spacing": (Spacing, None),
+    "clearance": (Clearance, 0.3),
+}
+
+
+def _asked(
     *,
     rooms: str,
+    without: list[str] | None,
     outdoors: bool,
     all_round: bool,
     heights: str | None,
     spacing: float | None,
     clearance: float,
-) -> SiteOptions:
-    """Return where stations may stand, as a user wrote it.
-
-    Raises
-    ------
-    typer.BadParameter
-        Rooms or heights that are no list of numbers.
-    InputError
-        Numbers that make no sense.
-    """
-    from nbv.visibility.standing.site import SiteOptions
+) -> AskedSite:
+    """Return what a user wrote; what makes no sense is a usage error."""
+    from nbv.visibility.standing.site_options import SiteOptions
 
     up = () if heights is None else parse_numbers(heights, heights.count(",") + 1, "--heights")
+    if wrong := [height for height in up if height <= 0]:
+        raise typer.BadParameter(f"--heights are above the floor, metres, got {wrong[0]:g}")
     if rooms in ("all", "connected"):
         chosen: str | tuple[int, ...] = rooms
     else:
         numbers = parse_numbers(rooms, rooms.count(",") + 1, "--rooms")
         chosen = tuple(int(number) for number in numbers)
-        if chosen != numbers:
-            raise typer.BadParameter(f"--rooms takes all, connected, or whole numbers, got {rooms}")
-    return SiteOptions(
+        if chosen != numbers or min(chosen) < 1:
+            raise typer.BadParameter(f"--rooms takes all, connected, or whole numbers from 1, got {rooms}")
+    for option, length in (("--spacing", spacing), ("--clearance", clearance)):
+        if length is not None and not math.isfinite(length):
+            raise typer.BadParameter(f"{option} is a finite number of metres, got {length:g}")
+    options = SiteOptions(
         rooms=chosen,  # type: ignore[arg-type]  # the two words, or numbers
         outdoors=outdoors,
         all_round=all_round,
@@ -82,3 +106,4 @@ def asked_site(
         spacing_m=spacing,
         clearance_m=clearance,
     )
+    return AskedSite(options, tuple(without or ()))

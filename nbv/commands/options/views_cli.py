@@ -19,16 +19,7 @@ from nbv.commands.options.options import (
     parse_numbers,
     with_shared,
 )
-from nbv.commands.options.site_options import (
-    AllRound,
-    Clearance,
-    Heights,
-    Outdoors,
-    Rooms,
-    Spacing,
-    Without,
-    asked_site,
-)
+from nbv.commands.options.site_options import AskedSite, with_site
 from nbv.commands.options.view_options import (
     AveragingRadius,
     CandidatesFile,
@@ -57,8 +48,10 @@ from nbv.commands.process.run import Shared
 
 
 @with_shared
+@with_site
 def plan(
     shared: Shared,
+    site: AskedSite,
     scene: KnownScene = None,
     method: Method = "nbv",
     sensor: SensorOption = "generic60",
@@ -72,13 +65,6 @@ def plan(
     target: Target = 0.99,
     views: MostViews = None,
     mode: ModeOption = None,
-    rooms: Rooms = "all",
-    without: Without = None,
-    outdoors: Outdoors = False,
-    all_round: AllRound = False,
-    heights: Heights = None,
-    spacing: Spacing = None,
-    clearance: Clearance = 0.3,
     candidates: CandidatesFile = None,
     scans: ScanFiles = None,
     intrinsics: Intrinsics = None,
@@ -109,14 +95,6 @@ def plan(
     box = None if region is None else parse_numbers(region, 6, "--region")
     boxes = tuple(parse_numbers(text, 6, "--keep-out") for text in keep_out or ())
     given = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units="m" if scene else units)
-    site = asked_site(
-        rooms=rooms,
-        outdoors=outdoors,
-        all_round=all_round,
-        heights=heights,
-        spacing=spacing,
-        clearance=clearance,
-    )
     from nbv.commands.plan import PlanRequest, run_plan
     from nbv.commands.scans import run_next_stations
 
@@ -138,8 +116,8 @@ def plan(
         target=target,
         views=views,
         mode=mode,
-        site=site,
-        without=tuple(without or ()),
+        site=site.options,
+        without=site.without,
         candidates=candidates,
         scans=given,
         region=box,
@@ -155,8 +133,10 @@ def plan(
 
 
 @with_shared
+@with_site
 def coverage(
     shared: Shared,
+    site: AskedSite,
     scene: KnownScene = None,
     plan: PlanFile = None,
     scans: ScanFiles = None,
@@ -168,13 +148,6 @@ def coverage(
     max_incidence: Incidence = 60.0,
     max_range: MaxRange = None,
     mode: ModeOption = None,
-    rooms: Rooms = "all",
-    without: Without = None,
-    outdoors: Outdoors = False,
-    all_round: AllRound = False,
-    heights: Heights = None,
-    spacing: Spacing = None,
-    clearance: Clearance = 0.3,
     inference: CompletionMode = "standard",
     up: UpOption = "z",
     units: UnitsOption = "m",
@@ -185,14 +158,6 @@ def coverage(
     if scene is None and plan is not None:
         raise typer.BadParameter("a plan alone measures nothing: give SCENE too")
     given = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units="m" if scene else units)
-    site = asked_site(
-        rooms=rooms,
-        outdoors=outdoors,
-        all_round=all_round,
-        heights=heights,
-        spacing=spacing,
-        clearance=clearance,
-    )
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scans import run_scan_coverage
 
@@ -203,8 +168,8 @@ def coverage(
         max_incidence_deg=max_incidence,
         max_range_m=max_range,
         mode=mode,
-        site=site,
-        without=tuple(without or ()),
+        site=site.options,
+        without=site.without,
         inference=inference,
         up=up,
         units=units,

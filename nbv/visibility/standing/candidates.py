@@ -11,7 +11,8 @@ import numpy as np
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.bounding import bounding_surface
-from nbv.visibility.standing.site import Site, SiteOptions, find_site
+from nbv.visibility.standing.site import Site, find_site
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, room_lattice, viewing_sphere
 from scenes.checks import FloatArray, InputError
 from scenes.rays.raycast import RayCaster

@@ -87,3 +87,32 @@ def test_a_mask_with_a_palette_and_transparency_is_read_without_a_word(tmp_path)
     mask.putpalette([0, 0, 0, 255, 255, 255])
     mask.save(tmp_path / "mask.png", transparency=bytes([0, 128]))
     assert np.array_equal(read_mask(str(tmp_path / "mask.png")), np.eye(6) > 0)
+
+
+@pytest.mark.parametrize("command", ["plan", "coverage"])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--heights -1", "--heights are above the floor, metres, got -1"),
+        ("--heights nan", "'nan' is not 1 finite numbers"),
+        ("--rooms 0", "--rooms takes all, connected, or whole numbers from 1, got 0"),
+        ("--rooms 1.5", "whole numbers from 1, got 1.5"),
+        ("--spacing 0", "Invalid value for '--spacing'"),
+        ("--spacing inf", "--spacing is a finite number of metres, got inf"),
+        ("--clearance nan", "Invalid value for '--clearance'"),
+        ("--clearance inf", "--clearance is a finite number of metres, got inf"),
+    ],
+)
+def test_options_of_where_to_stand_are_checked_before_anything_is_read(command, options, said, tmp_path):
+    line = f"{command} {ROOM} --plan absent.json" if command == "coverage" else f"{command} {ROOM}"
+    result = CliRunner().invoke(app, [*line.split(), *options.split(), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_more_positions_than_can_be_tried_end_at_once_and_name_the_spacing(tmp_path):
+    result = CliRunner().invoke(app, ["plan", ROOM, "--spacing", "0.01", "-o", str(tmp_path / "out")])
+    assert result.exit_code == 1
+    assert "--spacing 0.01 puts about" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1

@@ -8,7 +8,8 @@ import pytest
 
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.bounding import bounding_surface
-from nbv.visibility.standing.site import SiteOptions, find_site
+from nbv.visibility.standing.site import find_site
+from nbv.visibility.standing.site_options import SiteOptions
 from scenes.checks import InputError
 from scenes.files.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh

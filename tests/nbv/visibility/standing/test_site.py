@@ -4,7 +4,12 @@
 import numpy as np
 import pytest
 
-from nbv.visibility.standing.site import SiteOptions, find_site
+from nbv.visibility.standing.positions import lattice_spacing
+from nbv.visibility.standing.rooms import Room
+from nbv.visibility.standing.site import find_site
+from nbv.visibility.standing.site_options import SiteOptions
+from scenes.checks import InputError
+from scenes.run.memory import memory_limit, resident
 from tests.helpers.buildings import house, warehouse
 
 HOUSES = [
@@ -41,3 +46,43 @@ def test_stations_stand_on_floor_and_no_room_is_lost(name, building):
         assert not over.any(), site.positions[over]
     inside = [room for room in site.rooms.rooms if not room.is_outside]
     assert len(inside) == len(building.rooms) - name.startswith("sunken")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"spacing_m": 0.01}, r"--spacing 0.01 puts about \d+ positions on [\d.]+ m2 of floor at 4 heights"),
+        ({"heights_m": (50.0,)}, r"highest room has 2.60 m.*; give --heights up to 2.30"),
+        ({"clearance_m": 1.4}, r"--clearance 1.4 m of floor and ceiling needs 2.8 m, .* has 2.60 m; give a"),
+        ({"clearance_m": 9.0}, r"--clearance 9 m holds of the floor too, .* at most 2.2 m above it; give a"),
+        ({"clearance_m": 9.0, "heights_m": (9.5,)}, r"--clearance 9 m of floor and ceiling needs 18 m"),
+        ({"heights_m": (0.2,)}, r"--clearance 0.3 m holds of the floor too, and the sensor is at most 0.2 m"),
+    ],
+)
+def test_what_leaves_nowhere_to_stand_is_named_with_its_cure(options, message):
+    with pytest.raises(InputError, match=message):
+        find_site(house(7).scene(), SiteOptions(**options))
+
+
+def test_finest_spacing_that_is_named_is_taken_and_a_finer_one_is_not():
+    room = Room(1, 1, 120.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    with pytest.raises(InputError, match=r"give --spacing (0\.\d+) or more") as caught:
+        lattice_spacing([room], SiteOptions(spacing_m=0.02))
+    named = float(str(caught.value).partition("give --spacing ")[2].split()[0])
+    assert lattice_spacing([room], SiteOptions(spacing_m=named)) == (named, [])
+    with pytest.raises(InputError):
+        lattice_spacing([room], SiteOptions(spacing_m=0.99 * named))
+
+
+def test_a_hall_too_large_for_the_usual_spacing_gets_a_wider_one_and_says_so():
+    hall = Room(1, 1, 20_000.0, 0.0, 9.0, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    spacing, (said,) = lattice_spacing([hall], SiteOptions())
+    assert 4 * 20_000 / spacing**2 == pytest.approx(50_000, rel=0.002)
+    assert "places for stations are 1.265 m apart, not 1 m: that would be about 80000 positions" in said
+    assert lattice_spacing([hall], SiteOptions(heights_m=(1.6,))) == (1.0, [])
+
+
+def test_positions_that_do_not_fit_into_memory_are_refused():
+    room = Room(1, 1, 1000.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    with memory_limit(resident() + 10**8), pytest.raises(InputError, match="give a larger --spacing, fewer"):
+        lattice_spacing([room], SiteOptions(spacing_m=0.5))

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Site options: what a surveyor says of where stations may stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nbv.visibility.standing.clearance import CLEARANCE_M
+from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M
+from scenes.checks import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SiteOptions:
+    """Which rooms to stand in, and where in them.
+
+    Attributes
+    ----------
+    rooms : "all", "connected" or tuple of int
+        All of the scene; those to which one walks from the largest; or these numbers.
+    outdoors : bool
+        Whether a station may stand outside.
+    all_round : bool
+        Whether an object may be looked at from below the plane that it stands on.
+    heights_m : tuple of float, optional
+        Of the sensor above the floor, metres; 0.4, 1.0, 1.6 and 2.2 when not given.
+    spacing_m : float, optional
+        Between places, metres; 0.5 when not given, 1 from 60 m2 of floor on.
+    clearance_m : float
+        From the sensor to every surface, metres.
+
+    Raises
+    ------
+    InputError
+        A height, spacing or clearance that is not positive; rooms that are no numbers from 1.
+    """
+
+    rooms: Literal["all", "connected"] | tuple[int, ...] = "all"
+    outdoors: bool = False
+    all_round: bool = False
+    heights_m: tuple[float, ...] | None = None
+    spacing_m: float | None = None
+    clearance_m: float = CLEARANCE_M
+
+    def __post_init__(self) -> None:
+        lengths = {"clearance_m": (self.clearance_m,), "heights_m": self.heights_m or (), "spacing_m": ()}
+        if self.heights_m is not None and not self.heights_m:
+            raise InputError("heights_m holds no height; give at least one, or leave it out")
+        if self.spacing_m is not None:
+            lengths["spacing_m"] = (self.spacing_m,)
+        for name, values in lengths.items():
+            if wrong := [value for value in values if not (np.isfinite(value) and value > 0)]:
+                raise InputError(f"{name} must be positive, metres, got {wrong[0]}")
+        named = self.rooms if isinstance(self.rooms, tuple) else ()
+        if wrong_rooms := [room for room in named if room < 1]:
+            raise InputError(f"rooms are numbered from 1, got {wrong_rooms[0]}")
+        if isinstance(self.rooms, str) and self.rooms not in ("all", "connected"):
+            raise InputError(f"rooms must be all, connected, or their numbers, got {self.rooms!r}")
+
+    @property
+    def heights_above_floor_m(self) -> tuple[float, ...]:
+        """Heights at which the sensor may be above the floor, metres."""
+        return self.heights_m or TRIPOD_HEIGHTS_M
+
+    def heights_in_words(self) -> str:
+        """Return the heights of the sensor for people."""
+        return ",".join(f"{height:g}" for height in self.heights_above_floor_m) + " m"
