@@ -94,6 +94,8 @@ class Plan:
         The rooms of the scene; None around objects, with given candidates, and for a plan read from a file.
     rooms : tuple of dict
         The entries of `plan.json`: each room, whether it was asked for, and its stations, counted from 1.
+    platforms : tuple of dict
+        The entries of `plan.json`: large level surface that is no place to stand.
     """
 
     method: str
@@ -113,6 +115,7 @@ class Plan:
     zones: Zones = EVERYWHERE
     site: Site | None = None
     rooms: tuple[dict[str, Any], ...] = ()
+    platforms: tuple[dict[str, Any], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `plan.json`."""
@@ -131,6 +134,7 @@ class Plan:
             "resumed_from": self.resumed_from.to_json() if self.resumed_from else None,
             **self.zones.to_json(),
             "rooms": list(self.rooms),
+            "platforms": list(self.platforms),
         }
 
     def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
@@ -214,6 +218,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         resumed_from=_resumption_of(resumed) if resumed else None,
         zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
         rooms=tuple(dict(room) for room in content.get("rooms") or ()),
+        platforms=tuple(dict(platform) for platform in content.get("platforms") or ()),
     )
 
 

@@ -179,4 +179,5 @@ class PlanningRun:
             zones=problem.zones,
             site=problem.site,
             rooms=() if problem.site is None else problem.site.entries(self.views),
+            platforms=() if problem.site is None else problem.site.platform_entries(),
         )

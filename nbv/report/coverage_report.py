@@ -70,7 +70,7 @@ def plan_page(
             Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             Section("Surface by surface", (found.surfaces,)),
         ),
-        warnings=scene.warnings,
+        warnings=(*scene.warnings, *(plan.site.warnings if plan.site else ())),
     )
 
 

@@ -7,7 +7,8 @@ surface are joined where one steps from one to the next.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,33 @@ _SMALL_M2 = 2.0  # level patches of at most this that drop all round are furnitu
 _ALL_ROUND = 0.9  # of the outline
 _MOSTLY = 0.35  # of the outline of what no step leads to, as tables against a wall
 _SOMEWHERE = 0.2  # of that of small ones, as seats and shelves between walls
+_FURNITURE_M = 1.2  # cupboards and counters that one could mistake for floor are not higher
 _FOOT_M = 0.25  # radius of a tripod's feet
 RAMP_DEG = 5.0  # the steepest that it stands on
 _UNEVEN_M = 0.02
 _CHEST_M, _ANKLE_M = 1.2, 0.1  # above the floor: where walls and panes stop who walks, or what falls
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """Level surface that is no place to stand: no steps lead to it, and it drops along much of its edge.
+
+    Attributes
+    ----------
+    floor_m2, level_m, drop_m : float
+        Its area in square metres, its mean height, and the mean drop from its edges, metres.
+    place : (3,) float
+        A place on it, metres.
+    """
+
+    floor_m2: float
+    level_m: float
+    drop_m: float
+    place: tuple[float, float, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        return {**asdict(self), "place": list(self.place)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +76,8 @@ class Floors:
         Pairs of floor spans side by side from one to the other of which one walks or steps.
     furniture_m2 : float
         Area that is level but stands on other floor, square metres.
+    platforms : tuple of Platform
+        Of that what is large and high: a floor, perhaps, of which the stairs or the rails are missing.
     """
 
     columns: Columns
@@ -61,6 +87,7 @@ class Floors:
     walk: NDArray[np.int64]
     links: NDArray[np.int64]
     furniture_m2: float
+    platforms: tuple[Platform, ...]
 
 
 def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROOM_M) -> Floors:
@@ -86,7 +113,7 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
     kept = _kept_patches(columns, outline, walkable, patch, walk)
     is_floor = walkable & kept[np.maximum(patch, 0)]
     held = near & is_floor[one] & is_floor[other]
-    walk = np.where(is_floor, _joined(is_floor, one[held], other[held]), -1)
+    walk_all, walk = walk, np.where(is_floor, _joined(is_floor, one[held], other[held]), -1)
     return Floors(
         columns=columns,
         patch=np.where(is_floor, patch, -1),
@@ -95,6 +122,7 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
         walk=walk,
         links=np.column_stack([one[held], other[held]]),
         furniture_m2=float(np.count_nonzero(walkable & ~is_floor)) * columns.cell_m**2,
+        platforms=_platforms(columns, outline, np.where(walkable & ~is_floor, walk_all, -1)),
     )
 
 
@@ -181,6 +209,35 @@ def _kept_patches(
     furniture = (drops / edges >= _ALL_ROUND) & ~((cells * cell_m2 > _SMALL_M2) & stepped)
     stands_out = (falls >= _MOSTLY) | ((falls >= _SOMEWHERE) & (walk_cells * cell_m2 <= _SMALL_M2))
     return np.asarray(~(furniture | stands_out[of]))
+
+
+def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> tuple[Platform, ...]:
+    """Tell which of the walks (n,) of furniture, -1 elsewhere, are large and high, the largest first.
+
+    What lies under the open sky is a roof, and what turns its back the inside of a solid.
+    """
+    left = np.flatnonzero(walk >= 0)
+    edge = walk[outline.high] >= 0
+    of = walk[outline.high[edge]]
+    n_edges = np.bincount(of, minlength=int(walk.max(initial=-1)) + 1)
+    depth = columns.bottom[outline.high[edge]] - columns.bottom[outline.low[edge]]
+    drop = np.bincount(of, depth, len(n_edges)) / np.maximum(n_edges, 1)
+    no_place = np.isinf(columns.top[left]) | columns.shows_back[left]
+    area = np.bincount(walk[left], ~no_place, len(n_edges)) * columns.cell_m**2
+    found = []
+    for number in np.flatnonzero((area > _SMALL_M2) & (drop > _FURNITURE_M)):
+        spans = left[(walk[left] == number) & ~no_place]
+        places = np.column_stack([columns.places(columns.cell[spans]), columns.bottom[spans]])
+        middle = places[np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1))]
+        found.append(
+            Platform(
+                floor_m2=float(area[number]),
+                level_m=float(places[:, 2].mean()),
+                drop_m=float(drop[number]),
+                place=(float(middle[0]), float(middle[1]), float(middle[2])),
+            )
+        )
+    return tuple(sorted(found, key=lambda platform: -platform.floor_m2))
 
 
 def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:

@@ -14,7 +14,7 @@ from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.standing.columns import cut_columns
-from nbv.visibility.standing.floors import find_floors
+from nbv.visibility.standing.floors import Platform, find_floors
 from nbv.visibility.standing.partition import find_rooms
 from nbv.visibility.standing.positions import check_fits, lattice_spacing, room_positions
 from nbv.visibility.standing.rooms import Rooms
@@ -81,6 +81,10 @@ class Site:
             for room in self.rooms.rooms
         )
 
+    def platform_entries(self) -> tuple[dict[str, Any], ...]:
+        """Return what `plan.json` says of each platform."""
+        return tuple(platform.to_json() for platform in self.rooms.floors.platforms)
+
     def candidates(self, sensor: Sensor, subdivisions: int = 1) -> Candidates:
         """Return the positions with the sensor's directions all round."""
         return Candidates(self.positions, sensor_directions(sensor, subdivisions))
@@ -102,6 +106,7 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
     floors = find_floors(cut_columns(scene.mesh, caster), caster)
     rooms = find_rooms(floors, caster)
     chosen, warnings = _chosen(scene, rooms, options)
+    warnings += platforms_in_words(rooms.floors.platforms)
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
     spacing, widened = lattice_spacing(asked, options)
@@ -122,6 +127,19 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
         warnings = [*warnings, f"no place for a station in {names}: nothing there keeps "
                     f"{options.clearance_m:g} m clear; see --clearance"]  # fmt: skip
     return Site(rooms, chosen, positions, position_room=of, spacing_m=spacing, warnings=tuple(warnings))
+
+
+def platforms_in_words(platforms: Sequence[Platform]) -> list[str]:
+    """Return a sentence on large level surface that is no place to stand; nothing where there is none."""
+    if not platforms:
+        return []
+    total, largest = sum(platform.floor_m2 for platform in platforms), platforms[0]
+    where = f"{largest.floor_m2:.1f} m2 at {largest.level_m:.2f} m height"
+    more = f"{total:.1f} m2 in all, the largest {where}" if len(platforms) > 1 else where
+    return [
+        f"{count(len(platforms), 'platform')} left out as places to stand, {more}: no steps lead up, and "
+        "more than a third of the edge drops; --candidates takes positions there"
+    ]
 
 
 def _chosen(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
