@@ -171,11 +171,12 @@ def _counts(provenance: Any, comments: tuple[str, ...]) -> dict[str, int]:
 def _csv(path: Path) -> dict[str, Any] | None:
     """A table of stations or of coverage; None for others."""
     from nbv.plan.plan_files import COLUMNS
+    from nbv.plan.station_list import STATION_COLUMNS
 
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file)
         names = next(rows, [])
-        if tuple(names) == COLUMNS:
+        if tuple(names) in (COLUMNS, STATION_COLUMNS):
             return {"kind": "stations of a plan", "stations": sum(1 for _ in rows), "columns": names}
         if names[:3] == ["id", "name", "area_m2"] or names[:2] == ["id", "kind"]:
             return {"kind": "table of coverage", "surfaces": sum(1 for _ in rows), "columns": names}

@@ -21,6 +21,7 @@ from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import remote_visibility
+from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.run.wording import count, percent, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
@@ -153,6 +154,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
+        write_building_files(world, plan, run.path)
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, scans=scans)

@@ -15,6 +15,7 @@ from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
 from nbv.report.blocks.rooms import rooms_section, set_apart
 from nbv.report.blocks.stations import curve, stations
+from nbv.report.blocks.storeys import storey_plans
 from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, State, Text, shares_bar
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
@@ -49,7 +50,10 @@ def plan_page(
     before = plan.resumed_from.poses if plan.resumed_from else ()
     tour = plan.stations.tour if plan.stations else None
     poses = [view.world_from_sensor for view in plan.views]
-    where = stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)
+    if len(plan.rooms) > 1:
+        where = [sheet.picture() for sheet in storey_plans(scene, plan)]
+    else:
+        where = [stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)]
     view = _plan_view(
         scene, plan, coverage=coverage, pictures=found.pictures, n_threads=n_threads, scans=scans
     )
@@ -63,7 +67,7 @@ def plan_page(
             *found.meanings,
             Section(found.overview, (view, Text(found.note, is_note=True))),
             Section(
-                "Views", (Gallery((found.curve, where), 2), Text(ended, is_note=True), views_table(plan))
+                "Views", (Gallery((found.curve, *where), 2), Text(ended, is_note=True), views_table(plan))
             ),
             *rooms_section(plan),
             *baselines_section(plan, baselines),

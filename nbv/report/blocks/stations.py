@@ -124,9 +124,13 @@ def places_of(poses: Sequence[Pose]) -> FloatArray:
 
 
 def outline_of(scene: Scene) -> FloatArray:
-    """Segments (k, 2, 2) in which a horizontal plane cuts the scene, x and y in metres."""
+    """Segments (k, 2, 2) in which a level plane near the floor cuts the scene, x and y in metres."""
     low, high = scene.mesh.bounds()
-    height = low[2] + min(_CUT_M, (high[2] - low[2]) / 2)
+    return cut_of(scene, low[2] + min(_CUT_M, (high[2] - low[2]) / 2))
+
+
+def cut_of(scene: Scene, height_m: float) -> FloatArray:
+    """Segments (k, 2, 2) in which the level plane at a height cuts the scene, x and y in metres."""
     mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
-    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height + 1e-6))
+    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height_m + 1e-6))
     return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]

@@ -37,7 +37,7 @@ class Theme:
     inferred: str
 
 
-_LIGHT = Theme(
+LIGHT = Theme(
     ink="#22313a", faint="#8b979d", line="#4a5a63", accent="#b36b00", fill="#e8edf0",
     measured="#9ea3a3", modelled="#d1d6d6", dot="#6c7377", inferred="#2e7acc",
 )  # fmt: skip
@@ -178,7 +178,7 @@ def on_white(plot: Plot) -> bytes:
 
 def drawn_plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
     """Return the plot that `draw` makes of an axes, in both themes; `size` in inches."""
-    light, dark = (_drawn(draw, theme, size) for theme in (_LIGHT, _DARK))
+    light, dark = (_drawn(draw, theme, size) for theme in (LIGHT, _DARK))
     return Plot(light, dark, round(size[0] * _DPI), round(size[1] * _DPI))
 
 

@@ -93,14 +93,29 @@ class Rooms:
     solid_m2: float
     doubts: tuple[str, ...]
 
+    def span_of(self, places: FloatArray) -> NDArray[np.int64]:
+        """Return the span (n,) of free space that each place (n, 3) lies in, metres; -1 for none."""
+        columns = self.floors.columns
+        cells, found = columns.cells_of(places[:, :2]), np.full(len(places), -1, np.int64)
+        inside = np.flatnonzero(cells >= 0)
+        for k in range(int(np.diff(columns.start).max(initial=0))):
+            span = columns.start[cells[inside]] + k
+            known = (span < columns.start[cells[inside] + 1]) & (found[inside] < 0)
+            at, span = inside[known], span[known]
+            holds = (columns.bottom[span] <= places[at, 2]) & (columns.top[span] >= places[at, 2])
+            found[at[holds]] = span[holds]
+        return found
+
     def room_of(self, places: FloatArray) -> NDArray[np.int32]:
         """Return the number (n,) of the room on whose floor, or over it, each place (n, 3) is; 0 for none."""
-        columns, of = self.floors.columns, np.zeros(len(places), np.int32)
-        for k, cell in enumerate(columns.cells_of(places[:, :2]).tolist()):
-            spans = np.arange(columns.start[cell], columns.start[cell + 1]) if cell >= 0 else np.zeros(0, int)
-            held = spans[(columns.bottom[spans] <= places[k, 2]) & (columns.top[spans] >= places[k, 2])]
-            of[k] = self.room[held[0]] if len(held) else 0
-        return of
+        span = self.span_of(places)
+        return np.where(span >= 0, np.append(self.room, 0)[span], 0).astype(np.int32)
+
+    def height_above_floor(self, places: FloatArray) -> FloatArray:
+        """Return how high (n,) each place (n, 3) is above what lies below, metres; nan where nothing does."""
+        span = self.span_of(places)
+        below = np.where(span >= 0, np.append(self.floors.columns.bottom, 0.0)[span], np.nan)
+        return np.asarray(places[:, 2] - below)
 
     def connected(self, start: int) -> set[int]:
         """Numbers of the rooms to which one walks from a room, through doorways and by stairs."""

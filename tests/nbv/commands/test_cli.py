@@ -245,7 +245,12 @@ def test_info_as_a_table_as_json_and_as_a_file(scan, tmp_path):
 
 def test_plan_writes_what_the_contract_names(plan):
     out, summary = plan
-    assert set(contents(out)) == {"plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html"}
+    assert set(contents(out)) == {
+        "plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html", "stations.csv",
+        "floor-plan-1.svg", "floor-plans.pdf",
+    }  # fmt: skip
+    stations = json.loads(succeed("info", out / "stations.csv", "--json").stdout)
+    assert stations["kind"] == "stations of a plan"
     written = json.loads((out / "plan.json").read_text())
     assert set(written) == {
         "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: MIT
+"""Storey plan: walls, rooms and stations of one storey to scale, for paper and for a page."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
+from nbv.report.pictures.picture import Picture
+from scenes.checks import FloatArray
+
+_SCALES = (20, 50, 100, 200, 500, 1000, 2000, 5000)
+_PAPER_M = (0.40, 0.27)  # an A3 sheet within its margins
+_MARGIN_IN = 0.65
+_FOOT_IN = 0.75  # below the plan: scale bar and text
+_PAGE_IN = 4.9  # width in a report
+_INCH_M = 0.0254
+_HEADING_M = 0.6  # length of the stroke that shows where a camera looks
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StoreyPlan:
+    """One storey from above; metres, world coordinates.
+
+    Attributes
+    ----------
+    storey : int
+        Its number.
+    title : str
+        What it shows.
+    outline : (k, 2, 2) float
+        Where a level plane at `cut_m` cuts walls and furniture.
+    cut_m : float
+        Height of that plane above the storey's floor.
+    rooms : sequence of (str, (2,) float)
+        Text and place of each room's label.
+    stations : sequence of (str, (2,) float, sequence of float)
+        Number and place of each station, and the headings of its views, degrees clockwise from +y.
+    ways : sequence of (k, 2) float
+        What of the tour lies on this storey.
+    """
+
+    storey: int
+    title: str
+    outline: FloatArray
+    cut_m: float
+    rooms: Sequence[tuple[str, FloatArray]]
+    stations: Sequence[tuple[str, FloatArray, Sequence[float]]]
+    ways: Sequence[FloatArray] = ()
+
+    def plot(self) -> Plot:
+        """Return it as a picture of a page, no scale promised."""
+        low, high = self.extent()
+        size = np.maximum(high - low, 1e-6)
+        height = float(np.clip(_PAGE_IN * size[1] / size[0], 2.2, 6.5))
+
+        def draw(axes: Axes, theme: Theme) -> None:
+            self._draw(axes, theme)
+
+        return drawn_plot(draw, (_PAGE_IN + 0.5, height + 0.4))
+
+    def picture(self) -> Picture:
+        """Return it as a picture of a page that says what it shows."""
+        strokes = ", their strokes where views look" if any(some for *_, some in self.stations) else ""
+        caption = (
+            f"Dots are stations by their numbers{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
+        )
+        caption += " Lines: what of the tour lies here." if self.ways else ""
+        return self.plot().picture(f"Storey {self.storey}.", caption)
+
+    def svg(self) -> bytes:
+        """Return it as SVG to scale, texts as texts."""
+        data = io.BytesIO()
+        with _drawing():
+            self.sheet().savefig(data, format="svg", metadata={"Date": None, "Creator": None})
+        return data.getvalue()
+
+    def extent(self) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest and the largest x and y, (2,) each, of all there is to see."""
+        parts = [self.outline.reshape(-1, 2), *(np.reshape(way, (-1, 2)) for way in self.ways)]
+        parts += [np.array([place for _, place, _ in self.stations]).reshape(-1, 2)]
+        parts += [np.array([place for _, place in self.rooms]).reshape(-1, 2)]
+        points = np.vstack(parts)
+        return points.min(axis=0), points.max(axis=0)
+
+    def sheet(self) -> Figure:
+        """Draw the sheet: the plan to scale, a scale bar and what the signs mean below it."""
+        _settle()
+        low, high = self.extent()
+        pad = 0.3
+        size = high - low + 2 * pad
+        scale = next((s for s in _SCALES if (size / s <= _PAPER_M).all()), _SCALES[-1])
+        inches = size / scale / _INCH_M
+        sheet = np.maximum(inches + [2 * _MARGIN_IN, 2 * _MARGIN_IN + _FOOT_IN], [4.6, 3.2])
+        figure = Figure(figsize=tuple(sheet.tolist()))
+        left, bottom = (sheet[0] - inches[0]) / 2, _MARGIN_IN + _FOOT_IN
+        bottom += (sheet[1] - _FOOT_IN - 2 * _MARGIN_IN - inches[1]) / 2
+        axes = figure.add_axes((left / sheet[0], bottom / sheet[1], *(inches / sheet).tolist()))
+        self._draw(axes, LIGHT)
+        axes.set_xlim(low[0] - pad, high[0] + pad)
+        axes.set_ylim(low[1] - pad, high[1] + pad)
+        title = f"{self.title}\n1:{scale}, cut {self.cut_m:.2f} m above the floor"
+        axes.set_title(title, fontsize=9, loc="left", color=LIGHT.ink, parse_math=False)
+        _draw_scale_bar(figure, sheet, left, scale)
+        return figure
+
+    def _draw(self, axes: Axes, theme: Theme) -> None:
+        axes.add_collection(LineCollection(list(self.outline), colors=theme.ink, linewidths=1.3))
+        for way in self.ways:
+            axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=0.9, alpha=0.75, zorder=2)
+        ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
+        for text, place in self.rooms:
+            axes.text(
+                float(place[0]), float(place[1]), text, ha="center", va="center", fontsize=6.5,
+                color=theme.line, bbox=ground if theme is LIGHT else None, zorder=3,
+            )  # fmt: skip
+        for text, place, headings in self.stations:
+            for heading in headings:
+                turn = np.radians(heading)
+                end = place + _HEADING_M * np.array([np.sin(turn), np.cos(turn)])
+                axes.plot(*np.stack([place, end]).T, color=theme.inferred, linewidth=0.8, zorder=4)
+            axes.plot(*place, "o", markersize=4.2, color=theme.inferred, zorder=5)
+            axes.annotate(
+                text, (float(place[0]), float(place[1])), xytext=(3.5, 3.5), textcoords="offset points",
+                fontsize=8, fontweight="bold", color=theme.inferred, zorder=6,
+            )  # fmt: skip
+        axes.set_aspect("equal")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        axes.grid(visible=False)
+        _draw_north(axes, theme)
+
+
+def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:
+    """Return the sheets of several storeys as one PDF."""
+    data = io.BytesIO()
+    told = {"CreationDate": None, "Producer": None, "Creator": None}
+    with _drawing(), PdfPages(data, metadata=told) as pages:
+        for plan in plans:
+            pages.savefig(plan.sheet())
+    return data.getvalue()
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    """Leave matplotlib's settings as they were; a sign that the font has not is drawn as a box."""
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
+
+
+def _settle() -> None:
+    """Set what the drawing depends on, whatever a machine is set to."""
+    mpl.rcdefaults()
+    mpl.rc("font", family="DejaVu Sans", size=8)
+    mpl.rc("axes", labelcolor=LIGHT.ink, edgecolor=LIGHT.faint)
+    mpl.rc("axes.spines", top=False, right=False)
+    mpl.rc("svg", fonttype="none", hashsalt="unseen")
+    for axis in ("xtick", "ytick"):
+        mpl.rc(axis, color=LIGHT.ink)
+
+
+def _draw_north(axes: Axes, theme: Theme) -> None:
+    """Draw an arrow along the world's +y axis, from which headings count."""
+    axes.annotate(
+        "", (1, 1), xytext=(0, -22), xycoords="axes fraction", textcoords="offset points",
+        arrowprops={"arrowstyle": "-|>", "color": theme.faint, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0},
+        annotation_clip=False,
+    )  # fmt: skip
+    axes.annotate(
+        "N, +y", (1, 1), xytext=(0, 2), xycoords="axes fraction", textcoords="offset points", ha="center",
+        va="bottom", fontsize=6.5, color=theme.faint, annotation_clip=False,
+    )  # fmt: skip
+
+
+def _draw_scale_bar(figure: Figure, sheet: FloatArray, left: float, scale: int) -> None:
+    """Draw a bar of a round length, about a fifth of the sheet, below the plan."""
+    wished = 0.25 * float(sheet[0]) * _INCH_M * scale
+    length = max((m for m in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if m <= wished), default=0.5)
+    inches = length / scale / _INCH_M
+    axes = figure.add_axes((left / sheet[0], 0.28 / sheet[1], inches / sheet[0], 0.07 / sheet[1]))
+    axes.barh([0, 0], [0.5, 0.5], left=[0, 0.5], height=1, color=[LIGHT.ink, "white"], edgecolor=LIGHT.ink)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(-0.5, 0.5)
+    axes.set_yticks([])
+    axes.set_xticks([0, 0.5, 1], ["0", f"{length / 2:g}", f"{length:g} m"], fontsize=7)
+    axes.tick_params(length=0, pad=2)
