@@ -30,7 +30,7 @@ from nbv.online.occupancy import VoxelMap
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.viewpoints import Candidates, at_chosen_heights
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
@@ -161,6 +161,7 @@ def explore(
     *,
     given: Sequence[RangeImage] = (),
     from_outside: bool = False,
+    spot_of: Callable[[FloatArray], FloatArray] | None = None,
     infer: Callable[[Sequence[RangeImage]], CompletedSurfaces] | None = None,
     finished: Callable[[], str | None] | None = None,
     journal: Journal = NO_JOURNAL,
@@ -189,6 +190,9 @@ def explore(
         Scans that were taken before, by this sensor or by others, in the same world.
     from_outside : bool
         Whether the sensor moves around the volume (an object) rather than within it (a room).
+    spot_of : callable, optional
+        Gives positions (p, 3) keys (p, 3) that are alike over one spot of the floor. Only one height over
+        each is then chosen.
     infer : callable, optional
         Completes all scans so far. Badly seen surface that it models well, and shadows in which nothing but
         inferred surface is expected, then count less than what is unknown.
@@ -215,6 +219,7 @@ def explore(
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
     state = PlannerState.of(voxels.with_given(given, sensor, options.clearance_m))
     scans, n_completed = list(given), 0
+    spots = None if spot_of is None else spot_of(candidates.positions)
     steps = [] if start is None else [Step(start, None)]
     chosen: BestView | None = None
     while True:
@@ -236,10 +241,16 @@ def explore(
         if reason is not None:
             return Exploration(tuple(steps), state.voxels, reason)
 
+        # Leave out other heights over spots that have a station.
+        left = candidates
+        if spot_of is not None and spots is not None and steps:
+            taken = np.array([step.world_from_sensor.translation for step in steps])
+            left = at_chosen_heights(candidates, spots, taken, spot_of(taken))
+
         # Choose the next view; stop where none pays.
         here = steps[-1].world_from_sensor if steps else given[-1].world_from_sensor
         decide = partial(
-            next_view, state, candidates, here, sensor=sensor, requirement=requirement, options=options,
+            next_view, state, left, here, sensor=sensor, requirement=requirement, options=options,
             n_threads=n_threads,
         )  # fmt: skip
         decision = journal.step(f"view-{len(steps) + 1:04d}", decide)

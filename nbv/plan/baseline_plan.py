@@ -9,7 +9,7 @@ anywhere; they know nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import islice
+from itertools import chain
 
 import numpy as np
 
@@ -27,15 +27,20 @@ def plan_simply(
 ) -> Plan:
     """Plan views by one of `BASELINES` until the target is met, or there are `views`, 200 when not given.
 
-    `rng` chooses the poses of "random", and where "farthest" starts.
+    `rng` chooses the poses of "random", and where "farthest" starts. What would stand at a second height over
+    one spot is left out, unless it may; where a start is asked for, the first view is from there.
     """
     n_most = views or PlannerOptions().max_views
     run = PlanningRun.begin(problem)
-    numbers = BASELINES[method](problem, run, n_most, np.random.default_rng(rng))
-    for number in islice(numbers, n_most):
-        if run.why_finished():
+    first, spots = problem.start_poses()[:1].tolist(), problem.spots()
+    numbers = chain(first, BASELINES[method](problem, run, n_most, np.random.default_rng(rng)))
+    taken: dict[int, int] = {}
+    for number in numbers:
+        if run.why_finished() or len(run.views) == n_most:
             break
-        run.add(problem.candidates.pose(number))
+        at = number // problem.candidates.n_directions
+        if spots is None or taken.setdefault(int(spots[at]), at) == at:
+            run.add(problem.candidates.pose(number))
     reason = run.why_finished()
     if reason is None:
         spent = len(run.views) == n_most

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.cover.cover import Cover, LowerBound
@@ -33,24 +34,38 @@ def plan_offline(
 
     Where scans are to overlap, views that could be registered with nothing are left out, and views are added
     until links join all; those do not count towards `views`, the most there may be. `rng` drives the search
-    for a smaller plan.
+    for a smaller plan. The first view is from the start where one is asked for, and counts as given: the
+    bound holds for plans that begin with it.
 
     Raises
     ------
     InputError
-        Scans that were taken before where each point is to be seen by more than one view.
+        Scans that were taken before, or a start, where each point is to be seen by more than one view; a
+        start where scans are to overlap.
     """
-    if problem.scans and problem.requirement.k > 1:
+    first = problem.start_poses()
+    if (problem.scans or len(first)) and problem.requirement.k > 1:
+        given, cure = ("scans have", "resume") if problem.scans else ("the station at the start has", "plan")
         raise InputError(
-            f"cover cannot count what scans have met towards k = {problem.requirement.k} views of each point"
-            "; resume with k = 1, or with method nbv"
+            f"cover cannot count what {given} met towards k = {problem.requirement.k} views of each point; "
+            f"{cure} with k = 1, or with method nbv"
         )
+    if len(first) and problem.overlap is not None:
+        raise InputError("a plan whose scans are to overlap chooses its first station; leave --start out")
     run = PlanningRun.begin(problem)
+    begun = _begin(problem, run, first)
     instance = cover_instance(problem, run.tally.met)
     if problem.overlap is None:
-        find = partial(find_cover, instance, options, n_most=views, rng=rng, progress=problem.progress)
-        cover, n_added = problem.journal.step("cover", find), 0
-        del find, instance  # large, as the graph will be
+        n_most = None if views is None else max(views - len(begun), 1)
+        find = partial(find_cover, options=options, n_most=n_most, rng=rng, progress=problem.progress)
+        cover, n_added = problem.journal.step("cover", partial(find, instance)), 0
+        at_one = _at_one_height(problem, instance, [*begun, *cover.chosen])
+        if at_one is not None:
+            again = problem.journal.step("cover-at-one-height", partial(find, at_one))
+            cover = replace(again, bound=cover.bound)
+        if views is not None and views == len(begun):
+            cover = replace(cover, chosen=(), is_complete=False)
+        del instance, at_one  # large, as the graph will be
         graph = overlap_graph(problem, OverlapOptions())
     else:
         graph = overlap_graph(problem, problem.overlap)
@@ -59,7 +74,7 @@ def plan_offline(
         )
     for number in cover.chosen:
         run.add(problem.candidates.pose(number))
-    stations = plan_stations(problem, graph, list(cover.chosen))
+    stations = plan_stations(problem, graph, [*begun, *cover.chosen], begins_at_first=len(begun) > 0)
     reason = run.why_finished() or _why_not(problem, views, cover)
     if problem.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
@@ -70,7 +85,46 @@ def plan_offline(
     bound = cover.bound
     if problem.scans:
         bound = LowerBound(bound.views, f"{bound.kind}, beyond the scans that were given")
+    if begun:
+        bound = LowerBound(bound.views + len(begun), f"{bound.kind}, with the first view as it is")
     return run.plan("cover", reason, bound, stations)
+
+
+def _begin(problem: PlanningProblem, run: PlanningRun, first: NDArray[np.int64]) -> list[int]:
+    """Add the view from the start (s,) that meets the requirement on most area; nothing without a start."""
+    if not len(first):
+        return []
+    instance = cover_instance(problem, run.tally.met)
+    gains = [float(instance.weights[instance.seen_by(int(pose))].sum()) for pose in first]
+    number = int(first[int(np.argmax(gains))])
+    run.add(problem.candidates.pose(number))
+    return [number]
+
+
+def _at_one_height(
+    problem: PlanningProblem, instance: CoverInstance, chosen: list[int]
+) -> CoverInstance | None:
+    """Return the instance with one height over each spot, None where the chosen poses have no more than that.
+
+    Over each spot it is the one that was chosen, or the one that sees most. What is wanted stays as much, as
+    far as these can see it.
+    """
+    spots, d = problem.spots(), problem.candidates.n_directions
+    if spots is None:
+        return None
+    positions = np.unique(np.array(chosen, np.int64) // d)
+    if len(np.unique(spots[positions])) == len(positions):
+        return None
+    sees = (instance.matrix != 0) @ instance.weights
+    worth = sees.reshape(-1, d).sum(axis=1)
+    worth[positions] += worth.sum() + 1.0
+    worth[np.array(chosen[:1], np.int64) // d] += 2 * worth.sum()  # where the first is the start it stays
+    best = np.lexsort((-worth, spots))
+    kept = best[np.append(True, np.diff(spots[best]) > 0)]
+    usable = np.zeros(len(spots), np.bool_)
+    usable[kept] = True
+    left = instance.only(np.repeat(usable, d))
+    return replace(left, target=min(1.0, instance.wanted / max(left.coverable_weight, 1e-12)))
 
 
 def _connected_cover(
@@ -150,8 +204,10 @@ def seen_by_candidates(problem: PlanningProblem, name: str, limits: SightLimits)
     return orient(seen, candidates.positions, candidates.rotations(), samples.points, problem.sensor)
 
 
-def plan_stations(problem: PlanningProblem, graph: OverlapGraph, chosen: list[int]) -> Stations:
-    """Return the tour of the chosen, and their overlaps."""
+def plan_stations(
+    problem: PlanningProblem, graph: OverlapGraph, chosen: list[int], *, begins_at_first: bool = False
+) -> Stations:
+    """Return the tour of the chosen, perhaps from the first of them on, and their overlaps."""
     links = [graph.links(candidate) for candidate in chosen]
     pairs = []
     for first, own in enumerate(links):
@@ -163,7 +219,11 @@ def plan_stations(problem: PlanningProblem, graph: OverlapGraph, chosen: list[in
     positions = [problem.candidates.pose(candidate).translation for candidate in chosen]
     places = np.array(positions).reshape(-1, 3)
     tour = plan_tour(
-        problem.scene.mesh, places, on_foot=not problem.from_outside, keep_out=problem.zones.keep_out
+        problem.scene.mesh,
+        places,
+        on_foot=not problem.from_outside,
+        keep_out=problem.zones.keep_out,
+        first=0 if begins_at_first else None,
     )
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
@@ -172,6 +232,8 @@ def _why_not(problem: PlanningProblem, views: int | None, cover: Cover) -> str:
     """Return why the target is not met."""
     if cover.is_complete and problem.overlap is not None:
         return "what is left is seen only by views that cannot be registered"
+    if cover.is_complete and problem.spots() is not None:
+        return "what is left is seen only from second heights over one spot (--several-heights), or hidden"
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"
     return f"the limit of {count(views or 0, 'view')} is reached"

@@ -167,6 +167,11 @@ def plan_views(
     if samples is not None:
         check_kind("samples", samples, SurfaceSamples, "sample_surface(scene.mesh, spacing_m) makes them")
     check_rng(rng)
+    if site.start is not None and (candidates is not None or (mode or scene.mode) == "object"):
+        raise InputError(
+            "a start is a place on the floor of a room, which objects and given candidates have not; "
+            "leave --start out"
+        )
     options = options or PlannerOptions()
     zones = _one_zones(zones, options.zones)
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)

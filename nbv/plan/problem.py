@@ -35,6 +35,8 @@ from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
+_SAME_M = 1e-6
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanningProblem:
@@ -67,6 +69,36 @@ class PlanningProblem:
     zones: Zones = EVERYWHERE
     remote: RemoteVisibility | None = None
     journal: Journal = NO_JOURNAL
+
+    def start_poses(self) -> NDArray[np.int64]:
+        """Return the numbers (s,) of the poses at the start; none where no start is asked for.
+
+        Raises
+        ------
+        InputError
+            A start that is to be kept out of.
+        """
+        if self.site is None or not len(self.site.start):
+            return np.zeros(0, np.int64)
+        away = np.abs(self.candidates.positions[:, None] - self.site.start).max(axis=2).min(axis=1)
+        there = np.flatnonzero(away <= _SAME_M)
+        if not len(there):
+            place = ",".join(f"{value:g}" for value in self.site.start[0, :2])
+            raise InputError(
+                f"--start {place} lies in what is to be kept out of; give another, or no --keep-out"
+            )
+        n = self.candidates.n_directions
+        return np.asarray((there[:, None] * n + np.arange(n)).ravel())
+
+    def spots(self) -> NDArray[np.int64] | None:
+        """Return numbers (p,), alike for candidate positions over one spot, of which a plan takes one.
+
+        None where it may take several.
+        """
+        if self.site is None or self.site.several_heights:
+            return None
+        keys = self.site.spots(self.candidates.positions)
+        return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1].ravel())
 
 
 @dataclass(slots=True, eq=False)

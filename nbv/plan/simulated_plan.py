@@ -33,11 +33,15 @@ def plan_online(
 ) -> Plan:
     """Plan views, at most `views`, of a scene that the planner learns of by its scans alone.
 
-    The true scene serves to scan, and to measure coverage. `rng` chooses the start (any candidate; of a plan
-    that is resumed none) and drives the noise.
+    The true scene serves to scan, and to measure coverage. `rng` chooses the start (any candidate, or one of
+    those at the place that was asked for; of a plan that is resumed none) and drives the noise.
     """
     rng = np.random.default_rng(rng)
-    start = None if problem.scans else problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
+    start, first = None, problem.start_poses()
+    if len(first):
+        start = problem.candidates.pose(int(first[rng.integers(len(first))]))
+    elif not problem.scans:
+        start = problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
     run = PlanningRun.begin(problem)
     scans = list(problem.scans)
 
@@ -57,6 +61,7 @@ def plan_online(
         ),
         given=problem.scans,
         from_outside=problem.from_outside,
+        spot_of=None if problem.spots() is None or problem.site is None else problem.site.spots,
         infer=run.complete if problem.infer else None,
         finished=run.why_finished,
         journal=problem.journal,
@@ -87,21 +92,30 @@ def plan_with_completion(
     n_most, n_known = views or PlannerOptions().max_views, len(scans)
     if scans:
         run.complete(scans)
+    first, spots, d = problem.start_poses(), problem.spots(), problem.candidates.n_directions
+    may = np.ones(problem.candidates.n_poses, np.bool_)
     while (reason := run.why_finished()) is None and len(chosen) < n_most:
         if problem.progress:
             problem.progress("views", len(chosen), n_most)
         gain = seen @ _unknown_m2(run) + _KNOWN * (met @ _unmet_m2(run))
-        if not gain.max(initial=0.0) > 0:
+        if len(first) and not chosen:
+            chosen.append(int(first[np.argmax(gain[first])]))
+        elif not gain[may].max(initial=0.0) > 0:
             reason = "no candidate sees what is left"
             break
-        chosen.append(int(np.argmax(gain)))
+        else:
+            chosen.append(int(np.argmax(np.where(may, gain, -1.0))))
+        if spots is not None:
+            at = chosen[-1] // d
+            may &= ~np.repeat((spots == spots[at]) & (np.arange(len(spots)) != at), d)
         scans.append(run.scan(problem.candidates.pose(chosen[-1]), noise, rng))
         if len(scans) >= RENEWED * n_known:
             run.complete(scans)
             n_known = len(scans)
     if chosen and run.shares[-1].views < len(chosen):
         run.complete(scans)
-    stations = plan_stations(problem, overlap_graph(problem, OverlapOptions()), chosen)
+    graph = overlap_graph(problem, OverlapOptions())
+    stations = plan_stations(problem, graph, chosen, begins_at_first=len(first) > 0)
     reason = reason or f"the limit of {n_most} views is reached"
     return run.plan("cover", reason, stations=stations)
 

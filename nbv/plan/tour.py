@@ -69,10 +69,12 @@ def plan_tour(
     body_m: float = BODY_M,
     on_foot: bool = False,
     keep_out: Sequence[Box] = (),
+    first: int | None = None,
 ) -> Tour:
     """Return a short open tour of `stations` (n, 3), metres, that keeps `body_m` clear of the mesh.
 
-    No leg leads through the boxes `keep_out`; on foot they count where they reach lower than the sensor.
+    It begins at the station `first` where that is given. No leg leads through the boxes `keep_out`; on foot
+    they count where they reach lower than the sensor.
 
     Nearest neighbours from several starts, then 2-opt and the moving of short stretches (Or 1976) until
     neither helps. Legs between stations that no way joins come out as such. `on_foot` the ways lead over the
@@ -90,7 +92,7 @@ def plan_tour(
         return Tour(tuple(range(len(stations))), ())
     find = _Ways.walked if on_foot else _Ways.flown
     ways = find(mesh, stations, body_m, keep_out)
-    order = short_order(ways.lengths)
+    order = short_order(ways.lengths, first)
     legs = tuple(ways.leg(a, b) for a, b in pairwise(order))
     return Tour(tuple(order), legs)
 

@@ -10,21 +10,38 @@ from scenes.checks import FloatArray
 _MOST_STARTS = 8
 
 
-def short_order(lengths: FloatArray) -> list[int]:
-    """Return a short order in which to visit all of n places; `lengths` (n, n) may hold inf.
+def short_order(lengths: FloatArray, first: int | None = None) -> list[int]:
+    """Return a short order in which to visit all of n places, from `first` on where one is given.
+
+    `lengths` (n, n) may hold inf.
 
     Examples
     --------
     >>> places = np.array([0.0, 5.0, 1.0, 4.0])
     >>> short_order(np.abs(places[:, None] - places))
     [0, 2, 3, 1]
+    >>> short_order(np.abs(places[:, None] - places), first=3)
+    [3, 1, 2, 0]
     """
     finite = lengths[np.isfinite(lengths)]
     no_way = (1 + float(finite.max(initial=0.0))) * len(lengths)  # dearer than any tour without such a leg
     cost = np.where(np.isfinite(lengths), lengths, no_way)
+    if first is not None:
+        return _order_from(cost, first)
     few = np.unique(np.linspace(0, len(cost) - 1, _MOST_STARTS).astype(int))
     starts = [_nearest_first(cost, int(start)) for start in few]
     return min((_improved(cost, order) for order in starts), key=lambda order: _total(cost, order))
+
+
+def _order_from(cost: FloatArray, first: int) -> list[int]:
+    """Return a short order from a place: one more place, near it alone, is an end of any short tour."""
+    n = len(cost)
+    far = (1 + float(cost.max(initial=0.0))) * (n + 1)  # dearer than any tour
+    with_end = np.full((n + 1, n + 1), far)
+    with_end[:n, :n] = cost
+    with_end[n, first] = with_end[first, n] = with_end[n, n] = 0.0
+    order = _improved(with_end, _nearest_first(with_end, n))
+    return order[1:] if order[0] == n else order[-2::-1]
 
 
 def _nearest_first(cost: FloatArray, start: int) -> list[int]:

@@ -21,6 +21,7 @@ TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)
 _MOST_POSITIONS = 600
 _OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a file of candidates
 _SPACING_M = 0.5
+_SAME_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +130,27 @@ def allowed(candidates: Candidates, zones: Zones) -> Candidates:
             f"all {candidates.n_positions} candidate positions lie in what is to be kept out of; "
             "make the boxes smaller, or give other candidates"
         )
+    return candidates if kept.all() else candidates.at(kept)
+
+
+def at_chosen_heights(
+    candidates: Candidates, spots: FloatArray, taken: FloatArray, taken_spots: FloatArray
+) -> Candidates:
+    """Return the candidates without those at other heights over a spot where a station stands.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        Of p positions.
+    spots, taken_spots : (p, 3), (t, 3) float
+        Alike for what is over one spot of the floor (`nbv.visibility.standing.site.Site.spots`).
+    taken : (t, 3) float
+        Where the stations are, metres.
+    """
+    kept = np.ones(candidates.n_positions, np.bool_)
+    for place, spot in zip(taken, taken_spots, strict=True):
+        elsewhere = np.abs(candidates.positions - place).max(axis=1) > _SAME_M
+        kept &= ~((spots == spot).all(axis=1) & elsewhere)
     return candidates if kept.all() else candidates.at(kept)
 
 

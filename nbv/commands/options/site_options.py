@@ -48,6 +48,17 @@ Clearance = Annotated[
 ]
 
 
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start", metavar="X,Y[,Z]", help="Where the first station stands, metres.", show_default=False
+    ),
+]
+SeveralHeights = Annotated[
+    bool, typer.Option("--several-heights", help="Stations may stand at several heights over one spot.")
+]
+
+
 @dataclass(frozen=True, slots=True)
 class AskedSite:
     """Where stations may stand, and the patterns of the names of surfaces that are left out."""
@@ -61,6 +72,11 @@ def with_site(command: Given) -> Given:
     return with_value(command, "site", _SITE, _asked, after="mode")
 
 
+def with_planned_site(command: Given) -> Given:
+    """Return a command like `with_site` that also has those of the stations that are to be planned."""
+    return with_value(command, "site", _PLANNED_SITE, _asked, after="mode")
+
+
 _SITE: dict[str, tuple[Any, Any]] = {
     "rooms": (Rooms, "all"),
     "without": (Without, None),
@@ -69,6 +85,11 @@ _SITE: dict[str, tuple[Any, Any]] = {
     "heights": (Heights, None),
     "spacing": (Spacing, None),
     "clearance": (Clearance, 0.3),
+}
+_PLANNED_SITE: dict[str, tuple[Any, Any]] = {
+    **_SITE,
+    "start": (Start, None),
+    "several_heights": (SeveralHeights, False),
 }
 
 
@@ -81,6 +102,8 @@ def _asked(
     heights: str | None,
     spacing: float | None,
     clearance: float,
+    start: str | None = None,
+    several_heights: bool = False,
 ) -> AskedSite:
     """Return what a user wrote; what makes no sense is a usage error."""
     from nbv.visibility.standing.site_options import SiteOptions
@@ -98,6 +121,8 @@ def _asked(
     for option, length in (("--spacing", spacing), ("--clearance", clearance)):
         if length is not None and not math.isfinite(length):
             raise typer.BadParameter(f"{option} is a finite number of metres, got {length:g}")
+    n_start = 3 if start is not None and start.count(",") == 2 else 2
+    begins = None if start is None else parse_numbers(start, n_start, "--start")
     options = SiteOptions(
         rooms=chosen,  # type: ignore[arg-type]  # the two words, or numbers
         outdoors=outdoors,
@@ -105,5 +130,7 @@ def _asked(
         heights_m=up or None,
         spacing_m=spacing,
         clearance_m=clearance,
+        start=begins,
+        several_heights=several_heights,
     )
     return AskedSite(options, tuple(without or ()))

@@ -19,7 +19,7 @@ from nbv.commands.options.options import (
     parse_numbers,
     with_shared,
 )
-from nbv.commands.options.site_options import AskedSite, with_site
+from nbv.commands.options.site_options import AskedSite, with_planned_site, with_site
 from nbv.commands.options.view_options import (
     AveragingRadius,
     CandidatesFile,
@@ -48,7 +48,7 @@ from nbv.commands.process.run import Shared
 
 
 @with_shared
-@with_site
+@with_planned_site
 def plan(
     shared: Shared,
     site: AskedSite,

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nbv.run.wording import count
 from nbv.visibility.standing.clearance import CLEARANCE_M, Clearance
+from nbv.visibility.standing.floors import HEADROOM_M
 from nbv.visibility.standing.rooms import Room, Rooms
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import line_positions
@@ -90,12 +92,27 @@ def lattice_spacing(asked: Sequence[Room], options: SiteOptions) -> tuple[float,
     ]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomPositions:
+    """Positions (p, 3), metres, the room (p,) of each, and the positions (s, 3) at the start."""
+
+    positions: FloatArray
+    room: NDArray[np.int32]
+    start: FloatArray
+
+
 def room_positions(
     mesh: LabelledMesh, rooms: Rooms, chosen: tuple[int, ...], *, options: SiteOptions, spacing_m: float
-) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Return where the sensor may be (p, 3) in the chosen rooms, metres, and the room (p,) of each.
+) -> RoomPositions:
+    """Return where the sensor may be in the chosen rooms.
 
-    A room that no place of the lattice falls in gets one in its middle.
+    A room that no place of the lattice falls in gets one in its middle; the start, where one is asked for, is
+    a place, too.
+
+    Raises
+    ------
+    InputError
+        A start at which the sensor cannot be.
     """
     floors = rooms.floors
     asked = [rooms.rooms[number - 1] for number in chosen]
@@ -112,7 +129,46 @@ def room_positions(
         left = stands & np.isin(rooms.room, [room.number for room in missing])
         more, of_more = _over(middles, heights, rooms, left, clear)
         found, of = np.vstack([found, more]), np.append(of, of_more)
-    return found, of
+    if options.start is None:
+        return RoomPositions(found, of, np.zeros((0, 3)))
+    start, of_start = _start(options.start, heights, rooms, stands, clear)
+    if not len(start):
+        raise InputError(_why_no_start(options, found))
+    new = np.array([np.abs(found - one).max(axis=1, initial=0.0).min(initial=np.inf) > 1e-6 for one in start])
+    return RoomPositions(np.vstack([found, start[new]]), np.append(of, of_start[new]), start)
+
+
+def _start(
+    place: tuple[float, ...], heights: FloatArray, rooms: Rooms, stands: BoolArray, clear: Clearance
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Positions (s, 3) at the start and their rooms (s,): over the lowest floor there, or at its own z."""
+    spot = np.array([place[:2]])
+    if len(place) == 2:
+        found, of = _over(spot, heights, rooms, stands, clear)
+        lowest = found[:, 2] < found[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
+        same = of == of[0] if len(of) else lowest
+        return found[lowest & same], of[lowest & same]
+    span = rooms.span_of(np.array([place]))
+    if span[0] < 0 or not stands[span[0]]:
+        return np.zeros((0, 3)), np.zeros(0, np.int32)
+    up = np.array([place[2] - rooms.floors.columns.bottom[span[0]]])
+    only = np.zeros_like(stands)
+    only[span[0]] = True
+    return _over(spot, up, rooms, only, clear)
+
+
+def _why_no_start(options: SiteOptions, positions: FloatArray) -> str:
+    """Return why the sensor cannot be at the start, and the nearest place where it can."""
+    place = np.array(options.start)
+    said = (
+        f"--start {','.join(f'{value:g}' for value in place)} is no place for a station: not on floor of a "
+    )
+    said += f"room that is asked for, or nearer than {options.clearance_m:g} m to a surface (--clearance)"
+    if not len(positions):
+        return said
+    away = np.linalg.norm(positions[:, : len(place)] - place, axis=1)
+    nearest = ",".join(f"{value:.2f}" for value in positions[int(np.argmin(away)), : len(place)])
+    return f"{said}; the nearest is --start {nearest}, {float(away.min()):.2f} m away"
 
 
 def _over(

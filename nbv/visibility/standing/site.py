@@ -40,8 +40,12 @@ class Site:
         Where the sensor may be, metres.
     position_room : (p,) int32
         The room of each.
+    start : (s, 3) float
+        Those at which the first station may be, where it was asked for a place; none where not.
     spacing_m : float
         Between places, metres.
+    several_heights : bool
+        Whether stations of a plan may stand at several heights over one spot.
     warnings : tuple of str
         What was assumed, and which rooms have no place for a station.
     """
@@ -50,7 +54,9 @@ class Site:
     chosen: tuple[int, ...]
     positions: FloatArray
     position_room: NDArray[np.int32]
+    start: FloatArray
     spacing_m: float
+    several_heights: bool
     warnings: tuple[str, ...]
 
     @property
@@ -81,6 +87,11 @@ class Site:
             for room in self.rooms.rooms
         )
 
+    def spots(self, positions: FloatArray) -> FloatArray:
+        """Return keys (p, 3), x, y and which floor: alike for positions (p, 3) over one spot of it."""
+        xy = np.round(positions[:, :2], 6) + 0.0
+        return np.column_stack([xy, self.rooms.span_of(positions)])
+
     def platform_entries(self) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each platform."""
         return tuple(platform.to_json() for platform in self.rooms.floors.platforms)
@@ -110,8 +121,8 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
     spacing, widened = lattice_spacing(asked, options)
-    positions, of = room_positions(scene.mesh, rooms, chosen, options=options, spacing_m=spacing)
-    if not len(positions):
+    found = room_positions(scene.mesh, rooms, chosen, options=options, spacing_m=spacing)
+    if not len(found.positions):
         level = sum(room.floor_m2 for room in rooms.rooms)
         n_rooms = count(len(rooms.rooms), "room")
         raise InputError(
@@ -121,12 +132,21 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
             "(--units), or is another axis up (--up)?"
         )
     warnings += widened
-    without = [room for room in asked if room.number not in set(of.tolist())]
+    without = [room for room in asked if room.number not in set(found.room.tolist())]
     if without:
         names = ", ".join(f"{room.name} ({room.floor_m2:.1f} m2)" for room in without)
         warnings = [*warnings, f"no place for a station in {names}: nothing there keeps "
                     f"{options.clearance_m:g} m clear; see --clearance"]  # fmt: skip
-    return Site(rooms, chosen, positions, position_room=of, spacing_m=spacing, warnings=tuple(warnings))
+    return Site(
+        rooms=rooms,
+        chosen=chosen,
+        positions=found.positions,
+        position_room=found.room,
+        start=found.start,
+        spacing_m=spacing,
+        several_heights=options.several_heights,
+        warnings=tuple(warnings),
+    )
 
 
 def platforms_in_words(platforms: Sequence[Platform]) -> list[str]:

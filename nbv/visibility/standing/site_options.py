@@ -31,11 +31,16 @@ class SiteOptions:
         Between places, metres; 0.5 when not given, 1 from 60 m2 of floor on.
     clearance_m : float
         From the sensor to every surface, metres.
+    start : (2,) or (3,) tuple of float, optional
+        Where the first station stands: x, y and, if it matters, z of the sensor, metres.
+    several_heights : bool
+        Whether a plan may put stations at several heights over one spot of the floor.
 
     Raises
     ------
     InputError
-        A height, spacing or clearance that is not positive; rooms that are no numbers from 1.
+        A height, spacing or clearance that is not positive; rooms that are no numbers from 1; a start that
+        is not two or three finite numbers.
     """
 
     rooms: Literal["all", "connected"] | tuple[int, ...] = "all"
@@ -44,6 +49,8 @@ class SiteOptions:
     heights_m: tuple[float, ...] | None = None
     spacing_m: float | None = None
     clearance_m: float = CLEARANCE_M
+    start: tuple[float, ...] | None = None
+    several_heights: bool = False
 
     def __post_init__(self) -> None:
         lengths = {"clearance_m": (self.clearance_m,), "heights_m": self.heights_m or (), "spacing_m": ()}
@@ -54,6 +61,8 @@ class SiteOptions:
         for name, values in lengths.items():
             if wrong := [value for value in values if not (np.isfinite(value) and value > 0)]:
                 raise InputError(f"{name} must be positive, metres, got {wrong[0]}")
+        if self.start is not None and not (len(self.start) in (2, 3) and np.isfinite(self.start).all()):
+            raise InputError(f"start is X,Y or X,Y,Z, finite numbers of metres, got {self.start}")
         named = self.rooms if isinstance(self.rooms, tuple) else ()
         if wrong_rooms := [room for room in named if room < 1]:
             raise InputError(f"rooms are numbered from 1, got {wrong_rooms[0]}")

@@ -111,6 +111,32 @@ def test_options_of_where_to_stand_are_checked_before_anything_is_read(command, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("start", ["1", "1,x", "nan,1", "1,2,3,4", "1,inf"])
+def test_a_start_is_two_or_three_numbers(start, tmp_path):
+    result = CliRunner().invoke(app, ["plan", ROOM, "--start", start, "-o", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert f"'{start}' is not" in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "cure"),
+    [
+        ("--start 40,40", "--start 40,40 is no place for a station"),
+        ("--start 1,4 --candidates {0}", "leave --start out"),
+        ("--start 1,4 --mode object", "leave --start out"),
+        ("--start 1,4 --method cover --overlap 0.3", "leave --start out"),
+    ],
+)
+def test_a_start_that_cannot_be_is_refused_in_one_line(options, cure, tmp_path):
+    file = tmp_path / "candidates.npz"
+    np.savez(file, positions=np.array([[1.0, 1.0, 1.6]]), directions=np.eye(3))
+    line = ["plan", ROOM, *options.format(file).split(), "--sensor", "panorama", "-o", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, line)
+    assert result.exit_code == 1
+    assert cure in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
 def test_more_positions_than_can_be_tried_end_at_once_and_name_the_spacing(tmp_path):
     result = CliRunner().invoke(app, ["plan", ROOM, "--spacing", "0.01", "-o", str(tmp_path / "out")])
     assert result.exit_code == 1
