@@ -245,23 +245,27 @@ def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> 
     slack = _FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + _UNEVEN_M
     radius = _FOOT_M / columns.cell_m + 0.5  # cells; half a one, for a place lies beside its cell's line
     reach = int(radius)
-    even = is_floor.copy()
-    spans = np.flatnonzero(is_floor)
-    x, y = np.divmod(columns.cell[spans], columns.shape[1])
-    for dx in range(-reach, reach + 1):
-        for dy in range(-reach, reach + 1):
-            if not 0 < dx * dx + dy * dy <= radius**2:
-                continue
-            inside = (x + dx >= 0) & (x + dx < columns.shape[0]) & (y + dy >= 0) & (y + dy < columns.shape[1])
-            there = np.where(inside, (x + dx) * columns.shape[1] + y + dy, 0)
-            held = np.zeros(len(spans), np.bool_)
-            for k in range(int(np.diff(columns.start).max(initial=0))):
-                other = columns.start[there] + k
-                known = inside & (other < columns.start[there + 1])
-                other = np.where(known, other, 0)
-                held |= (
-                    known & is_floor[other] & (walk[other] == walk[spans])
-                    & (np.abs(columns.bottom[other] - columns.bottom[spans]) <= slack)
-                )  # fmt: skip
-            even[spans[~held]] = False
+    steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    far = (steps**2).sum(axis=1)
+    outward = np.argsort(-far, kind="stable")  # most of what is uneven shows at the feet
+    left = np.flatnonzero(is_floor)
+    n_spans = int(np.diff(columns.start).max(initial=0))
+    for dx, dy in steps[outward[(far[outward] > 0) & (far[outward] <= radius**2)]]:
+        if not len(left):
+            break
+        x, y = np.divmod(columns.cell[left], columns.shape[1])
+        inside = (x + dx >= 0) & (x + dx < columns.shape[0]) & (y + dy >= 0) & (y + dy < columns.shape[1])
+        there = np.where(inside, (x + dx) * columns.shape[1] + y + dy, 0)
+        held = np.zeros(len(left), np.bool_)
+        for k in range(n_spans):
+            other = columns.start[there] + k
+            known = inside & (other < columns.start[there + 1])
+            other = np.where(known, other, 0)
+            held |= (
+                known & is_floor[other] & (walk[other] == walk[left])
+                & (np.abs(columns.bottom[other] - columns.bottom[left]) <= slack)
+            )  # fmt: skip
+        left = left[held]
+    even = np.zeros(len(is_floor), np.bool_)
+    even[left] = True
     return even
