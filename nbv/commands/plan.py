@@ -21,6 +21,8 @@ from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import remote_visibility
+from nbv.plan.rules import compare_with_rules
+from nbv.report.blocks.rooms import rule_sentences
 from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.run.wording import count, percent, square_metres
@@ -147,9 +149,13 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             run.warn(plan.site.warnings)
         run.watch.enter("baselines")
         baselines = baselines_of(world, plan, scans, shared)
+        rules = compare_with_rules(world.ray_caster(shared.threads), plan)
         run.watch.enter("report")
-        beside = {baseline.name: baseline.to_json() for baseline in baselines[1:]}
-        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, "baselines": beside})
+        beside = {
+            "baselines": {baseline.name: baseline.to_json() for baseline in baselines[1:]},
+            "rules": {rule.name: rule.to_json() for rule in rules},
+        }
+        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, **beside})
         write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage_content(coverage))
         if plan.stations is not None:
@@ -157,12 +163,12 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         write_building_files(world, plan, run.path)
         options = {**request.options(), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
-        page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, scans=scans)
+        page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, rules=rules, scans=scans)
         run.report(page, options)
         resolved = {**options, "resolved_sensor": plan.sensor.to_json()}
         warnings = [*world.warnings, *(plan.site.warnings if plan.site else ())]
-        summary = {**summary_of(plan), "warnings": warnings}
-        run.finish(resolved, summary, lines_of(plan))
+        summary = {**summary_of(plan), "rules": beside["rules"], "warnings": warnings}
+        run.finish(resolved, summary, [*lines_of(plan), *rule_sentences(plan, rules)])
 
 
 def baselines_of(

@@ -3,13 +3,14 @@
 
 "greedy" takes what meets the requirement on most new area, "visibility" what sees most new area at any
 angle; both know the scene. "farthest" goes where it is farthest from all views before, and "random"
-anywhere; they know nothing.
+anywhere; they know nothing. Rules of thumb (`nbv.plan.rules`) know the rooms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import chain
+from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from nbv.plan.baselines import farthest_poses
 from nbv.plan.offline_plan import cover_instance, seen_by_candidates
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun
+from nbv.plan.rules import RULES, rule_poses
+from scenes.checks import InputError
 
 
 def plan_simply(
@@ -27,24 +30,22 @@ def plan_simply(
 ) -> Plan:
     """Plan views by one of `BASELINES` until the target is met, or there are `views`, 200 when not given.
 
-    `rng` chooses the poses of "random", and where "farthest" starts. What would stand at a second height over
-    one spot is left out, unless it may; where a start is asked for, the first view is from there.
+    `rng` chooses the poses of "random", and where "farthest" starts. Where a start is asked for, the first
+    view is from there. Several heights over one spot are as good as several spots.
     """
     n_most = views or PlannerOptions().max_views
     run = PlanningRun.begin(problem)
-    first, spots = problem.start_poses()[:1].tolist(), problem.spots()
+    first = problem.start_poses()[:1].tolist()
     numbers = chain(first, BASELINES[method](problem, run, n_most, np.random.default_rng(rng)))
-    taken: dict[int, int] = {}
-    for number in numbers:
-        if run.why_finished() or len(run.views) == n_most:
+    for number in islice(numbers, n_most):
+        if run.why_finished():
             break
-        at = number // problem.candidates.n_directions
-        if spots is None or taken.setdefault(int(spots[at]), at) == at:
-            run.add(problem.candidates.pose(number))
+        run.add(problem.candidates.pose(number))
     reason = run.why_finished()
     if reason is None:
         spent = len(run.views) == n_most
-        reason = f"the limit of {n_most} views is reached" if spent else "no candidate sees anything new"
+        ended = "all stations of the rule are taken" if method in RULES else "no candidate sees anything new"
+        reason = f"the limit of {n_most} views is reached" if spent else ended
     return run.plan(method, reason)
 
 
@@ -76,9 +77,21 @@ def _random(
     return poses
 
 
+def _rule(
+    name: str, problem: PlanningProblem, _run: PlanningRun, _n_most: int, _rng: np.random.Generator
+) -> Iterable[int]:
+    if problem.site is None or problem.sensor.kind != "spherical":
+        raise InputError(
+            f"{name} puts instruments that turn by themselves into rooms: give a scene of rooms, "
+            f"no candidates of your own, and a sensor like panorama, not {problem.sensor.name}"
+        )
+    return rule_poses(name, problem.site, problem.candidates)
+
+
 BASELINES: Mapping[str, Callable[[PlanningProblem, PlanningRun, int, np.random.Generator], Iterable[int]]] = {
     "greedy": _greedy,
     "visibility": _visibility,
     "farthest": _farthest,
     "random": _random,
+    **{name: partial(_rule, name) for name in RULES},
 }

@@ -34,7 +34,9 @@ from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Mode, Scene
 
-Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
+Method = Literal[
+    "nbv", "cover", "greedy", "visibility", "farthest", "random", "rule:grid5m", "rule:rooms-and-doorways"
+]
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
@@ -57,6 +59,7 @@ def plan_views(
     mode: str | None = None,
     site: SiteOptions = SiteOptions(),
     candidates: Candidates | None = None,
+    standing: Standing | None = None,
     samples: SurfaceSamples | None = None,
     noise: str = "none",
     options: PlannerOptions | None = None,
@@ -84,8 +87,9 @@ def plan_views(
         The true scene, or the mesh file or mesh that it is made of (`open_scene`, `Scene.from_mesh`).
     sensor : Sensor, optional
         "generic60" when not given.
-    method : "nbv", "cover", "greedy", "visibility", "farthest" or "random"
-        Which planner; the last four are baselines (`nbv.plan.baseline_plan`).
+    method : "nbv", "cover", "greedy", "visibility", "farthest", "random", "rule:grid5m" or \
+"rule:rooms-and-doorways"
+        Which planner; all but the first two are baselines (`nbv.plan.baseline_plan`).
     max_incidence_deg, max_range_m : float
         What counts as measured: incidence in degrees, range in metres.
     requirement : Requirement, optional
@@ -103,6 +107,9 @@ def plan_views(
     candidates : Candidates, optional
         The scene's own when not given. A `half_angle_deg` in them replaces the sensor's aperture by a cone,
         and patches replace the samples on which coverage is measured.
+    standing : Standing, optional
+        Where the sensor may stand (`nbv.visibility.standing.candidates.find_standing`), for many plans of one
+        scene; instead of `site` and `candidates`.
     samples : SurfaceSamples, optional
         Where coverage is measured; `nbv.visibility.samples.sample_surface` when not given.
     noise : str
@@ -175,10 +182,10 @@ def plan_views(
     options = options or PlannerOptions()
     zones = _one_zones(zones, options.zones)
     sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
-    if candidates is None:
-        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
-    else:
+    if candidates is not None:
         standing = Standing(candidates, candidates, None)
+    elif standing is None:
+        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
     requirement = _one_requirement(requirement, max_incidence_deg, max_range_m)
     if requirement.max_sd_m is not None and noise != "none":
         sensor = with_effects(sensor, chosen_effects(sensor, noise))

@@ -10,10 +10,11 @@ from nbv.coverage.measurement import visibility_history
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
+from nbv.plan.rules import RuleOutcome
 from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
 from nbv.report.blocks.inference_blocks import with_inference
 from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
-from nbv.report.blocks.rooms import rooms_section, set_apart
+from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.blocks.storeys import storey_plans
 from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, State, Text, shares_bar
@@ -36,9 +37,10 @@ def plan_page(
     coverage: Coverage,
     n_threads: int | None,
     baselines: Sequence[Baseline] = (),
+    rules: Sequence[RuleOutcome] = (),
     scans: Sequence[RangeImage] = (),
 ) -> Page:
-    """Return the report of a plan, with what simple planners reach beside it.
+    """Return the report of a plan, with what simple planners and rules of thumb reach beside it.
 
     `scans` are those that the plan was resumed from; the page does not depend on the number of threads.
     """
@@ -71,6 +73,7 @@ def plan_page(
             ),
             *rooms_section(plan),
             *baselines_section(plan, baselines),
+            *rules_section(plan, rules),
             Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
             Section("Surface by surface", (found.surfaces,)),
         ),

@@ -21,8 +21,7 @@ from nbv.scanning.sensors.sensor import Sensor, chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import scene_candidates
-from nbv.visibility.viewpoints import Candidates
+from nbv.visibility.standing.candidates import Standing, find_standing
 from scenes.checks import InputError
 from scenes.files.scene_files import open_scene
 from scenes.formats.documents import read_json
@@ -122,7 +121,7 @@ class CaseSetting:
 
     scene: Scene
     sensor: Sensor
-    candidates: Candidates
+    standing: Standing
     samples: SurfaceSamples
 
 
@@ -130,8 +129,8 @@ class CaseSetting:
 def _setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
     world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
     device = load_sensor(sensor.sensor)
-    candidates = scene_candidates(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
-    return CaseSetting(world, device, candidates, sample_surface(world.mesh, sampling.spacing_m))
+    standing = find_standing(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
+    return CaseSetting(world, device, standing, sample_surface(world.mesh, sampling.spacing_m))
 
 
 def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
@@ -161,7 +160,7 @@ def _planned(case: Case, n_threads: int | None) -> Any:
         target=planner.target,
         views=planner.views,
         mode=case.scene.mode,
-        candidates=setting.candidates,
+        standing=setting.standing,
         samples=setting.samples,
         noise=case.sensor.noise,
         budgets=None if steps is None else CoverOptions(polish_steps=steps),

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from nbv.coverage.coverage import Coverage
 from nbv.plan.plan import Plan
+from nbv.plan.rules import RuleOutcome
 from nbv.report.page.page import Block, Cell, Section, Table, Text
-from nbv.run.wording import square_metres
+from nbv.run.wording import count, percent, square_metres
 
 APART_TEXTS = {
     "inside_a_solid": "within walls, slabs and furniture, or where two of these touch",
@@ -14,6 +17,48 @@ APART_TEXTS = {
     "another_storey": "bounds only rooms of storeys that were not asked for",
     "outside": "faces the open air, or lies below all floors",
 }
+
+
+_RULES = {
+    "rule:grid5m": "a station every 5 m",
+    "rule:rooms-and-doorways": "a station in each room and each doorway",
+}
+
+
+def rule_sentences(plan: Plan, rules: Sequence[RuleOutcome]) -> list[str]:
+    """Say of each rule of thumb how many stations it takes, beside the plan's."""
+    mine = count(len(plan.views), "station")
+    found = []
+    for rule in rules:
+        does = f"takes {count(rule.stations, 'station')} and measures {percent(rule.met_of_reachable)} % "
+        does += "of what can be reached"
+        if rule.stations_to_target is not None and rule.stations_to_target < rule.stations:
+            does += f", {percent(plan.target or 1.0)} % with the best {rule.stations_to_target} of them"
+        met = plan.coverage.met / max(plan.coverage.reachable, 1e-12) if plan.coverage else 0.0
+        found.append(f"{_RULES[rule.name]} ({rule.name}) {does}; this plan {mine} and {percent(met)} %")
+    return found
+
+
+def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ...]:
+    """A row for each rule of thumb; nothing where none was tried."""
+    if not rules:
+        return ()
+    columns = ("Rule of thumb", "#stations", "#of what can be reached, %", "#stations to the target")
+    rows = tuple(
+        (
+            Cell(f"{_RULES[rule.name]} ({rule.name})"),
+            Cell(str(rule.stations)),
+            Cell(percent(rule.met_of_reachable), share=rule.met_of_reachable, state="measured"),
+            Cell("not reached" if rule.stations_to_target is None else str(rule.stations_to_target)),
+        )
+        for rule in rules
+    )
+    said = ". ".join(sentence[0].upper() + sentence[1:] for sentence in rule_sentences(plan, rules))
+    note = (
+        f"{said}. All are measured on this plan's samples, from the candidates nearest to where a rule says. "
+        "To the target, the station that adds most is taken each time."
+    )
+    return (Section("Beside rules of thumb", (Table(columns, rows), Text(note, is_note=True))),)
 
 
 def rooms_section(plan: Plan) -> tuple[Section, ...]:

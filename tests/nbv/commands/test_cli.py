@@ -255,7 +255,7 @@ def test_plan_writes_what_the_contract_names(plan):
     assert set(written) == {
         "method", "sensor", "requirement", "seed", "n_candidates", "views", "coverage", "lower_bound",
         "stopped_because", "inference", "resumed_from", "region", "keep_out", "rooms", "platforms",
-        "baselines",
+        "baselines", "rules",
     }  # fmt: skip
     assert list(written["baselines"]) == ["random", "farthest-point", "visibility-only greedy", "greedy"]
     assert len(written["baselines"]["random"]["curve"]) == len(written["views"])
