@@ -13,10 +13,11 @@ from tests.helpers.data_paths import ROOT
 
 @pytest.fixture(autouse=True, scope="session")
 def small_reports() -> Iterator[None]:
-    """Pictures half as wide, plots with half the dots, PNG without zlib's highest level."""
+    """Pictures half as wide, plots with half the dots and on light pages, PNG without zlib's highest level."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "_PNG_LEVEL", 1)
         patch.setattr(plots, "_DPI", 90)
+        patch.setattr(plots, "_DARK", plots.LIGHT)  # what is equal is drawn once
         for module in (completion_shots, scan_coverage_blocks, surface_values):
             patch.setattr(module, "_WIDTH", 380)
         yield

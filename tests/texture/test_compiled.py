@@ -63,7 +63,8 @@ TUPLES = {
 
 
 @pytest.mark.parametrize(
-    ("file", "renamed_to", "kind"), [("kinds.py", "Couple", "Couple"), ("sorts.py", "Pair", "Pair")]
+    ("file", "renamed_to", "kind"),
+    [("kinds.py", "Couple", "Couple"), pytest.param("sorts.py", "Pair", "Pair", marks=pytest.mark.long)],
 )
 def test_stored_code_for_a_type_that_is_no_more_is_made_anew(tmp_path, file, renamed_to, kind):
     for name, text in TUPLES.items():
@@ -78,7 +79,7 @@ def test_stored_code_for_a_type_that_is_no_more_is_made_anew(tmp_path, file, ren
     assert run(tmp_path) == (15, 1)
 
 
-@pytest.mark.parametrize("left", [0, 30])
+@pytest.mark.parametrize("left", [pytest.param(0, marks=pytest.mark.long), 30])
 def test_a_list_of_stored_code_that_was_cut_short_is_made_anew(tmp_path, left):
     for name, text in TUPLES.items():
         (tmp_path / name).write_text(text)

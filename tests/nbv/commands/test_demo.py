@@ -35,7 +35,7 @@ def demo(tmp_path, monkeypatch):
     return tmp_path / "demo", run_small(tmp_path / "demo", 1, monkeypatch, tmp_path)
 
 
-def test_demo_writes_everything_and_again_the_same(demo, tmp_path, monkeypatch):
+def test_demo_writes_everything(demo):
     out, summary = demo
     names = {
         "completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "plan.json", "coverage.json",
@@ -51,6 +51,12 @@ def test_demo_writes_everything_and_again_the_same(demo, tmp_path, monkeypatch):
         assert words in html
     assert "of true surface that bound the room; 3.78 m\u00b2 that bound no room are set apart" in html
     assert "faces the open air, or lies below all floors" in html
+
+
+@pytest.mark.long
+def test_demo_writes_the_same_bytes_on_two_threads(demo, tmp_path, monkeypatch):
+    out, _ = demo
+    names = {file.name for file in out.iterdir()}
     again = tmp_path / "again"
     run_small(again, 2, monkeypatch, tmp_path)
     for name in names - {"manifest.json"}:

@@ -11,6 +11,7 @@ from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.report.blocks.stations import outline_of
 from nbv.report.coverage_report import coverage_page
+from nbv.report.figures import plots
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.page.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
@@ -106,16 +107,17 @@ def floor_plan(scene, **more):
     return FloorPlan(outline=outline_of(scene), bounds=scene.mesh.bounds(), positions=np.eye(3), **more)
 
 
-def test_plots_are_the_same_bytes_again(scene):
-    plots = [
+def test_plots_are_the_same_bytes_again_and_of_dark_pages_others(scene, monkeypatch):
+    monkeypatch.setattr(plots, "_DARK", replace(plots.LIGHT, ink="#dfe6ea"))
+    drawn = [
         (
             coverage_curve([0.2, 0.5, 0.6], 0.9, 0.99, 2, (2, 0.4, 0.7)),
             floor_plan(scene).plot(),
         )
         for _ in range(2)
     ]
-    assert plots[0] == plots[1]
-    assert plots[0][0].light != plots[0][0].dark
+    assert drawn[0] == drawn[1]
+    assert drawn[0][0].light != drawn[0][0].dark
 
 
 def test_the_floor_plan_cuts_walls_and_boxes(scene):
