@@ -23,6 +23,7 @@ SMALL = {
     "plot_segmentation": ["-o", "{out}"],
     "plot_simulated_against_real": ["--docs", "{out}"],
     "plot_report": ["--docs", "{out}"],
+    "plot_floor_plan": ["--docs", "{out}", "--spacing", "0.4"],
     "plot_view_planning": ["--docs", "{out}", "--quick"],
     "plot_inference_study": ["--docs", "{out}", "--starts", "1", "--cases", "two_occluders, panorama"],
     "plot_paper_study": ["--docs", "{out}", "--starts", "1", "--spacing", "0.8", "--threads", "2"],

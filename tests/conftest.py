@@ -13,7 +13,7 @@ from tests.helpers.data_paths import ROOT
 
 @pytest.fixture(autouse=True, scope="session")
 def small_reports() -> Iterator[None]:
-    """Pictures half as wide, plots with half the dots and on light pages, PNG without zlib's highest level."""
+    """Pictures half as wide, plots with half the dots and for light pages, PNG packed at the lowest level."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "_PNG_LEVEL", 1)
         patch.setattr(plots, "_DPI", 90)
