@@ -43,7 +43,7 @@ def problem() -> tuple[LabelledMesh, SurfaceSamples, np.ndarray]:
     """The room, 200,000 samples of it in Morton order, and places between the spheres."""
     mesh = LabelledMesh(*room_with_spheres())
     spacing = float(np.sqrt(mesh.face_areas().sum() / N_SAMPLES))
-    samples = sample_surface(mesh, spacing, every_face=False)
+    samples = sample_surface(mesh, spacing)
     positions = np.random.default_rng(1).uniform([-3.5, -3.5, -1], [3.5, 3.5, 1], (N_POSITIONS, 3))
     return mesh, samples, positions
 

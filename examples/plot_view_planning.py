@@ -112,7 +112,7 @@ def grown_plan(
     Some of the samples are planned for at first, the hardest among them; those that a plan leaves unmet join
     them, and what is left after a few rounds gets views of its own. A bound for some samples is one for all.
     """
-    samples = sample_surface(scene.mesh, spacing_m, every_face=False)
+    samples = sample_surface(scene.mesh, spacing_m)
     limits = Requirement(max_incidence_deg=angle).limits(sensor)
     seen = visible_from_positions(scene.ray_caster(), candidates.positions, samples, limits)
     by_sample = seen.tocsc()

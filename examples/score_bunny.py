@@ -122,7 +122,7 @@ def main(n_candidates: int = 500, n_samples: int = 60_000) -> None:
     scene = load_bunny()
     caster, candidates = scene.ray_caster(), place_candidates(scene, n_candidates)
     spacing = float(np.sqrt(scene.mesh.face_areas().sum() / n_samples))
-    truth = measure_truth(scene, caster, candidates, sample_surface(scene.mesh, spacing, every_face=False))
+    truth = measure_truth(scene, caster, candidates, sample_surface(scene.mesh, spacing))
     rng = np.random.default_rng(0)
     starts = rng.choice(candidates.n_poses, N_STARTS, replace=False).tolist()
     blind = rng.integers(candidates.n_poses, size=N_BLIND).tolist()

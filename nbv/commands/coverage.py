@@ -21,14 +21,14 @@ from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.pictures.surface_values import fine_coverage
 from nbv.run.csv_table import csv_text
-from nbv.run.wording import count, percent
+from nbv.run.wording import count, percent_within
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import Standing, counted, find_standing
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import facing
 from scenes.files.scan_files import Units
@@ -112,13 +112,15 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
             "stations": len(measured.stations),
             "coverage": coverage.summary().to_json(),
             "met_of_reachable": coverage.met_of_reachable,
+            "met_of_reachable_standard_error": coverage.met_of_reachable_error,
             "unreachable_because": coverage.reasons(),
             "warnings": world.warnings,
         }
+        met = percent_within(coverage.met, coverage.standard_errors()["met"])
+        reached = percent_within(coverage.met_of_reachable, coverage.met_of_reachable_error)
         line = (
             f"{count(len(measured.stations), 'station measures', 'stations measure')} "
-            f"{percent(coverage.met)} % of the area, "
-            f"{percent(coverage.met_of_reachable)} % of what can be reached"
+            f"{met} % of the area, {reached} % of what can be reached"
         )
         run.finish(resolved, summary, [line])
 
@@ -160,7 +162,7 @@ def _standing(
     standing = find_standing(world, sensor, request.site, mode=request.mode)
     if standing.site is not None:
         run.warn(standing.site.warnings)
-    samples, apart = counted(sample_surface(world.mesh), standing, world.ray_caster(run.shared.threads))
+    samples, apart = samples_that_count(world, standing, world.ray_caster(run.shared.threads))
     return standing, samples, apart
 
 
@@ -187,11 +189,22 @@ def coverage_content(coverage: Coverage) -> dict[str, Any]:
 
 def csv_of(coverage: Coverage) -> str:
     """Return a row for each surface: id, name, area in square metres, fractions of it, mean best cosine."""
-    columns = ["id", "name", "area_m2", "met", "reachable", "unreachable", "mean_best_cosine"]
+    columns = ["id", "name", "area_m2", "met", "reachable", "unreachable", "mean_best_cosine",
+        "met_standard_error", "reachable_standard_error"]  # fmt: skip
     return csv_text(
         columns,
         (
-            (row.surface, row.name, row.area_m2, row.met, row.reachable, row.unreachable, row.mean_cosine)
+            (
+                row.surface,
+                row.name,
+                row.area_m2,
+                row.met,
+                row.reachable,
+                row.unreachable,
+                row.mean_cosine,
+                row.standard_error["met"],
+                row.standard_error["reachable"],
+            )
             for row in coverage.by_surface()
         ),
     )

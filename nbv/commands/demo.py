@@ -23,7 +23,7 @@ from nbv.report.demo_report import (
     demo_page,
     unreached_share,
 )
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
@@ -86,11 +86,11 @@ def run_demo(shared: Shared) -> None:
         run.report(demo_page(scene, plan, chosen, completion, comparison, n_threads=threads), asked)
         summary = {"views": len(plan.views), "met": coverage.met, **summary_of(comparison, chosen)}
         shares = {state: comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN)}
-        unreached = unreached_share(coverage)
+        errors, unreached = coverage.standard_errors(), unreached_share(coverage)
         hidden = f"; no view reaches {unreached} %" if unreached else ""
         lines = [
             f"the scanner alone: {count(len(plan.views), 'view measures', 'views measure')} "
-            f"{percent(coverage.met)} % at {MAX_INCIDENCE_DEG:g} deg or less{hidden}",
+            f"{percent_within(coverage.met, errors['met'])} % at {MAX_INCIDENCE_DEG:g} deg or less{hidden}",
             f"{len(chosen)} of these scans: measured {percent(shares[MEASURED])} %, "
             f"inferred {percent(shares[INFERRED])} %, unknown {percent(shares[UNKNOWN])} %",
             f"inferred {square_metres(completion.hypothesised_m2)} m2, "

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from nbv.plan.rules import compare_with_rules
 from nbv.report.blocks.rooms import rule_sentences
 from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.sensors.sensor import chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
@@ -197,6 +197,7 @@ def summary_of(plan: Plan) -> dict[str, Any]:
         "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
         "coverage": coverage.summary().to_json(),
         "met_of_reachable": coverage.met_of_reachable,
+        "met_of_reachable_standard_error": coverage.met_of_reachable_error,
         "inference": plan.shares[-1].to_json() if plan.shares else None,
         "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
         "stopped_because": plan.stopped_because,
@@ -207,12 +208,14 @@ def summary_of(plan: Plan) -> dict[str, Any]:
 def lines_of(plan: Plan) -> list[str]:
     """Return the headline numbers for people."""
     coverage, before = coverage_of(plan), plan.resumed_from
+    errors = coverage.standard_errors()
     after = "" if before is None else f" after {len(before.poses)} scans"
-    of_reachable = f", {percent(coverage.met_of_reachable)} % of what can be reached"
+    reached = percent_within(coverage.met_of_reachable, coverage.met_of_reachable_error)
+    of_reachable = f", {reached} % of what can be reached"
     lines = [
         f"{count(len(plan.views), 'view')}{after} {'measures' if len(plan.views) == 1 else 'measure'} "
-        f"{percent(coverage.met)} % of the area"
-        f"{_classes_line(plan.shares[-1]) if plan.shares else of_reachable}",
+        f"{percent_within(coverage.met, errors['met'])} % of the area"
+        f"{_classes_line(plan.shares[-1], errors) if plan.shares else of_reachable}",
         f"stopped because: {plan.stopped_because}",
     ]
     if plan.site is not None and len(plan.site.rooms.rooms) > 1:
@@ -232,11 +235,12 @@ def _rooms_line(plan: Plan) -> str:
     return f"stations in {len(inside) - len(empty)} of {count(len(inside), 'room')}{none}"
 
 
-def _classes_line(shares: Shares) -> str:
+def _classes_line(shares: Shares, errors: Mapping[str, float]) -> str:
     """What completion adds to what was measured as required, and how much of what it infers is right."""
     text = (
-        f"; modelled {percent(shares.modelled)} %, inferred {percent(shares.inferred)} %, "
-        f"unknown {percent(shares.unknown)} %"
+        f"; modelled {percent_within(shares.modelled, errors['modelled'])} %, "
+        f"inferred {percent_within(shares.inferred, errors['inferred'])} %, "
+        f"unknown {percent_within(shares.unknown, errors['unknown'])} %"
     )
     if not shares.inferred_m2:
         return text

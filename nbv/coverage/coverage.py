@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import INFERRED, MODELLED
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.run.showing import show_report
@@ -46,6 +47,8 @@ class SurfaceCoverage:
         surface that is known exactly enough, and neither; without completion, unknown is what is not met.
     mean_cosine : float
         Area-weighted mean of the best cosines of incidence.
+    standard_error : mapping
+        Of each fraction, by its name (`nbv.coverage.share_error`).
     """
 
     surface: int
@@ -58,6 +61,7 @@ class SurfaceCoverage:
     modelled: float
     unknown: float
     mean_cosine: float
+    standard_error: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +97,8 @@ class CoverageSummary:
         Where completion stands in for views: fractions that are inferred, seen but not as required on a
         surface that is known exactly enough, and neither; without completion, unknown is what is not met;
         None in files that do not tell it.
+    standard_error : mapping
+        Of each fraction, by its name (`nbv.coverage.share_error`); empty in files that do not tell it.
     """
 
     total_m2: float
@@ -102,8 +108,9 @@ class CoverageSummary:
     inferred: float
     modelled: float = 0.0
     unknown: float | None = None
+    standard_error: Mapping[str, float] = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, float | None]:
+    def to_json(self) -> dict[str, Any]:
         """Return the entry."""
         return asdict(self)
 
@@ -203,10 +210,23 @@ class Coverage:
         reachable = self.reachable
         return self.met / reachable if reachable > 0 else 1.0
 
+    @property
+    def met_of_reachable_error(self) -> float:
+        """Standard error of `met_of_reachable`."""
+        return share_error(self.samples, self.state == MET, self.state != UNREACHABLE)
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error of each fraction of the area, by its name (`nbv.coverage.share_error`)."""
+        return self._errors(np.ones(len(self.samples), np.bool_))
+
     def reasons(self) -> dict[str, float]:
         """Fractions of the area that are unreachable for each reason."""
-        unreachable = self.state == UNREACHABLE
-        return {name: self._fraction(unreachable & (self.reason == k)) for k, name in enumerate(REASONS)}
+        return {name: self._fraction(self._unreachable_for(k)) for k, name in enumerate(REASONS)}
+
+    def reason_errors(self) -> dict[str, float]:
+        """Standard error of each of `reasons`."""
+        errors = (share_error(self.samples, self._unreachable_for(k)) for k in range(len(REASONS)))
+        return dict(zip(REASONS, errors, strict=True))
 
     def by_surface(self) -> tuple[SurfaceCoverage, ...]:
         """Coverage of each surface that has area, by surface id."""
@@ -229,6 +249,7 @@ class Coverage:
                     modelled=modelled,
                     unknown=max(1 - met - modelled - inferred, 0.0),
                     mean_cosine=float(area @ self.best_cosine[here]) / total,
+                    standard_error=self._errors(here),
                 )
             )
         return tuple(table)
@@ -248,7 +269,7 @@ class Coverage:
     def summary(self) -> CoverageSummary:
         """Return the `coverage` entry of `plan.json`."""
         shares = (self.met, self.reachable, self.unreachable, self.inferred, self.modelled, self.unknown)
-        return CoverageSummary(self.total_m2, *shares)
+        return CoverageSummary(self.total_m2, *shares, self.standard_errors())
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `coverage.json`: fractions are of area."""
@@ -260,6 +281,7 @@ class Coverage:
             "requirement": self.requirement.to_json(),
             "n_samples": len(self.samples),
             "unreachable_because": self.reasons(),
+            "unreachable_because_standard_error": self.reason_errors(),
             "set_apart_m2": dict(self.apart_m2),
             "surfaces": surfaces,
         }
@@ -300,6 +322,25 @@ class Coverage:
         """Samples of a class; none where completion does not stand in for views."""
         classes = np.full(len(self.samples), -1, np.int8) if self.classes is None else self.classes
         return np.asarray(classes == kind, dtype=np.bool_)
+
+    def _unreachable_for(self, reason: int) -> BoolArray:
+        """Samples that are unreachable for the reason of this number."""
+        return np.asarray((self.state == UNREACHABLE) & (self.reason == reason), dtype=np.bool_)
+
+    def _errors(self, here: BoolArray) -> dict[str, float]:
+        """Standard error of the fractions of the area of the samples `here` (n,), by their names."""
+        some = self.samples.some(here)
+        inferred, modelled = self._is(INFERRED)[here], self._is(MODELLED)[here]
+        met, reachable = (self.state == MET)[here], (self.state != UNREACHABLE)[here]
+        error = share_error(some, reachable)
+        return {
+            "met": share_error(some, met),
+            "reachable": error,
+            "unreachable": error,
+            "inferred": share_error(some, inferred),
+            "modelled": share_error(some, modelled),
+            "unknown": share_error(some, ~(met | inferred | modelled)),
+        }
 
     def _fraction(self, where: BoolArray) -> float:
         total = self.total_m2

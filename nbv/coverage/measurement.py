@@ -17,7 +17,7 @@ from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability, find_reachable
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import counted, find_standing
+from nbv.visibility.standing.candidates import counted, find_standing, samples_that_count
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, visible_from_view
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -240,11 +240,13 @@ def _settled(
     caster: RayCaster,
 ) -> tuple[SurfaceSamples, Candidates, Mapping[str, float]]:
     """Samples and candidates, the scene's own where none are given, and the area that is set apart then."""
-    samples = samples or sample_surface(scene.mesh)
     if candidates is not None:
-        return samples, candidates, {}
+        return samples or sample_surface(scene.mesh), candidates, {}
     standing = find_standing(scene, sensor)
-    samples, apart = counted(samples, standing, caster)
+    if samples is None:
+        samples, apart = samples_that_count(scene, standing, caster)
+    else:
+        samples, apart = counted(samples, standing, caster)
     return samples, standing.candidates, apart
 
 

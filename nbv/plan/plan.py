@@ -211,7 +211,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
             )
             for view in content["views"]
         ),
-        coverage=None if coverage is None else CoverageSummary(**_numbers(coverage)),
+        coverage=None if coverage is None else _summary_of(coverage),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
         shares=tuple(Shares(**_numbers(shares)) for shares in content.get("inference", ())),
@@ -220,6 +220,12 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         rooms=tuple(dict(room) for room in content.get("rooms") or ()),
         platforms=tuple(dict(platform) for platform in content.get("platforms") or ()),
     )
+
+
+def _summary_of(content: dict[str, Any]) -> CoverageSummary:
+    shares = dict(content)
+    errors = _numbers(dict(shares.pop("standard_error", {})))
+    return CoverageSummary(**_numbers(shares), standard_error=errors)
 
 
 def _number(value: Any, name: str) -> Any:

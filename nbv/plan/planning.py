@@ -21,8 +21,8 @@ from nbv.plan.simulated_plan import plan_online, plan_with_completion
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects, with_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import Standing, counted, find_standing
+from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count, within
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 _PATCH_TOLERANCE_M = 0.01
 _INCIDENCE_DEG = 60.0  # that counts as measured where nothing else is said
-_ROUNDING_M = 1e-6  # a surface may lie on the region's faces
-_MOST_FACES = 20_000  # in meshes of more, cover takes samples by area alone: each costs rays, rows and memory
 
 
 def plan_views(
@@ -191,8 +189,11 @@ def plan_views(
         sensor = with_effects(sensor, chosen_effects(sensor, noise))
     requirement.limits(sensor)  # raises before anything is cast
     caster = scene.ray_caster(n_threads)
-    samples = samples or patch_samples(scene, caster, standing.candidates) or _samples(scene, method)
-    samples, apart = counted(_within(samples, zones, scene), standing, caster)
+    samples = samples or patch_samples(scene, caster, standing.candidates)
+    if samples is None:
+        samples, apart = samples_that_count(scene, standing, caster, zones)
+    else:
+        samples, apart = counted(within(samples, zones, scene), standing, caster)
     problem = PlanningProblem(
         scene=scene,
         sensor=sensor,
@@ -260,25 +261,6 @@ def _one_zones(zones: Zones, of_options: Zones) -> Zones:
     if not zones.is_everywhere:
         raise InputError("zones are given twice, as zones and in options.zones; give one of the two")
     return of_options
-
-
-def _samples(scene: Scene, method: Method) -> SurfaceSamples:
-    """Return where coverage is measured; to plan offline no face needs a sample of its own."""
-    every_face = method == "nbv" or len(scene.mesh.faces) <= _MOST_FACES
-    return sample_surface(scene.mesh, every_face=every_face)
-
-
-def _within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSamples:
-    """Return the samples in the region."""
-    if zones.region is None:
-        return samples
-    inside = zones.of_interest(samples.points, _ROUNDING_M)
-    if not inside.any():
-        low, high = scene.mesh.bounds().round(2).tolist()
-        raise InputError(
-            f"no surface of {scene.name} lies in the region; the scene goes from {low} to {high}, metres"
-        )
-    return samples.some(inside)
 
 
 def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:

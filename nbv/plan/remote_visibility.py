@@ -33,7 +33,7 @@ from scenes.run.atomic import atomic_path
 _BLOCK = 8  # positions a piece of work
 _KEPT = 2  # trees and sets of samples that a worker's process keeps
 _SHARED = ".shared"
-_SAMPLE_ARRAYS = ("points", "normals", "areas", "face", "surface")
+_SAMPLE_ARRAYS = ("points", "normals", "areas", "face", "surface", "pair")
 
 
 @dataclass(frozen=True, slots=True)

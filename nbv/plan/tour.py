@@ -109,7 +109,7 @@ class _Ways:
     def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]) -> _Ways:
         """Return the ways through the air."""
         spacing = body_m / _SAMPLES_A_BODY
-        obstacles = sample_surface(mesh, spacing, every_face=False).points
+        obstacles = sample_surface(mesh, spacing).points
         extent = np.vstack([mesh.bounds(), stations])
         return cls._among(obstacles, stations, extent, body_m + spacing, keep_out)
 
@@ -119,7 +119,7 @@ class _Ways:
     ) -> _Ways:
         """Return the ways over the floor, found in the plane; they start and end at the sensors."""
         spacing = body_m / _SAMPLES_A_BODY
-        points = sample_surface(mesh, spacing, every_face=False).points
+        points = sample_surface(mesh, spacing).points
         floor, head = _floor_height(points, stations, body_m), stations[:, 2].max() + body_m
         obstacles = points[(points[:, 2] > floor + _STEP_OVER_M) & (points[:, 2] < head)]
         flat = np.vstack([mesh.bounds(), stations])[:, :2]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.coverage.measurement import visibility_history
+from nbv.coverage.share_error import share_error
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
@@ -17,12 +18,23 @@ from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, mea
 from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.blocks.storeys import storey_plans
-from nbv.report.page.page import Bar, Block, Gallery, Headline, Page, Section, State, Text, shares_bar
+from nbv.report.page.page import (
+    Bar,
+    Block,
+    Gallery,
+    Headline,
+    Page,
+    Section,
+    State,
+    Text,
+    headline_of,
+    shares_bar,
+)
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -132,6 +144,7 @@ def by_views(
 
 
 _NOTE = (
+    "\u00b1 is one standard error of a share, of the samples on which it was measured. "
     "Unknown, hatched, here means reachable, but not measured as required. Surfaces that face away from the "
     "eye are left out, so that one looks into a room from outside."
 )
@@ -151,7 +164,8 @@ def coverage_page(
     """
     requirement = coverage.requirement
     summary = (
-        f"{count(len(given), 'station measures', 'stations measure')} {percent(coverage.met)} % of "
+        f"{count(len(given), 'station measures', 'stations measure')} "
+        f"{percent_within(coverage.met, coverage.standard_errors()['met'])} % of "
         f"{square_metres(coverage.total_m2)} m\u00b2 at {requirement.describe()}. {_rest(coverage)}"
     )
     poses = [station.world_from_sensor for station in given]
@@ -191,20 +205,26 @@ def projections_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Project
 
 def _rest(coverage: Coverage) -> str:
     missed = coverage.reachable - coverage.met
-    return (
-        f"Of the rest, {percent(missed)} % could be measured by further views, and "
-        f"{percent(coverage.unreachable)} % by none."
-    )
+    never = percent_within(coverage.unreachable, coverage.standard_errors()["unreachable"])
+    return f"Of the rest, {percent(missed)} % could be measured by further views, and {never} % by none."
 
 
 def coverage_headlines(coverage: Coverage) -> tuple[Headline, ...]:
-    """Measured, missed and unreachable shares."""
-    return (
-        Headline(percent(coverage.met), "%", "of the area measured as required", "measured"),
-        Headline(percent(coverage.met_of_reachable), "%", "of what can be reached", "measured"),
-        Headline(percent(coverage.reachable - coverage.met), "%", "reachable, not yet measured", "unknown"),
-        Headline(percent(coverage.unreachable), "%", "out of reach of any candidate", "unreachable"),
+    """Measured, missed and unreachable shares, with their standard errors."""
+    missed = coverage.state == REACHABLE
+    errors = coverage.standard_errors()
+    figures: tuple[tuple[float, float, str, State], ...] = (
+        (coverage.met, errors["met"], "of the area measured as required", "measured"),
+        (coverage.met_of_reachable, coverage.met_of_reachable_error, "of what can be reached", "measured"),
+        (
+            coverage.reachable - coverage.met,
+            share_error(coverage.samples, missed),
+            "reachable, not yet measured",
+            "unknown",
+        ),
+        (coverage.unreachable, errors["unreachable"], "out of reach of any candidate", "unreachable"),
     )
+    return tuple(headline_of(*figure) for figure in figures)
 
 
 def coverage_bar(coverage: Coverage) -> Bar:

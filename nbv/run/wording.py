@@ -40,6 +40,20 @@ def percent(fraction: float, digits: int = 1) -> str:
     return text if float(text) > 0 else f"<{step:.{digits}f}"
 
 
+def percent_within(fraction: float, error: float) -> str:
+    """Return a fraction as percent with its standard error, without the sign.
+
+    Examples
+    --------
+    >>> percent_within(0.82893, 0.0007), percent_within(0.5, 0.12), percent_within(1.0, 0.00005)
+    ('82.89 \u00b1 0.07', '50 \u00b1 12', '100 \u00b1 0.01')
+    """
+    points = 100 * error
+    digits = 0 if points >= 10 else 1 if points >= 1 else 2
+    least = 10.0**-digits
+    return f"{percent(fraction, digits)} \u00b1 {max(points, least if error > 0 else 0.0):.{digits}f}"
+
+
 def square_metres(area: float) -> str:
     """Return an area in square metres with two to four digits.
 

@@ -111,7 +111,7 @@ def _near(centres: FloatArray, surface: LabelledMesh | None, voxel_m: float) -> 
     """Tell which voxels, by their centres (n, 3), some surface passes through or nearly touches."""
     if surface is None or not len(surface.faces) or not len(centres):
         return np.zeros(len(centres), np.bool_)
-    samples = sample_surface(surface, voxel_m / _SAMPLES_A_VOXEL, every_face=False)
+    samples = sample_surface(surface, voxel_m / _SAMPLES_A_VOXEL)
     reach = _WITHIN * voxel_m
     distance = cKDTree(samples.points).query(centres, distance_upper_bound=reach)[0]
     return np.asarray(np.isfinite(distance))

@@ -76,12 +76,12 @@ def find_reachable(
 ) -> Reachability:
     """Find which samples some candidate can measure, and why it cannot measure the others.
 
-    Positions are tried a few at a time, and only on samples that no earlier ones could measure; `n_threads`
-    cast.
+    Positions are tried a few at a time, and only on samples that stand for some area and that no earlier ones
+    could measure; `n_threads` cast.
     """
     limits = requirement.limits(sensor)
     passed = np.zeros((len(_SIEVES), len(samples)), dtype=np.bool_)
-    times = np.zeros(len(samples), np.int64)
+    times, counts = np.zeros(len(samples), np.int64), samples.areas > 0
     order = _spread_order(candidates.n_positions)
     shared = candidates.rotations_at(0) if candidates.directions.ndim == 2 else None
 
@@ -92,7 +92,7 @@ def find_reachable(
 
     with threads(2 * BYTES_A_SAMPLE * len(samples), n_threads) as pool:
         for start in range(0, len(order), _AT_A_TIME):
-            pending = np.flatnonzero(times < requirement.k)
+            pending = np.flatnonzero((times < requirement.k) & counts)
             for found in pool.map(look, order[start : start + _AT_A_TIME]):
                 for sieve, through in zip(passed, found.through, strict=True):
                     sieve[through] = True

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.visibility.strata import cut_strata, pair_up
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.morton import morton_order
 
-_GOLDEN = 1.32471795724474602596  # plastic number: x^3 = x + 1, base of the R2 sequence (Roberts 2018)
-_R2 = np.array([1 / _GOLDEN, 1 / _GOLDEN**2])
-_INWARD = 0.02  # of a face with one sample; n samples are drawn to the centroid by 1 / sqrt(n) of this share
-_WISHED_SAMPLES = 20_000
+WISHED_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +30,9 @@ class SurfaceSamples:
         Face and surface it lies on.
     tolerance_m : float
         A line of sight may end this far before the point, metres: for given patches that lie on rims.
+    pair : (n,) int32, optional
+        Samples of one number stand for neighbouring pieces of surface, from which the error of a share is
+        told (`nbv.coverage.share_error`); those that follow one another when not given.
     extent_m : float
         Longest side of their bounding box, metres.
     """
@@ -42,17 +43,22 @@ class SurfaceSamples:
     face: NDArray[np.int32]
     surface: NDArray[np.int32]
     tolerance_m: float = 0.0
+    pair: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     extent_m: float = field(init=False)
 
     def __post_init__(self) -> None:
         n = len(self.points)
         for name in ("points", "normals", "areas"):
             object.__setattr__(self, name, frozen_copy(getattr(self, name), np.float64))
-        for name in ("face", "surface"):
+        if not len(self.pair):
+            object.__setattr__(self, "pair", pair_up(n))
+        for name in ("face", "surface", "pair"):
             object.__setattr__(self, name, frozen_copy(getattr(self, name), np.int32))
-        lengths = {len(self.normals), len(self.areas), len(self.face), len(self.surface)}
+        lengths = {len(self.normals), len(self.areas), len(self.face), len(self.surface), len(self.pair)}
         if lengths != {n} or self.points.shape != (n, 3) or self.normals.shape != (n, 3):
-            raise InputError(f"{n} samples, but normals, areas, faces and surfaces number {sorted(lengths)}")
+            raise InputError(
+                f"{n} samples, but normals, areas, faces, surfaces and pairs number {sorted(lengths)}"
+            )
         object.__setattr__(self, "extent_m", float(np.ptp(self.points, axis=0).max()) if n else 0.0)
 
     def some(self, chosen: BoolArray | slice) -> SurfaceSamples:
@@ -64,6 +70,7 @@ class SurfaceSamples:
             areas=self.areas[chosen],
             face=self.face[chosen],
             surface=self.surface[chosen],
+            pair=self.pair[chosen],
         )
 
     def __len__(self) -> int:
@@ -78,17 +85,16 @@ class SurfaceSamples:
 def default_spacing(mesh: LabelledMesh) -> float:
     """Return the spacing in metres that gives about 20,000 samples, never above 1/20 of the mesh's extent."""
     extent = float(np.ptp(mesh.bounds(), axis=0).max())
-    return min(float(np.sqrt(mesh.face_areas().sum() / _WISHED_SAMPLES)), extent / 20)
+    return min(float(np.sqrt(mesh.face_areas().sum() / WISHED_SAMPLES)), extent / 20)
 
 
-def sample_surface(
-    mesh: LabelledMesh, spacing_m: float | None = None, *, every_face: bool = True
-) -> SurfaceSamples:
+def sample_surface(mesh: LabelledMesh, spacing_m: float | None = None) -> SurfaceSamples:
     """Sample a mesh so that every sample stands for about `spacing_m` squared.
 
-    Within a face the points follow a low-discrepancy sequence, strictly inside: rays aimed at edges leak.
-    Samples are sorted along a Morton curve: rays to neighbours in the list go nearly the same way, which is
-    faster.
+    Every sample is drawn in a piece of the surface of its own (`nbv.visibility.strata`), strictly inside its
+    face: rays aimed at edges leak. There are at most three times as many samples as the area asks for,
+    whatever the mesh: where faces are fewer than samples, each has one. Samples are sorted along a Morton
+    curve: rays to neighbours in the list go nearly the same way, which is faster.
 
     Parameters
     ----------
@@ -96,9 +102,6 @@ def sample_surface(
         Faces without area get no sample.
     spacing_m : float, optional
         Metres between samples; `default_spacing` when not given.
-    every_face : bool
-        Whether faces smaller than `spacing_m` squared get a sample each (with their true, smaller area).
-        Otherwise they are sampled systematically, about one sample a `spacing_m` squared in all.
 
     Raises
     ------
@@ -111,38 +114,10 @@ def sample_surface(
     spacing = default_spacing(mesh) if spacing_m is None else spacing_m
     if not spacing > 0:
         raise InputError(f"spacing_m must be positive, got {spacing}")
-    counts, share = _samples_a_face(areas, spacing, every_face)
-    face = np.repeat(np.arange(len(areas), dtype=np.int32), counts)
-    nth = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
-    points = np.einsum("nc,nck->nk", _inside_weights(nth, counts[face]), mesh.corners[face])
-    order = morton_order(points)
-    face, points = face[order], points[order]
-    normals, surface = mesh.face_normals()[face], mesh.face_surface[face]
-    return SurfaceSamples(points, normals, share[face], face, surface)
-
-
-def _samples_a_face(
-    areas: FloatArray, spacing: float, every_face: bool
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return how many samples each face gets, and the area that each of them stands for."""
-    wanted = areas / spacing**2
-    if every_face:
-        counts = np.ceil(wanted - 1e-6).astype(np.int64)  # a moved world must not change a count by rounding
-        counts = np.maximum(counts, (areas > 0).astype(np.int64))
-        return counts, np.divide(areas, counts, out=np.zeros_like(areas), where=counts > 0)
-    reached = np.floor(np.cumsum(wanted) + 0.5 + 1e-6).astype(np.int64)
-    counts = np.diff(reached, prepend=0)
-    if not counts.any():
-        counts[int(np.argmax(areas))] = 1
-    return counts, np.full(len(areas), areas.sum() / counts.sum())
-
-
-def _inside_weights(nth: NDArray[np.int64], count: NDArray[np.int64]) -> FloatArray:
-    """Corner weights (n, 3) of the nth of `count` samples of a face; one alone is the centroid."""
-    uv = (0.5 + np.multiply.outer(nth + 1, _R2)) % 1.0
-    beyond = uv.sum(axis=1) > 1
-    uv[beyond] = 1 - uv[beyond]
-    weights = np.column_stack([1 - uv.sum(axis=1), uv])
-    inward = np.where(count == 1, 1.0, _INWARD / np.sqrt(count))[:, None]
-    inside: FloatArray = weights + inward * (1 / 3 - weights)
-    return inside
+    strata = cut_strata(mesh, areas, spacing**2)
+    order = morton_order(strata.points)
+    face = strata.face[order]
+    return SurfaceSamples(
+        strata.points[order], mesh.face_normals()[face], strata.areas[order], face, mesh.face_surface[face],
+        pair=strata.pair[order],
+    )  # fmt: skip

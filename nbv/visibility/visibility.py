@@ -68,10 +68,10 @@ def visible_from_positions(
 ) -> csr_array:
     """Cosines (n_positions, n_samples), sparse, of the samples seen from each position in any direction.
 
-    Positions (p, 3) are world coordinates, metres. The result does not depend on the number of threads;
-    `progress` is called with ("visibility", done, total).
+    Positions (p, 3) are world coordinates, metres. Samples that stand for no area are not looked at. The
+    result does not depend on the number of threads; `progress` is called with ("visibility", done, total).
     """
-    everything = np.arange(len(samples))
+    everything = np.flatnonzero(samples.areas > 0)
     rows = []
     with threads(BYTES_A_SAMPLE * len(samples), n_threads) as pool:
         seen = pool.map(lambda p: lines_of_sight(caster, p, samples, limits, everything), positions)

@@ -11,7 +11,7 @@ from nbv.coverage.unreachable import unreachable_patches
 from nbv.plan.plan import Plan
 from nbv.report.blocks.scan_tables import PLACE_COLUMNS, place_cells
 from nbv.report.page.page import Block, Cell, Table, Text
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 from scenes.pose import Pose
 
 _MOST_PATCHES = 30  # in the report; coverage.json has all
@@ -30,13 +30,18 @@ REASON_TEXTS = {
 def reasons(coverage: Coverage) -> tuple[Block, ...]:
     """A row for each reason for which surface is out of reach."""
     shares = {name: share for name, share in coverage.reasons().items() if share > 0}
+    errors: dict[str, float] = dict(coverage.reason_errors())
     if not shares:
         return (Text("Every part of the surface can be measured as required by some candidate."),)
     rows = tuple(
         (
             Cell(name.replace("_", " ")),
             Cell(REASON_TEXTS.get(name, "")),
-            Cell(percent(share, 2), share=share / max(coverage.unreachable, 1e-12), state="unreachable"),
+            Cell(
+                percent_within(share, errors[name]),
+                share=share / max(coverage.unreachable, 1e-12),
+                state="unreachable",
+            ),
             Cell(square_metres(share * coverage.total_m2)),
         )
         for name, share in shares.items()
@@ -72,13 +77,17 @@ def surfaces_table(coverage: Coverage) -> Table:
         (
             Cell(row.name),
             Cell(square_metres(row.area_m2)),
-            Cell(percent(row.met), share=row.met, state="measured"),
+            Cell(percent_within(row.met, row.standard_error["met"]), share=row.met, state="measured"),
             Cell(
                 percent(max(row.reachable - row.met, 0.0)),
                 share=max(row.reachable - row.met, 0.0),
                 state="unknown",
             ),
-            Cell(percent(row.unreachable), share=row.unreachable, state="unreachable"),
+            Cell(
+                percent_within(row.unreachable, row.standard_error["unreachable"]),
+                share=row.unreachable,
+                state="unreachable",
+            ),
             Cell(f"{row.mean_cosine:.2f}"),
         )
         for row in table

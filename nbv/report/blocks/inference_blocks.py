@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,11 +14,22 @@ from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.plan_findings import PlanFindings, measured_sentence, met_before
 from nbv.report.figures.plots import class_curve
-from nbv.report.page.page import Bar, Block, Cell, Headline, Section, State, Table, Text, shares_bar
+from nbv.report.page.page import (
+    Bar,
+    Block,
+    Cell,
+    Headline,
+    Section,
+    State,
+    Table,
+    Text,
+    headline_of,
+    shares_bar,
+)
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
-from nbv.run.wording import percent, square_metres
+from nbv.run.wording import percent, percent_within, square_metres
 from nbv.visibility.zones import Zones
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene
@@ -46,15 +57,18 @@ def with_inference(
     scene: Scene, plan: Plan, coverage: Coverage, n_threads: int | None, _baselines: Sequence[Baseline] = ()
 ) -> PlanFindings:
     """Return what views and the completion of their scans achieve together."""
-    shares = plan.shares[-1]
+    shares, errors = plan.shares[-1], coverage.standard_errors()
+    modelled = percent_within(shares.modelled, errors["modelled"])
+    inferred = percent_within(shares.inferred, errors["inferred"])
+    unknown = percent_within(shares.unknown, errors["unknown"])
     summary = (
-        f"{measured_sentence(plan, coverage)} Completion of the scans models {percent(shares.modelled)} % "
-        f"more, which they saw but not as required, and infers {percent(shares.inferred)} % more where they "
-        f"saw too little or nothing; {percent(shares.unknown)} % stays unknown. {_right(shares)}"
+        f"{measured_sentence(plan, coverage)} Completion of the scans models {modelled} % more, which they "
+        f"saw but not as required, and infers {inferred} % more where they saw too little or nothing; "
+        f"{unknown} % stays unknown. {_right(shares)}"
     )
     return PlanFindings(
         summary=summary,
-        headlines=class_headlines(shares),
+        headlines=class_headlines(shares, errors),
         bar=class_bar(shares, coverage.total_m2),
         meanings=(Section("What counts as what", meanings(plan, coverage)),),
         curve=curve_of_classes(plan, coverage),
@@ -66,13 +80,13 @@ def with_inference(
     )
 
 
-def class_headlines(shares: Shares) -> tuple[Headline, ...]:
+def class_headlines(shares: Shares, errors: Mapping[str, float]) -> tuple[Headline, ...]:
     """The share of each class, and how much of what was inferred is right."""
     figures = (
-        Headline(percent(shares.met), "%", "measured as required", "measured"),
-        Headline(percent(shares.modelled), "%", "modelled: seen, but not as required", "modelled"),
-        Headline(percent(shares.inferred), "%", "inferred where too little was seen", "inferred"),
-        Headline(percent(shares.unknown), "%", "unknown", "unknown"),
+        headline_of(shares.met, errors["met"], "measured as required", "measured"),
+        headline_of(shares.modelled, errors["modelled"], "modelled: seen, but not as required", "modelled"),
+        headline_of(shares.inferred, errors["inferred"], "inferred where too little was seen", "inferred"),
+        headline_of(shares.unknown, errors["unknown"], "unknown", "unknown"),
     )
     if not shares.inferred_m2:
         return figures
@@ -88,15 +102,18 @@ def class_bar(shares: Shares, total_m2: float) -> Bar:
 
 def meanings(plan: Plan, coverage: Coverage) -> tuple[Block, ...]:
     """What each class means and how much there is of it; what the truth says of what was inferred."""
-    shares = plan.shares[-1]
+    shares, known = plan.shares[-1], coverage.standard_errors()
+    errors = [known[name] for name in ("met", "modelled", "inferred", "unknown")]
     rows = tuple(
         (
             Cell(name, swatch=_SWATCHES[state]),
             Cell(text),
-            Cell(percent(amount), share=amount, state=state),
+            Cell(percent_within(amount, error), share=amount, state=state),
             Cell(square_metres(amount * coverage.total_m2)),
         )
-        for (name, text), state, amount in zip(_class_texts(plan), _STATES, _amounts(shares), strict=True)
+        for (name, text), state, amount, error in zip(
+            _class_texts(plan), _STATES, _amounts(shares), errors, strict=True
+        )
     )
     note = (
         f"Each place of the true surface has the first class that holds. The planner {_KNOWS[plan.method]}: "

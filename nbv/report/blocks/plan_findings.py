@@ -13,7 +13,7 @@ from nbv.plan.baselines import PLAN, Baseline
 from nbv.plan.plan import Plan
 from nbv.report.page.page import Bar, Cell, Headline, Section, Table, Text
 from nbv.report.pictures.picture import Picture
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,10 +40,11 @@ def measured_sentence(plan: Plan, coverage: Coverage) -> str:
     """How much the views of a plan measure as required, in a sentence."""
     where = " in the region" if plan.zones.region else ""
     how = "without knowing the scene" if plan.method == "nbv" else "knowing the scene"
+    met = percent_within(coverage.met, coverage.standard_errors()["met"])
     return (
         f"{count(len(plan.views), 'view')} with {plan.sensor.name}, planned {how},{_after(plan)} "
         f"{'measures' if len(plan.views) == 1 else 'measure'} "
-        f"{percent(coverage.met)} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
+        f"{met} % of {square_metres(coverage.total_m2)} m\u00b2{where} at "
         f"{plan.requirement.describe()}."
     )
 

@@ -19,7 +19,7 @@ from nbv.report.pictures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, P
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.encoding import encoded
 from nbv.run.manifest import versions
-from nbv.run.wording import square_metres
+from nbv.run.wording import percent_within, square_metres
 from scenes.run.atomic import write_text
 
 State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
@@ -33,6 +33,12 @@ class Headline:
     unit: str
     label: str
     state: State = ""
+
+
+def headline_of(share: float, error: float, label: str, state: State = "") -> Headline:
+    """Return the figure of a share of area, in percent, with its standard error."""
+    value, within = percent_within(share, error).split(" ", 1)
+    return Headline(value, f"{within} %", label, state)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,16 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from nbv.scanning.sensors.sensor import Sensor
-from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.samples import WISHED_SAMPLES, SurfaceSamples, default_spacing, sample_surface
 from nbv.visibility.standing.bounding import bounding_surface
 from nbv.visibility.standing.site import Site, find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, room_lattice, viewing_sphere
+from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
 _SAME_LEVEL_M = 0.1
+_ROUNDING_M = 1e-6  # a surface may lie on the region's faces
+_ENOUGH, _FINER = 0.9, 4.0  # share of the wished samples that must count; and times as many samples in all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +71,41 @@ def find_standing(
     site = find_site(scene, options)
     candidates = site.candidates(sensor, subdivisions)
     return Standing(candidates, Candidates(_lattice(scene, site, options), candidates.directions), site)
+
+
+def samples_that_count(
+    scene: Scene, standing: Standing, caster: RayCaster, zones: Zones = EVERYWHERE
+) -> tuple[SurfaceSamples, Mapping[str, float]]:
+    """Sample what is to be measured of a scene; return the samples and the area of what is set apart.
+
+    Where much is set apart, or lies off the region, all is sampled more finely, up to `_FINER` times, so that
+    about as many samples count as in a scene of which all does.
+
+    Raises
+    ------
+    InputError
+        No surface in the region, or none that bounds the rooms.
+    """
+    spacing = default_spacing(scene.mesh)
+    samples, apart = counted(within(sample_surface(scene.mesh, spacing), zones, scene), standing, caster)
+    share = float(np.count_nonzero(samples.areas)) / WISHED_SAMPLES
+    if share > _ENOUGH:
+        return samples, apart
+    finer = sample_surface(scene.mesh, spacing * float(np.sqrt(max(share, 1 / _FINER))))
+    return counted(within(finer, zones, scene), standing, caster)
+
+
+def within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSamples:
+    """Return the samples in the region."""
+    if zones.region is None:
+        return samples
+    inside = zones.of_interest(samples.points, _ROUNDING_M)
+    if not inside.any():
+        low, high = scene.mesh.bounds().round(2).tolist()
+        raise InputError(
+            f"no surface of {scene.name} lies in the region; the scene goes from {low} to {high}, metres"
+        )
+    return samples.some(inside)
 
 
 def counted(

@@ -28,7 +28,7 @@ class Clearance:
     def of(cls, mesh: LabelledMesh, clearance_m: float = CLEARANCE_M) -> Clearance:
         """Sample a mesh; its samples are at most two million, and then further apart."""
         spacing = max(clearance_m / _FINENESS, float(np.sqrt(mesh.face_areas().sum() / _MOST_SAMPLES)))
-        samples = sample_surface(mesh, spacing, every_face=len(mesh.faces) < _MOST_SAMPLES)
+        samples = sample_surface(mesh, spacing)
         return cls(clearance_m, cKDTree(samples.points))
 
     def holds(self, positions: FloatArray) -> BoolArray:

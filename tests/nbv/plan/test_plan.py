@@ -106,8 +106,12 @@ def test_plan_json_has_the_documented_form_and_is_read_back(room_plan, tmp_path)
     ]
     assert list(content["views"][0]) == ["world_from_sensor", "gain_m2", "met_fraction"]
     assert list(content["coverage"]) == [
-        *("total_m2", "met", "reachable", "unreachable", "inferred", "modelled", "unknown")
+        *("total_m2", "met", "reachable", "unreachable", "inferred", "modelled", "unknown"),
+        "standard_error",
     ]
+    errors = content["coverage"]["standard_error"]
+    assert list(errors) == ["met", "reachable", "unreachable", "inferred", "modelled", "unknown"]
+    assert all(0 < error < 0.01 for error in errors.values())
     assert content["lower_bound"] is None
     assert content["seed"] == 0
     file = tmp_path / "plan.json"

@@ -16,13 +16,62 @@ TRIANGLES = LabelledMesh(
 )
 
 
-@pytest.mark.parametrize("every_face", [True, False])
-def test_areas_add_up_to_the_mesh(every_face):
-    samples = sample_surface(TRIANGLES, 0.05, every_face=every_face)
+@pytest.mark.parametrize("spacing", [0.05, 2.0])
+def test_areas_add_up_to_the_mesh(spacing):
+    samples = sample_surface(TRIANGLES, spacing)
     assert samples.total_m2 == pytest.approx(TRIANGLES.face_areas().sum())
-    assert (2 in samples.face) == every_face
     assert 3 not in samples.face
     assert (samples.surface == TRIANGLES.face_surface[samples.face]).all()
+
+
+def test_where_faces_are_few_each_has_a_sample():
+    assert set(sample_surface(TRIANGLES, 0.05).face.tolist()) == {0, 1, 2}
+
+
+def many_triangles(n: int) -> LabelledMesh:
+    """Two surfaces of n small triangles each, the second much smaller."""
+    corner = np.random.default_rng(0).random((2 * n, 1, 3)) * [1, 1, 0] + np.zeros((2 * n, 3, 3))
+    shape = np.array([[0, 0, 0], [1e-3, 0, 0], [0, 1e-3, 0]])
+    size = np.repeat([1.0, 0.1], n)[:, None, None]
+    vertices = (corner + size * shape).reshape(-1, 3)
+    return LabelledMesh(vertices, np.arange(6 * n).reshape(-1, 3), np.repeat([0, 1], n))
+
+
+def test_however_many_the_faces_samples_are_bounded_and_areas_right():
+    mesh = many_triangles(60_000)
+    samples = sample_surface(mesh)
+    assert len(samples) < 1.2 * 20_000
+    areas = np.bincount(mesh.face_surface, mesh.face_areas())
+    assert np.bincount(samples.surface, samples.areas) == pytest.approx(areas)
+    coarse = sample_surface(mesh, 0.02)
+    assert len(coarse) <= 3 * mesh.face_areas().sum() / 0.02**2
+    assert set(coarse.surface.tolist()) == {0, 1}
+
+
+def test_congruent_faces_do_not_share_their_samples():
+    plates = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float) + np.arange(9).reshape(-1, 1, 1) * [0, 0, 1]
+    mesh = LabelledMesh(plates.reshape(-1, 3), np.arange(27).reshape(-1, 3))
+    samples = sample_surface(mesh, 0.2)
+    first = [samples.points[samples.face == face][:, :2] for face in range(9)]
+    assert len({len(points) for points in first}) == 1
+    assert min(np.abs(a - b).max() for k, a in enumerate(first) for b in first[:k]) > 0.01
+
+
+def test_pairs_are_neighbours_on_one_face():
+    samples = sample_surface(TRIANGLES, 0.02)
+    samples = samples.some(samples.face < 2)  # the third face is too small for a pair
+    counts = np.bincount(samples.pair, minlength=1)
+    counts = counts[counts > 0]
+    assert set(counts.tolist()) <= {2, 3}
+    for pair in np.unique(samples.pair)[::17]:
+        points = samples.points[samples.pair == pair]
+        assert np.ptp(points, axis=0).max() < 0.02 * 4
+
+
+def test_samples_of_a_moved_mesh_are_the_moved_samples():
+    samples, shift = sample_surface(TRIANGLES, 0.05), np.array([3.0, -2.0, 7.0])
+    moved = LabelledMesh(TRIANGLES.vertices + shift, TRIANGLES.faces, TRIANGLES.face_surface)
+    assert sample_surface(moved, 0.05).points == pytest.approx(samples.points + shift)
 
 
 def test_samples_lie_strictly_inside_their_faces():
@@ -31,7 +80,7 @@ def test_samples_lie_strictly_inside_their_faces():
     whole = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     for p, q in ((a, b), (b, c), (c, a)):
         share = np.linalg.norm(np.cross(p - samples.points, q - samples.points), axis=1) / whole
-        assert share.min() > 1e-5
+        assert share.min() > 1e-6
 
 
 def test_samples_are_spread_more_evenly_than_random_ones():
