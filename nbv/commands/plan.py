@@ -201,6 +201,8 @@ def summary_of(plan: Plan) -> dict[str, Any]:
         "inference": plan.shares[-1].to_json() if plan.shares else None,
         "lower_bound": plan.lower_bound.to_json() if plan.lower_bound else None,
         "stopped_because": plan.stopped_because,
+        "tour_m": plan.stations.tour.length_m if plan.stations else None,
+        "legs_without_way": plan.stations.tour.n_without_way if plan.stations else None,
         "rooms": list(plan.rooms),
     }
 
@@ -221,7 +223,9 @@ def lines_of(plan: Plan) -> list[str]:
     if plan.site is not None and len(plan.site.rooms.rooms) > 1:
         lines.append(_rooms_line(plan))
     if plan.stations is not None:
-        lines.append(f"a tour of all stations takes {plan.stations.tour.length_m:.1f} m")
+        tour = plan.stations.tour
+        which = "the way from scan to scan" if tour.is_given else "a tour of all stations"
+        lines.append(f"{which} takes {tour.describe()}")
     if plan.lower_bound:
         lines.append(plan.lower_bound.describe())
     return lines

@@ -46,7 +46,7 @@ def plan_simply(
         spent = len(run.views) == n_most
         ended = "all stations of the rule are taken" if method in RULES else "no candidate sees anything new"
         reason = f"the limit of {n_most} views is reached" if spent else ended
-    return run.plan(method, reason)
+    return run.plan(method, reason, stations=run.stations())
 
 
 def _greedy(

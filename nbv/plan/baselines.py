@@ -9,7 +9,7 @@ requirement on most new area. The last two know the scene. All are measured on t
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 
 PLAN = "this plan"
-_MOST_SAMPLES = 4000
 _MOST_VIEWS = 100
 _N_RUNS = 30
 
@@ -56,7 +55,7 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaselineChoice:
-    """What all baselines choose from: the plan's candidates, and samples thinned to about 4,000.
+    """What all baselines choose from: the plan's candidates and samples.
 
     `before` tells what scans have measured that were taken before, `visible` (n_positions, n_samples) the
     cosines of what each position sees, in any direction.
@@ -106,10 +105,10 @@ def compare_with_baselines(
     """Measure the baselines with as many views as a plan has (at most 100), and the plan beside them.
 
     The plan is a fresh one, with its full coverage: the baselines choose from its candidates, for its sensor
-    and requirement, and are measured on every k-th of its samples, so that about 4,000 remain. All begin with
-    what `scans` have measured that were taken before. `rng` is for the 30 random runs, and the starts of the
-    30 farthest-point runs; the result does not depend on the number of threads. The plan comes first, named
-    "this plan", then random, farthest-point, visibility-only greedy and greedy.
+    and requirement, and are measured on its samples: none reaches the target with fewer views than its lower
+    bound. All begin with what `scans` have measured that were taken before. `rng` is for the 30 random runs,
+    and the starts of the 30 farthest-point runs; the result does not depend on the number of threads. The
+    plan comes first, named "this plan", then random, farthest-point, visibility-only greedy and greedy.
 
     Raises
     ------
@@ -122,7 +121,7 @@ def compare_with_baselines(
     if candidates is None or not isinstance(coverage, Coverage) or coverage.history is None:
         raise InputError("a plan that was read from a file does not tell its candidates; plan anew")
     n = min(len(plan.views), _MOST_VIEWS)
-    samples, taken = thinned(coverage.samples, _MOST_SAMPLES), every_kth(coverage.samples, _MOST_SAMPLES)
+    samples, first_met = coverage.samples, coverage.history.first_met
     limits = plan.requirement.visibility(plan.sensor)
     visible = visible_from_positions(caster, candidates.positions, samples, limits, n_threads=n_threads)
     before = CoverageTally.start(caster, samples, plan.requirement)
@@ -132,15 +131,14 @@ def compare_with_baselines(
         candidates=candidates, sensor=plan.sensor, requirement=plan.requirement, samples=samples,
         before=before, visible=visible,
     )  # fmt: skip
-    first_met = coverage.history.first_met[taken]
     mine = [float(samples.areas[first_met <= number].sum()) / samples.total_m2 for number in range(1, n + 1)]
     random = [rng.integers(candidates.n_poses, size=n).tolist() for _ in range(_N_RUNS)]
     spread = [farthest_poses(candidates, run[0], n) for run in random]
     runs = (
         ("random", False, random),
         ("farthest-point", False, spread),
-        ("visibility-only greedy", True, [greedy_poses(choice, GRAZING_COSINE, n)]),
-        ("greedy", True, [greedy_poses(choice, plan.requirement.min_cosine, n)]),
+        ("visibility-only greedy", True, [greedy_poses(choice, GRAZING_COSINE, before.n_views, n)]),
+        ("greedy", True, [greedy_poses(choice, plan.requirement.min_cosine, before.n_met, n)]),
     )
     return (
         Baseline(PLAN, False, np.array([mine])),
@@ -151,10 +149,11 @@ def compare_with_baselines(
     )
 
 
-def greedy_poses(choice: BaselineChoice, min_cosine: float, n: int) -> list[int]:
+def greedy_poses(choice: BaselineChoice, min_cosine: float, times: NDArray[np.int32], n: int) -> list[int]:
     """Numbers of `n` poses, each of which sees most new area at `min_cosine` or better.
 
-    When nothing new is left to see, all counts as new again.
+    Samples are new until they were seen as often as required; `times` (n_samples,) they were before. When
+    nothing new is left to see, all counts as new again.
     """
     areas = choice.samples.areas
     rows = [choice.row(i) for i in range(choice.candidates.n_positions)]
@@ -162,17 +161,18 @@ def greedy_poses(choice: BaselineChoice, min_cosine: float, n: int) -> list[int]
     points = choice.samples.points
     offsets = [points[index] - choice.candidates.positions[i] for i, index in enumerate(good)]
     accumulator = Accumulator.of(offsets, choice.candidates, choice.sensor)
-    worth = np.where(choice.before.best_cosine >= min_cosine - 1e-12, 0.0, areas)
-    left, chosen = worth.copy(), list[int]()
+    wanted = np.maximum(choice.requirement.k - times, 0)
+    left, chosen = wanted.copy(), list[int]()
     while len(chosen) < n:
-        number = accumulator.best([left[index] for index in good])
-        if number is None and (left == worth).all():
+        worth = np.where(left > 0, areas, 0.0)
+        number = accumulator.best([worth[index] for index in good])
+        if number is None and (left == wanted).all():
             return chosen + [0] * (n - len(chosen))  # no pose sees anything
         if number is None:
-            left = worth.copy()
+            left = wanted.copy()
             continue
         index, cosine = choice.seen(number)
-        left[index[cosine >= min_cosine - 1e-12]] = 0.0
+        left[index[cosine >= min_cosine - 1e-12]] -= 1
         chosen.append(number)
     return chosen
 
@@ -195,15 +195,3 @@ def farthest_poses(candidates: Candidates, start: int, n: int) -> list[int]:
         nearest[last] = -1.0
         chosen.append(int(np.argmax(nearest)))
     return chosen
-
-
-def every_kth(samples: SurfaceSamples, n_most: int) -> slice:
-    """Return which samples remain where at most `n_most` may: every k-th, from the middle of the first k."""
-    k = -(-len(samples) // n_most)
-    return slice(k // 2 if k > 1 else 0, None, k)
-
-
-def thinned(samples: SurfaceSamples, n_most: int) -> SurfaceSamples:
-    """Return every k-th sample, each standing for k times its area, so that at most `n_most` remain."""
-    few = samples.some(every_kth(samples, n_most))
-    return replace(few, areas=few.areas * (samples.total_m2 / few.areas.sum()))

@@ -17,7 +17,7 @@ from nbv.cover.overlap import OverlapGraph, OverlapOptions, components, connect
 from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem, PlanningRun
-from nbv.plan.tour import Overlap, Stations, plan_tour
+from nbv.plan.tour import Overlap, Stations
 from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.visibility import orient, visible_from_positions
@@ -78,8 +78,9 @@ def plan_offline(
     reason = run.why_finished() or _why_not(problem, views, cover)
     if problem.overlap is not None:
         reason += f"; {n_added} of the views are there for overlap"
-        if stations.n_groups > 1:
-            reason += f", and yet {count(stations.n_groups, 'group')} of scans that no candidate joins"
+        n_groups = stations.n_groups or 1
+        if n_groups > 1:
+            reason += f", and yet {count(n_groups, 'group')} of scans that no candidate joins"
     if cover.was_cut_short:
         reason += f"; the time budget ended the search for fewer views after {cover.steps} swaps"
     bound = cover.bound
@@ -216,15 +217,8 @@ def plan_stations(
             if own.linked[there]:
                 pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
     linked = np.array([own.linked for own in links]).reshape(len(chosen), problem.candidates.n_poses)
-    positions = [problem.candidates.pose(candidate).translation for candidate in chosen]
-    places = np.array(positions).reshape(-1, 3)
-    tour = plan_tour(
-        problem.scene.mesh,
-        places,
-        on_foot=not problem.from_outside,
-        keep_out=problem.zones.keep_out,
-        first=0 if begins_at_first else None,
-    )
+    poses = [problem.candidates.pose(candidate) for candidate in chosen]
+    tour = problem.tour(poses, first=0 if begins_at_first else None)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))
 
 

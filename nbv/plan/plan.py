@@ -80,7 +80,7 @@ class Plan:
     stopped_because : str
         Why there are no more views.
     stations : Stations or None
-        In which order to visit them, and which scans overlap; of offline plans, and not in `plan.json`.
+        In which order to visit them, and which scans overlap; not in `plan.json`.
     candidates : Candidates or None
         The poses that could be chosen; None for a plan read from a file.
     shares : tuple of Shares
@@ -162,7 +162,7 @@ class Plan:
         if self.lower_bound is not None:
             figures += [("lower bound", count(self.lower_bound.views, "view"))]
         if self.stations is not None:
-            figures += [("tour", f"{self.stations.tour.length_m:.1f} m")]
+            figures += [("tour", self.stations.tour.describe())]
         title, note = f"method {self.method}", f"stopped because: {self.stopped_because}"
         return Card("View plan", title, figures, bar=bar, pictures=pictures, note=note).to_html()
 

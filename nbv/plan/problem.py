@@ -17,7 +17,7 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.remote_visibility import RemoteVisibility
-from nbv.plan.tour import Stations
+from nbv.plan.tour import Stations, Tour, plan_tour
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
@@ -99,6 +99,21 @@ class PlanningProblem:
             return None
         keys = self.site.spots(self.candidates.positions)
         return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1].ravel())
+
+    def tour(self, poses: Sequence[Pose], *, in_order: bool = False, first: int | None = None) -> Tour:
+        """Return a tour of the poses, short or as they come: on foot, or through the air around objects.
+
+        It begins at the pose `first` where that is given.
+        """
+        return plan_tour(
+            self.scene.mesh,
+            np.array([pose.translation for pose in poses]).reshape(-1, 3),
+            on_foot=not self.from_outside,
+            in_order=in_order,
+            first=first,
+            keep_out=self.zones.keep_out,
+            caster=self.caster,
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -183,6 +198,10 @@ class PlanningRun:
             how = "met" if self.classes is None else "met, modelled or inferred"
             return f"target {how} on the true scene: {self.problem.target:g} of the reachable area"
         return None
+
+    def stations(self, *, in_order: bool = False) -> Stations:
+        """Return the tour of the views so far; overlap is not looked at."""
+        return Stations(self.problem.tour([view.world_from_sensor for view in self.views], in_order=in_order))
 
     def plan(
         self, method: str, reason: str, bound: LowerBound | None = None, stations: Stations | None = None

@@ -70,7 +70,7 @@ def plan_online(
     )
     if problem.infer and run.shares[-1].views < len(run.views):
         run.complete(scans)
-    return run.plan("nbv", found.stopped_because)
+    return run.plan("nbv", found.stopped_because, stations=run.stations(in_order=True))
 
 
 _STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Tour: an order of stations with short legs, each a way that keeps clear of every surface.
-
-Ways lead along a lattice. A step is taken only where the free balls around its two ends, less the radius of
-what is carried, hold all of it between them: a sufficient condition that no step passes through a surface.
-Within a room somebody walks: then the lattice lies on the floor, and what stands on it or hangs lower than
-the sensor is in the way, so that nobody climbs through a window.
-"""
+"""Tour: an order of stations with short legs that keep clear of every surface (`nbv.plan.ways`)."""
 
 from __future__ import annotations
 
@@ -15,43 +9,56 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
 from nbv.plan.visiting_order import short_order
-from nbv.visibility.samples import sample_surface
+from nbv.plan.ways import BODY_M, Leg, Ways
+from nbv.run.wording import count
 from nbv.visibility.zones import Box
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.mesh.labelled_mesh import LabelledMesh
-
-BODY_M = 0.15  # radius of the sensor's head, which is carried
-_MOST_NODES = 60_000
-_STEP_M = 0.15
-_STEP_OVER_M = 0.1  # what lies lower on the floor is stepped over
-_SAMPLES_A_BODY = 4.0  # samples of the surface along a body's radius
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Leg:
-    """A way (k, 3) from one station to the next and its length, metres; no points and inf where none is."""
-
-    path: FloatArray
-    length_m: float
+from scenes.rays.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tour:
-    """Stations by their numbers in their order, and the legs between them."""
+    """Stations by their numbers in their order, and the legs between them.
+
+    It `is_given` where the stations were to be visited as they come, as scans are that decide the next one.
+    """
 
     order: tuple[int, ...]
     legs: tuple[Leg, ...]
+    is_given: bool = False
 
     @property
     def length_m(self) -> float:
-        """Length of all legs that there are, metres."""
+        """Length of all legs that have a way, metres."""
         return float(sum(leg.length_m for leg in self.legs if np.isfinite(leg.length_m)))
+
+    @property
+    def n_without_way(self) -> int:
+        """How many legs have no way, which the length leaves out."""
+        return sum(1 for leg in self.legs if not np.isfinite(leg.length_m))
+
+    def describe(self) -> str:
+        """Return the length in words, and how many legs it leaves out.
+
+        Examples
+        --------
+        >>> there, nowhere = Leg(np.zeros((2, 3)), 3.25), Leg(np.zeros((0, 3)), np.inf)
+        >>> Tour((0, 1), (there,)).describe()
+        '3.2 m'
+        >>> Tour((0, 1, 2), (there, nowhere)).describe()
+        '3.2 m, without 1 of 2 legs that has no way (closed doors, storeys without stairs, narrow places)'
+        """
+        text = f"{self.length_m:.1f} m"
+        if not self.n_without_way:
+            return text
+        legs = f"{self.n_without_way} of {count(len(self.legs), 'leg')}"
+        are = "has" if self.n_without_way == 1 else "have"
+        return (
+            f"{text} without {legs} that {are} no way (closed doors, storeys without stairs, narrow places)"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `stations.json`: views counted from 1, length null where there is no way."""
@@ -59,7 +66,15 @@ class Tour:
             {"length_m": leg.length_m if len(leg.path) else None, "path": leg.path.tolist()}
             for leg in self.legs
         ]
-        return {"order": [number + 1 for number in self.order], "length_m": self.length_m, "legs": legs}
+        order = [number + 1 for number in self.order]
+        lost = self.n_without_way
+        return {
+            "order": order,
+            "is_given": self.is_given,
+            "length_m": self.length_m,
+            "legs_without_way": lost,
+            "legs": legs,
+        }
 
 
 def plan_tour(
@@ -68,17 +83,20 @@ def plan_tour(
     *,
     body_m: float = BODY_M,
     on_foot: bool = False,
+    in_order: bool = False,
     keep_out: Sequence[Box] = (),
     first: int | None = None,
+    caster: RayCaster | None = None,
 ) -> Tour:
     """Return a short open tour of `stations` (n, 3), metres, that keeps `body_m` clear of the mesh.
 
     It begins at the station `first` where that is given. No leg leads through the boxes `keep_out`; on foot
-    they count where they reach lower than the sensor.
+    they count where they stand in a person's way.
 
     Nearest neighbours from several starts, then 2-opt and the moving of short stretches (Or 1976) until
-    neither helps. Legs between stations that no way joins come out as such. `on_foot` the ways lead over the
-    floor, which is as high as what most stations stand on, and keep clear up to the highest station.
+    neither helps; `in_order` the stations are visited as they come. Legs between stations that no way joins
+    come out as such. `on_foot` the ways lead over the floors of all storeys, by steps and stairs. `caster` is
+    of the mesh, made here when not given.
 
     Raises
     ------
@@ -89,97 +107,15 @@ def plan_tour(
         raise InputError(f"body_m must be positive, got {body_m}")
     stations = check_points("stations", stations)
     if len(stations) < 2:
-        return Tour(tuple(range(len(stations))), ())
-    find = _Ways.walked if on_foot else _Ways.flown
-    ways = find(mesh, stations, body_m, keep_out)
-    order = short_order(ways.lengths, first)
+        return Tour(tuple(range(len(stations))), (), in_order)
+    if on_foot:
+        caster = caster or RayCaster(mesh.vertices, mesh.faces)
+        ways = Ways.walked(mesh, caster, stations, body_m=body_m, keep_out=keep_out)
+    else:
+        ways = Ways.flown(mesh, stations, body_m=body_m, keep_out=keep_out)
+    order = list(range(len(stations))) if in_order else short_order(ways.lengths, first)
     legs = tuple(ways.leg(a, b) for a, b in pairwise(order))
-    return Tour(tuple(order), legs)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Ways:
-    """Shortest ways between stations: nodes (m, d), these first, lengths (n, n), predecessors (n, m)."""
-
-    nodes: FloatArray
-    lengths: FloatArray
-    before: NDArray[np.int32]
-
-    @classmethod
-    def flown(cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]) -> _Ways:
-        """Return the ways through the air."""
-        spacing = body_m / _SAMPLES_A_BODY
-        obstacles = sample_surface(mesh, spacing).points
-        extent = np.vstack([mesh.bounds(), stations])
-        return cls._among(obstacles, stations, extent, body_m + spacing, keep_out)
-
-    @classmethod
-    def walked(
-        cls, mesh: LabelledMesh, stations: FloatArray, body_m: float, keep_out: Sequence[Box]
-    ) -> _Ways:
-        """Return the ways over the floor, found in the plane; they start and end at the sensors."""
-        spacing = body_m / _SAMPLES_A_BODY
-        points = sample_surface(mesh, spacing).points
-        floor, head = _floor_height(points, stations, body_m), stations[:, 2].max() + body_m
-        obstacles = points[(points[:, 2] > floor + _STEP_OVER_M) & (points[:, 2] < head)]
-        flat = np.vstack([mesh.bounds(), stations])[:, :2]
-        boxes = [box for box in keep_out if box.low[2] < head and box.high[2] > floor]
-        ways = cls._among(obstacles[:, :2], stations[:, :2], flat, body_m + spacing, boxes)
-        height = np.full(len(ways.nodes), floor)
-        height[: len(stations)] = stations[:, 2]
-        return cls(np.column_stack([ways.nodes, height]), ways.lengths, ways.before)
-
-    @classmethod
-    def _among(
-        cls,
-        obstacles: FloatArray,
-        stations: FloatArray,
-        extent: FloatArray,
-        clearance_m: float,
-        keep_out: Sequence[Box],
-    ) -> _Ways:
-        """Return the ways among points (k, d), within the extent (m, d) of other points."""
-        low, high = extent.min(axis=0), extent.max(axis=0)
-        step = float((np.prod(np.maximum(high - low, 0.1)) / _MOST_NODES) ** (1 / len(low)))
-        step = max(_STEP_M, step)
-        axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
-        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(low))
-        nodes = np.vstack([stations, lattice])
-        room = np.full(len(nodes), np.inf)
-        if len(obstacles):
-            room = cKDTree(obstacles).query(nodes)[0] - clearance_m
-        for box in keep_out:
-            room = np.minimum(room, box.distance(nodes, nodes.shape[1]))
-        kept = (room > 0) | (np.arange(len(nodes)) < len(stations))
-        nodes, room = nodes[kept], room[kept]
-        pairs = cKDTree(nodes).query_pairs(1.01 * np.sqrt(len(low)) * step, output_type="ndarray")
-        length = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1)
-        safe = (room[pairs] > 0).all(axis=1) & (room[pairs].sum(axis=1) >= length)
-        steps = (np.maximum(length[safe], 1e-9), (pairs[safe, 0], pairs[safe, 1]))
-        graph = coo_array(steps, shape=(len(nodes),) * 2).tocsr()
-        ends = np.arange(len(stations))
-        lengths, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
-        return cls(nodes, lengths[:, : len(stations)], before)
-
-    def leg(self, a: int, b: int) -> Leg:
-        """Return the shortest way from station a to station b."""
-        if not np.isfinite(self.lengths[a, b]):
-            return Leg(np.zeros((0, 3)), np.inf)
-        way = [b]
-        while way[-1] != a:
-            way.append(int(self.before[a, way[-1]]))
-        return Leg(self.nodes[way[::-1]], float(self.lengths[a, b]))
-
-
-def _floor_height(points: FloatArray, stations: FloatArray, body_m: float) -> float:
-    """Height of what most stations stand on: of the highest surface point below each."""
-    below: list[float] = []
-    for station, near in zip(
-        stations, cKDTree(points[:, :2]).query_ball_point(stations[:, :2], body_m), strict=True
-    ):
-        heights = points[near, 2]
-        below.extend(np.sort(heights[heights < station[2] - body_m])[-1:])
-    return float(np.median(below)) if below else float(points[:, 2].min(initial=np.inf))
+    return Tour(tuple(order), legs, in_order)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,16 +139,17 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stations:
-    """A short tour with collision-free legs, and all pairs of a plan's stations that are linked.
+    """A tour with collision-free legs, and all pairs of a plan's stations that are linked.
 
-    `n_groups` are the groups of views that links join; 1 when all scans can be registered.
+    `n_groups` are the groups of views that links join; 1 when all scans can be registered. Both are None
+    where overlap was not looked at: in plans of scenes that the planner did not know, and of baselines.
     """
 
     tour: Tour
-    overlaps: tuple[Overlap, ...]
-    n_groups: int
+    overlaps: tuple[Overlap, ...] | None = None
+    n_groups: int | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `stations.json`."""
-        links = [overlap.to_json() for overlap in self.overlaps]
+        links = None if self.overlaps is None else [overlap.to_json() for overlap in self.overlaps]
         return {"tour": self.tour.to_json(), "overlaps": links, "groups": self.n_groups}

@@ -77,10 +77,12 @@ def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, .
         f"#views to {percent(share)} %",
     )
     note = (
-        "On at most 4,000 of the samples, with the plan's candidates and sensor. "
+        "On the plan's own samples, with its candidates and sensor. "
         "Random and farthest-point are medians of 30 runs. Visibility-only takes what sees most new surface "
         "at any angle, greedy what measures most new surface as required."
     )
+    if plan.stations is not None and plan.lower_bound and "registered" in plan.lower_bound.kind:
+        note += " Their scans need not overlap as this plan's must: the lower bound does not hold for them."
     if plan.shares:
         note += (
             " All are compared by what views measure as required alone: what completion models or infers "

@@ -15,7 +15,6 @@ from nbv.plan.tour import Tour
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.pictures.picture import Picture
-from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
@@ -78,9 +77,8 @@ def stations(
     if given:
         caption += " Squares with letters: where the scans that were given have been taken."
     if tour is not None:
-        n_lost = sum(not len(leg.path) for leg in tour.legs)
-        caption += f" Lines: a tour of the stations, {tour.length_m:.1f} m long"
-        caption += f"; {count(n_lost, 'leg')} of it no way leads along." if n_lost else "."
+        which = "the way from scan to scan" if tour.is_given else "a tour of the stations"
+        caption += f" Lines: {which}, {tour.describe()}."
     caption += zones_caption(zones)
     height = min(_CUT_M, float(np.ptp(bounds[:, 2])) / 2)
     return plan.plot().picture("Plan.", f"{caption} Cut at {height:.2f} m height.")

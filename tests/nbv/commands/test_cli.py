@@ -247,7 +247,7 @@ def test_plan_writes_what_the_contract_names(plan):
     out, summary = plan
     assert set(contents(out)) == {
         "plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html", "stations.csv",
-        "floor-plan-1.svg", "floor-plans.pdf",
+        "stations.json", "floor-plan-1.svg", "floor-plans.pdf",
     }  # fmt: skip
     stations = json.loads(succeed("info", out / "stations.csv", "--json").stdout)
     assert stations["kind"] == "stations of a plan"

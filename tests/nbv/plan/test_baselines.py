@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from nbv.cover.pipeline import CoverOptions
-from nbv.plan.baselines import PLAN, Baseline, compare_with_baselines, farthest_poses, thinned
+from nbv.plan.baselines import PLAN, Baseline, compare_with_baselines, farthest_poses
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates, sphere_directions
 from scenes.checks import InputError
@@ -19,6 +21,7 @@ from scenes.world.builtin import builtin_scene
 ROOM = builtin_scene("two_occluders")
 SAMPLES = sample_surface(ROOM.mesh, 0.2)
 SENSOR = PinholeSensor(fov_deg=60, width=80, height=80)
+PANORAMA = load_sensor("panorama")
 
 
 @pytest.fixture(scope="module")
@@ -79,11 +82,25 @@ def test_farthest_poses_are_farthest_by_brute_force():
         assert nearest[chosen[k]] == pytest.approx(nearest.max())
 
 
-def test_thinned_samples_keep_the_area():
-    few = thinned(SAMPLES, 500)
-    assert 250 < len(few) <= 500
-    assert few.total_m2 == pytest.approx(SAMPLES.total_m2)
-    assert thinned(SAMPLES, 10**6).points.tobytes() == SAMPLES.points.tobytes()
+@pytest.mark.parametrize(
+    ("sensor", "target", "k"), [(SENSOR, 0.95, 1), (PANORAMA, 0.99, 1), (PANORAMA, 0.95, 2)]
+)
+def test_no_baseline_stands_below_the_certified_bound(sensor, target, k):
+    plan = plan_views(
+        ROOM, sensor, method="cover", target=target, samples=sample_surface(ROOM.mesh, 0.1), rng=0,
+        requirement=Requirement(k=k), budgets=CoverOptions(polish_steps=0),
+    )  # fmt: skip
+    found = {baseline.name: baseline for baseline in compare(plan)}
+    share = target * plan.coverage.reachable
+    assert found[PLAN].views_to(share).min() == len(plan.views)
+    assert np.isfinite(found["greedy"].views_to(share - 0.01)).all()  # it gets there, or nearly
+    for baseline in found.values():
+        assert baseline.views_to(share).min() >= plan.lower_bound.views
+
+
+def test_the_plan_s_own_curve_is_that_of_its_coverage(plan, baselines):
+    assert baselines[0].met[0, -1] == pytest.approx(plan.coverage.met, abs=1e-12)
+    assert baselines[0].met[0].tolist() == pytest.approx([view.met_fraction for view in plan.views])
 
 
 def test_a_blind_sensor_leaves_every_planner_with_nothing(plan):

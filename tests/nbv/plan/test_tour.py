@@ -19,6 +19,15 @@ def length(costs: np.ndarray, order) -> float:
     return float(sum(costs[a, b] for a, b in pairwise(order)))
 
 
+def slab(low, high):
+    """Corners (8, 3) and triangles (12, 3) of a box."""
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_short_orders_are_near_the_shortest(seed):
     places = np.random.default_rng(seed).uniform(size=(7, 2))
@@ -79,17 +88,10 @@ def test_one_station_is_a_tour_without_legs_and_a_body_has_a_size():
 
 
 def test_on_foot_nobody_climbs_over_a_wall_or_through_a_window():
-    def box(low, high):
-        corners = np.array(
-            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
-        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        return corners, [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
-
     parts = [
-        box((0, 0, -0.1), (6, 4, 0.0)),  # the floor
-        box((0, 0, -1.0), (9, 4, -0.9)),  # the ground outside, lower
-        box((2.9, 0, 0), (3.1, 3, 0.9)),  # a wall with a sill, and a gap beside it
+        slab((0, 0, -0.1), (6, 4, 0.0)),  # the floor
+        slab((0, 0, -1.0), (9, 4, -0.9)),  # the ground outside, lower
+        slab((2.9, 0, 0), (3.1, 3, 0.9)),  # a wall with a sill, and a gap beside it
     ]
     vertices = np.vstack([corners for corners, _ in parts])
     faces = np.vstack([np.array(triangles) + 8 * k for k, (_, triangles) in enumerate(parts)])
@@ -103,6 +105,58 @@ def test_on_foot_nobody_climbs_over_a_wall_or_through_a_window():
     assert crossing[1] > 3
     assert np.abs(way[1:-1, 2]).max() < 1e-6
     np.testing.assert_allclose(way[[0, -1]], stations[list(walked.order)])
+
+
+def house(n_treads: int) -> LabelledMesh:
+    """Two storeys, 3 m apart; so many treads lead up along y = 0.5, through a hole in the floor."""
+    parts = [
+        slab((0, 0, -0.2), (8, 5, 0.0)),
+        slab((0, 1.2, 2.8), (8, 5, 3.0)),
+        slab((5.5, 0, 2.8), (8, 1.2, 3.0)),
+        *(slab((1.5 + 0.25 * k, 0, 0), (1.75 + 0.25 * k, 1.0, 3.0 * (k + 1) / 16)) for k in range(n_treads)),
+    ]
+    vertices = np.vstack([corners for corners, _ in parts])
+    return LabelledMesh(vertices, np.vstack([np.array(faces) + 8 * k for k, (_, faces) in enumerate(parts)]))
+
+
+UP_AND_DOWN = np.array([[0.7, 4.0, 1.5], [7.0, 4.0, 4.5], [0.7, 4.5, 4.5], [7.0, 4.5, 1.5]])
+
+
+def test_storeys_are_joined_by_stairs():
+    tour = plan_tour(house(16), UP_AND_DOWN, on_foot=True)
+    assert tour.n_without_way == 0
+    (climb,) = (leg for leg in tour.legs if abs(leg.path[0, 2] - leg.path[-1, 2]) > 2)
+    inner = climb.path[1:-1]
+    assert np.abs(np.diff(inner[:, 2])).max() <= 0.25
+    stairs = inner[(inner[:, 2] > 0.1) & (inner[:, 2] < 2.9)]
+    assert len(stairs) > 10
+    assert stairs[:, 1].max() < 1.0
+    assert tour.describe() == f"{tour.length_m:.1f} m"
+
+
+def test_storeys_without_stairs_have_no_way_and_the_length_says_so():
+    tour = plan_tour(house(8), UP_AND_DOWN, on_foot=True)
+    assert tour.n_without_way == 1
+    assert tour.to_json()["legs_without_way"] == 1
+    walked = [leg.length_m for leg in tour.legs if len(leg.path)]
+    assert sum(walked) == pytest.approx(tour.length_m)
+    assert "without 1 of 3 legs that has no way" in tour.describe()
+
+
+def test_stations_are_visited_in_the_order_in_which_they_come_where_that_is_asked():
+    tour = plan_tour(house(16), UP_AND_DOWN, on_foot=True, in_order=True)
+    assert tour.order == (0, 1, 2, 3)
+    climbs = [abs(leg.path[0, 2] - leg.path[-1, 2]) > 2 for leg in tour.legs]
+    assert climbs == [True, False, True]
+    assert tour.length_m > plan_tour(house(16), UP_AND_DOWN, on_foot=True).length_m + 2 * 3.0
+
+
+def test_stations_at_one_place_are_no_way_apart():
+    stations = np.array([[3.0, 1, 1], [1.0, 1, 1], [3.0, 1, 1]])
+    for on_foot in (False, True):
+        tour = plan_tour(ROOM.mesh, stations, on_foot=on_foot)
+        assert sorted(leg.length_m > 1e-6 for leg in tour.legs) == [False, True]
+        assert all(len(leg.path) >= 2 for leg in tour.legs)
 
 
 def test_an_order_is_found_where_many_places_have_no_way_to_each_other():

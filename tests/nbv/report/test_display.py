@@ -15,6 +15,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv import show
 from nbv.plan.plan import Plan, read_plan
+from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from nbv.scanning.view import View
@@ -75,7 +76,8 @@ def test_a_plan_that_was_read_is_measured_again(opened, plan, scene, tmp_path):
 
 def test_a_coverage_is_shown_with_scene_and_stations(opened, coverage, scene, view):
     html = read_opened(opened, coverage.show(scene, [view], n_threads=1))
-    assert f"1 station measures {100 * coverage.met:.1f} %" in html.replace("\xa0", " ")
+    met = percent_within(coverage.met, coverage.standard_errors()["met"])
+    assert f"1 station measures {met} %" in html.replace("\xa0", " ")
     again = coverage.show(scene, [view], n_threads=2)
     assert again.read_bytes() == html.encode("utf-8")
 

@@ -25,6 +25,7 @@ from nbv.report.pictures.picture import MEASURED, dots
 from nbv.report.pictures.picture import MODELLED as MODELLED_COLOUR
 from nbv.report.pictures.picture import UNKNOWN as UNKNOWN_COLOUR
 from nbv.report.scans_report import stations_table
+from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scans.next_stations import plan_next_stations
@@ -100,8 +101,11 @@ def test_between_completions_layers_keep_what_was_known(plan):
 
 def test_the_report_names_the_classes_and_how_much_of_the_inferred_is_right(plan, html):
     shares = plan.shares[-1]
-    for kind in (shares.met, shares.modelled, shares.inferred, shares.unknown):
-        assert f"<dd>{100 * kind:.1f}" in html
+    errors = plan.coverage.standard_errors()
+    for kind in ("met", "modelled", "inferred", "unknown"):
+        share, error = percent_within(getattr(shares, kind), errors[kind]).split(" ", 1)
+        assert f"<dd>{share}" in html
+        assert error in html
     assert "What counts as what" in html
     assert "within 2 cm of the true surface" in html
     assert "standard deviation there is 20 mm or less" in html
@@ -208,10 +212,14 @@ def test_the_summary_and_the_lines_hold_the_last_shares(plan):
     shares = plan.shares[-1]
     assert summary_of(plan)["inference"] == shares.to_json()
     line = lines_of(plan)[0]
-    assert f"modelled {100 * shares.modelled:.1f} %, inferred {100 * shares.inferred:.1f} %, unknown" in line
+    errors = plan.coverage.standard_errors()
+    modelled = percent_within(shares.modelled, errors["modelled"])
+    inferred = percent_within(shares.inferred, errors["inferred"])
+    unknown = percent_within(shares.unknown, errors["unknown"])
+    assert f"modelled {modelled} %, inferred {inferred} %, unknown {unknown} %" in line
     assert line.endswith("m2 inferred lies within 2 cm of the true surface")
     nothing = replace(plan, shares=(replace(shares, inferred_m2=0.0, right_m2=0.0),))
-    assert lines_of(nothing)[0].endswith(f"unknown {100 * shares.unknown:.1f} %")
+    assert lines_of(nothing)[0].endswith(f"unknown {unknown} %")
 
 
 def test_next_stations_know_what_completion_makes_of_the_scans():
