@@ -18,7 +18,6 @@ from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.planner import PlannerOptions
 from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
-from nbv.plan.planning import with_aperture
 from nbv.report.scans_report import next_stations_page, scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, square_metres
@@ -27,6 +26,7 @@ from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.state_mesh import STATES, StateMesh
+from nbv.visibility.instances import with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import allowed, load_candidates
 from scenes.files.scan_request import read_request
