@@ -54,6 +54,7 @@ def find_cover(
     options: CoverOptions | None = None,
     *,
     n_most: int | None = None,
+    relaxed: Cover | None = None,
     rng: np.random.Generator | int | None = None,
     progress: Progress | None = None,
 ) -> Cover:
@@ -71,6 +72,8 @@ def find_cover(
         Budgets.
     n_most : int, optional
         Choose no more than so many; what they cover is then as much as greedy choice finds.
+    relaxed : Cover, optional
+        Of an instance with the same and more candidates: its bound holds here, and none is sought anew.
     rng : Generator, int or None
         Drives the swap search.
     progress : callable, optional
@@ -97,8 +100,11 @@ def find_cover(
     chosen = drop_redundant(reduced, choose_greedily(reduced, progress=progress))
     if progress is not None:
         progress("bound", 0, 1)
-    certificate = find_certificate(reduction, instance.weights, len(chosen))
-    bound = LowerBound(certificate.bound(instance), _DUAL)
+    if relaxed is None:
+        certificate = find_certificate(reduction, instance.weights, len(chosen))
+        bound = LowerBound(certificate.bound(instance), _DUAL)
+    else:
+        certificate, bound = relaxed.certificate, relaxed.bound
     found = polish(
         reduced,
         chosen,
@@ -109,7 +115,8 @@ def find_cover(
         progress=progress,
     )
     smallest = found.chosen
-    if len(smallest) > bound.views and reduced.matrix.nnz <= options.exact_entries:
+    may_settle = relaxed is None and reduced.matrix.nnz <= options.exact_entries
+    if len(smallest) > bound.views and may_settle:
         exact = solve_exactly(reduced, options.exact_nodes)
         if exact is not None:
             smallest, bound = min(smallest, exact, key=len), LowerBound(len(exact), _EXACT)

@@ -23,7 +23,7 @@ from nbv.visibility.requirement import SightLimits
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.checks import BoolArray, InputError
 
-_MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others
+_MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others, or second heights
 _REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this nothing helps registration
 
 
@@ -59,13 +59,15 @@ def plan_offline(
         n_most = None if views is None else max(views - len(begun), 1)
         find = partial(find_cover, options=options, n_most=n_most, rng=rng, progress=problem.progress)
         cover, n_added = problem.journal.step("cover", partial(find, instance)), 0
-        at_one = _at_one_height(problem, instance, [*begun, *cover.chosen])
-        if at_one is not None:
-            again = problem.journal.step("cover-at-one-height", partial(find, at_one))
-            cover = replace(again, bound=cover.bound)
+        whole, n_tries = cover, 0
+        while (left := _at_one_height(problem, instance, [*begun, *cover.chosen], n_tries)) is not None:
+            n_tries += 1
+            instance = left
+            again = partial(find, instance, relaxed=whole)
+            cover = problem.journal.step(f"cover-at-one-height-{n_tries}", again)
         if views is not None and views == len(begun):
             cover = replace(cover, chosen=(), is_complete=False)
-        del instance, at_one  # large, as the graph will be
+        del instance, left  # large, as the graph will be
         graph = overlap_graph(problem, OverlapOptions())
     else:
         graph = overlap_graph(problem, problem.overlap)
@@ -103,27 +105,26 @@ def _begin(problem: PlanningProblem, run: PlanningRun, first: NDArray[np.int64])
 
 
 def _at_one_height(
-    problem: PlanningProblem, instance: CoverInstance, chosen: list[int]
+    problem: PlanningProblem, instance: CoverInstance, chosen: list[int], n_tries: int
 ) -> CoverInstance | None:
-    """Return the instance with one height over each spot, None where the chosen poses have no more than that.
+    """Return the instance without second heights over a spot, None where the chosen poses have none.
 
-    Over each spot it is the one that was chosen, or the one that sees most. What is wanted stays as much, as
-    far as these can see it.
+    Over spots at which several are chosen only the one is left that sees most, that of the first pose before
+    all; after `_MOST_TRIES` over all spots. What is wanted stays as much, as far as the others can see it.
     """
     spots, d = problem.spots(), problem.candidates.n_directions
     if spots is None:
         return None
     positions = np.unique(np.array(chosen, np.int64) // d)
-    if len(np.unique(spots[positions])) == len(positions):
+    several = np.bincount(spots[positions], minlength=int(spots.max()) + 1) > 1
+    if not several.any():
         return None
-    sees = (instance.matrix != 0) @ instance.weights
-    worth = sees.reshape(-1, d).sum(axis=1)
+    worth = ((instance.matrix != 0) @ instance.weights).reshape(-1, d).sum(axis=1)
     worth[positions] += worth.sum() + 1.0
     worth[np.array(chosen[:1], np.int64) // d] += 2 * worth.sum()  # where the first is the start it stays
     best = np.lexsort((-worth, spots))
-    kept = best[np.append(True, np.diff(spots[best]) > 0)]
-    usable = np.zeros(len(spots), np.bool_)
-    usable[kept] = True
+    usable = ~several[spots] if n_tries < _MOST_TRIES else np.zeros(len(spots), np.bool_)
+    usable[best[np.append(True, np.diff(spots[best]) > 0)]] = True
     left = instance.only(np.repeat(usable, d))
     return replace(left, target=min(1.0, instance.wanted / max(left.coverable_weight, 1e-12)))
 
@@ -227,7 +228,10 @@ def _why_not(problem: PlanningProblem, views: int | None, cover: Cover) -> str:
     if cover.is_complete and problem.overlap is not None:
         return "what is left is seen only by views that cannot be registered"
     if cover.is_complete and problem.spots() is not None:
-        return "what is left is seen only from second heights over one spot (--several-heights), or hidden"
+        return (
+            "what is left is hidden, or seen only from second heights over one spot; a smaller --spacing or "
+            "--several-heights shows more"
+        )
     if cover.is_complete:
         return "what is left is hidden from the second device of the sensor, unknown to the choice"
     return f"the limit of {count(views or 0, 'view')} is reached"

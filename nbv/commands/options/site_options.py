@@ -40,7 +40,11 @@ Heights = Annotated[
 Spacing = Annotated[
     float | None,
     typer.Option(
-        "--spacing", min=0.01, metavar="M", help="Between places for stations.", show_default="0.5, or 1"
+        "--spacing",
+        min=0.01,
+        metavar="M",
+        help="Between places for stations.",
+        show_default="0.5; 1 for cameras in large buildings",
     ),
 ]
 Clearance = Annotated[

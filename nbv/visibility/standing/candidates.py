@@ -68,7 +68,7 @@ def find_standing(
         return Standing(around, around, None)
     if mode != "room":
         raise InputError(f"mode must be room or object, got {mode!r}")
-    site = find_site(scene, options)
+    site = find_site(scene, options, turns=sensor.kind == "spherical")
     candidates = site.candidates(sensor, subdivisions)
     return Standing(candidates, Candidates(_lattice(scene, site, options), candidates.directions), site)
 

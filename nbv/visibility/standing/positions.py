@@ -56,8 +56,12 @@ def check_fits(scene: str, asked: Sequence[Room], options: SiteOptions) -> None:
         )
 
 
-def lattice_spacing(asked: Sequence[Room], options: SiteOptions) -> tuple[float, list[str]]:
+def lattice_spacing(
+    asked: Sequence[Room], options: SiteOptions, *, turns: bool = False
+) -> tuple[float, list[str]]:
     """Return the distance between places, metres, and what is to be said of it.
+
+    It is larger in large buildings, unless the sensor `turns` by itself.
 
     Where these are more positions than can be tried, a distance that was asked for is refused, and another
     one made larger.
@@ -68,7 +72,7 @@ def lattice_spacing(asked: Sequence[Room], options: SiteOptions) -> tuple[float,
         A spacing that makes more than 50,000 positions, or more than fit into memory.
     """
     floor_m2, n_heights = sum(room.floor_m2 for room in asked), len(options.heights_above_floor_m)
-    wished = options.spacing_m or (_SPACING_M if floor_m2 <= _LARGE_M2 else _WIDE_M)
+    wished = options.spacing_m or (_SPACING_M if turns or floor_m2 <= _LARGE_M2 else _WIDE_M)
     n_positions = floor_m2 * n_heights / wished**2
     finest = float(np.ceil(1000 * np.sqrt(floor_m2 * n_heights / _MOST_POSITIONS)) / 1000)
     on_floor = f"{floor_m2:.1f} m2 of floor at {count(n_heights, 'height')}"

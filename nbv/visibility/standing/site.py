@@ -101,12 +101,15 @@ class Site:
         return Candidates(self.positions, sensor_directions(sensor, subdivisions))
 
 
-def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
+def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool = False) -> Site:
     """Find the rooms of a scene, and where in those that are asked for the sensor may be.
 
     Places lie on a lattice over the whole scene, on floor that is level under a tripod's feet, at the heights
     of the sensor above it, and clear of every surface. A room that no place of the lattice falls in gets one
     in its middle.
+
+    A sensor that `turns` by itself has one pose at each position: its lattice keeps 0.5 m however large the
+    building is. A camera's, with 42 or more, has 1 m where more than 60 m2 of floor are asked for.
 
     Raises
     ------
@@ -120,7 +123,7 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions()) -> Site:
     warnings += platforms_in_words(rooms.floors.platforms)
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
-    spacing, widened = lattice_spacing(asked, options)
+    spacing, widened = lattice_spacing(asked, options, turns=turns)
     found = room_positions(scene.mesh, rooms, chosen, options=options, spacing_m=spacing)
     if not len(found.positions):
         level = sum(room.floor_m2 for room in rooms.rooms)

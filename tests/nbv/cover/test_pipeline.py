@@ -226,3 +226,17 @@ def test_a_requirement_that_nothing_meets_needs_no_views_and_says_so(target):
     assert plan.views == ()
     assert plan.coverage.reachable == 0
     assert plan.stopped_because == "no candidate can measure anything as required"
+
+
+def test_a_bound_of_more_candidates_is_kept_and_not_sought_anew():
+    rng = np.random.default_rng(5)
+    rows = csr_array((rng.random((40, 60)) < 0.12).astype(float))
+    whole = CoverInstance(rows, np.ones(60))
+    first = find_cover(whole, rng=0)
+    fewer = whole.only(np.arange(40) % 2 == 0)
+    again = find_cover(fewer, relaxed=first, rng=0)
+    alone = find_cover(fewer, rng=0)
+    assert (again.bound, again.certificate) == (first.bound, first.certificate)
+    assert set(again.chosen) <= set(range(0, 40, 2))
+    assert fewer.is_met_by(fewer.times_seen(again.chosen))
+    assert len(alone.chosen) <= len(again.chosen) <= len(alone.chosen) + 2

@@ -93,6 +93,13 @@ def test_a_hall_too_large_for_the_usual_spacing_gets_a_wider_one_and_says_so():
     assert lattice_spacing([hall], SiteOptions(heights_m=(1.6,))) == (1.0, [])
 
 
+def test_lattices_of_sensors_that_turn_keep_their_spacing_as_the_building_grows():
+    for floor_m2, camera in ((20.0, 0.5), (59.0, 0.5), (61.0, 1.0), (3000.0, 1.0)):
+        room = Room(1, 1, floor_m2, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+        assert lattice_spacing([room], SiteOptions(), turns=True)[0] == 0.5
+        assert lattice_spacing([room], SiteOptions())[0] == camera
+
+
 def test_positions_that_do_not_fit_into_memory_are_refused():
     room = Room(1, 1, 1000.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
     with memory_limit(resident() + 10**8), pytest.raises(InputError, match="give a larger --spacing, fewer"):
