@@ -65,7 +65,7 @@ def rooms_section(plan: Plan) -> tuple[Section, ...]:
     """A row for each room with its stations; nothing where the scene is one room, or none."""
     if len(plan.rooms) < 2:
         return ()
-    columns = ("Room", "#storey", "#floor, m\u00b2", "#level, m", "Stations", "Leads to")
+    columns = ("Room", "Stations", "Leads to", "#storey", "#floor, m\u00b2", "#level, m")
     rows = tuple(_row(room) for room in plan.rooms)
     note = (
         "A room is floor between doorways that has headroom; what stands on it is none. Rooms whose doors "
@@ -82,11 +82,11 @@ def _row(room: dict[str, object]) -> tuple[Cell, ...]:
     ways += [f"{number} by stairs" for number in _numbers(room["stairs"])]
     return (
         Cell(str(room["name"])),
+        Cell(stations),
+        Cell(", ".join(ways) or "no other"),
         Cell(str(room["storey"])),
         Cell(square_metres(float(str(room["floor_m2"])))),
         Cell(f"{float(str(room['level_m'])):.2f}"),
-        Cell(stations),
-        Cell(", ".join(ways) or "no other"),
     )
 
 
