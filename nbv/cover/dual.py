@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba import njit
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import block_array, csr_array, eye_array
 
 from nbv.cover.cover import Certificate
-from nbv.cover.instance import CoverInstance
+from nbv.cover.instance import CoverInstance, Indices
 from nbv.cover.reduction import Reduction
 from scenes.checks import FloatArray
 from scenes.run.memory import require
@@ -24,33 +25,35 @@ _SMALLEST = 1e-4  # share of Polyak's step at which it is over
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Multipliers:
-    """Multipliers (n,) of the samples, the price of a unit of weight, and about what they prove."""
+    """Multipliers (n,) of the samples, the price of a unit of weight, and about what they prove.
+
+    `sums` (m,) are those over what each candidate sees.
+    """
 
     samples: FloatArray
     price: float
     value: float
+    sums: FloatArray
 
 
 def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
     """Return multipliers that prove a bound near the best, of a reduced instance.
 
-    The steps, two products of the matrix with a vector each, aim at the size of a choice that is known.
+    The steps, which go once through the matrix each, aim at the size of a choice that is known. They begin
+    where no candidate sees more than 1 together.
     """
-    sees = instance.matrix.astype(np.float64)
-    seen_by = csr_array(sees.T)
-    sizes = np.maximum(np.diff(instance.matrix.indptr), 1)
-    multipliers = 1.0 / (seen_by * sizes[None, :]).max(axis=1).toarray().ravel()
-    best = _valued(instance, sees, multipliers)
+    multipliers = _even_shares(instance)
+    best = _valued(instance, multipliers)
     share, waited, direction = 1.0, 0, np.zeros(instance.n_samples)
     for _ in range(n_steps):
-        now = _valued(instance, sees, multipliers)
+        now = _valued(instance, multipliers)
         waited = 0 if now.value > best.value + _GAIN * abs(best.value) else waited + 1
         best = max(best, now, key=lambda some: some.value)
         if waited > _PATIENCE:
             share, waited = share / 2, 0
             multipliers, direction = best.samples, np.zeros(instance.n_samples)
             continue
-        direction = _slope(instance, sees, seen_by, now) + _MEMORY * direction
+        direction = _slope(instance, now) + _MEMORY * direction
         length = float(direction @ direction)
         if share < _SMALLEST or length == 0:
             break
@@ -59,14 +62,23 @@ def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
     return best
 
 
-def _valued(instance: CoverInstance, sees: csr_array, multipliers: FloatArray) -> Multipliers:
+def _even_shares(instance: CoverInstance) -> FloatArray:
+    """Return multipliers (n,) of which no candidate sees more than 1 together."""
+    sizes = np.maximum(np.diff(instance.matrix.indptr), 1)
+    largest = np.ones(instance.n_samples)
+    np.maximum.at(largest, instance.matrix.indices, np.repeat(sizes, np.diff(instance.matrix.indptr)))
+    return 1.0 / largest
+
+
+def _valued(instance: CoverInstance, multipliers: FloatArray) -> Multipliers:
     """Return the multipliers with their best price, and about what they prove."""
-    excess = float(np.maximum(sees @ multipliers - 1.0, 0.0).sum())
+    sums = instance.sums_seen(multipliers)
+    excess = float(np.maximum(sums - 1.0, 0.0).sum())
     if instance.is_full:
-        return Multipliers(multipliers, 0.0, instance.fold * float(multipliers.sum()) - excess)
+        return Multipliers(multipliers, 0.0, instance.fold * float(multipliers.sum()) - excess, sums)
     price = _best_price(instance, multipliers)
     lost = np.maximum(price * instance.weights - instance.fold * multipliers, 0.0)
-    return Multipliers(multipliers, price, price * instance.wanted - float(lost.sum()) - excess)
+    return Multipliers(multipliers, price, price * instance.wanted - float(lost.sum()) - excess, sums)
 
 
 def _best_price(instance: CoverInstance, multipliers: FloatArray) -> float:
@@ -78,13 +90,23 @@ def _best_price(instance: CoverInstance, multipliers: FloatArray) -> float:
     return float(prices[order[last]])
 
 
-def _slope(instance: CoverInstance, sees: csr_array, seen_by: csr_array, at: Multipliers) -> FloatArray:
+def _slope(instance: CoverInstance, at: Multipliers) -> FloatArray:
     """Return how the value changes with each multiplier, 0 where one is to fall below 0."""
-    chosen = (sees @ at.samples > 1.0).astype(np.float64)
+    matrix = instance.matrix
+    chosen = np.flatnonzero(at.sums > 1.0)
     wanted = at.price * instance.weights > instance.fold * at.samples
-    slope: FloatArray = instance.fold * (wanted | instance.is_full) - seen_by @ chosen
+    slope: FloatArray = instance.fold * (wanted | instance.is_full).astype(np.float64)
+    _take_off(matrix.indptr, matrix.indices, chosen, slope)
     slope[(at.samples <= 0) & (slope < 0)] = 0.0
     return slope
+
+
+@njit(cache=True, nogil=True)
+def _take_off(starts: Indices, members: Indices, chosen: Indices, values: FloatArray) -> None:
+    """Take one off the value of each member of the chosen sets, as often as it is one."""
+    for one in chosen:
+        for at in range(starts[one], starts[one + 1]):
+            values[members[at]] -= 1.0
 
 
 _ASCENT_STEPS = 1000
@@ -113,7 +135,7 @@ def find_certificate(
         found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
         part = np.flatnonzero(reduction.sample_of >= 0)
         whole = reduction.sample_of[part]
-        multipliers[part] = (_feasible(instance, found.samples) / instance.weights)[whole] * weights[part]
+        multipliers[part] = (_feasible(instance, found) / instance.weights)[whole] * weights[part]
         price = found.price
     return Certificate.rounded(multipliers, price)
 
@@ -137,17 +159,19 @@ def _solve(instance: CoverInstance) -> Multipliers | None:
     solved = linprog(**relaxation(instance), method="highs-ds")
     if solved.x is None:
         return None
-    marginals = -solved.ineqlin.marginals
-    price = 0.0 if instance.is_full else max(float(marginals[-1]), 0.0) / _scale(instance)
-    return Multipliers(marginals[: instance.n_samples], price, float(solved.fun))
+    multipliers = np.clip(-solved.ineqlin.marginals[: instance.n_samples], 0.0, 1.0)
+    found = _valued(instance, multipliers)
+    if instance.is_full:
+        return found
+    return replace(found, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
 
 
-def _feasible(instance: CoverInstance, multipliers: FloatArray) -> FloatArray:
-    """Scale multipliers (n,) in plain full cover so that no candidate sees more than 1."""
-    kept: FloatArray = np.clip(multipliers, 0.0, 1.0)
-    if instance.fold == 1 and instance.is_full:
-        kept /= max(1.0, float((instance.matrix.astype(np.float64) @ kept).max()) * (1 + _HAIR))
-    return kept
+def _feasible(instance: CoverInstance, found: Multipliers) -> FloatArray:
+    """Scale multipliers (n,) of full cover so that no candidate sees more than 1, where that proves more."""
+    if instance.fold > 1 or not instance.is_full:
+        return found.samples
+    scaled = found.samples / max(1.0, float(found.sums.max()) * (1 + _HAIR))
+    return max(found, _valued(instance, scaled), key=lambda some: some.value).samples
 
 
 def relaxation(instance: CoverInstance) -> dict[str, Any]:

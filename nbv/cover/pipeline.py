@@ -25,7 +25,7 @@ class CoverOptions:
     Parameters
     ----------
     polish_steps : int
-        Swaps to try; 100,000 take some 15 s with 4,000 undominated candidates that each see a tenth.
+        Swaps to try at most; 100,000 take some 15 s with 4,000 undominated candidates that each see a tenth.
     time_budget_s : float, optional
         Seconds after which the polish ends; what it finds then depends on the machine.
     exact_entries : int

@@ -10,17 +10,15 @@ samples that must be seen only once. The three are repeated until nothing change
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from nbv.cover.instance import CoverInstance
+from nbv.cover.instance import CoverInstance, Indices
 from scenes.checks import BoolArray
 
-Indices = NDArray[np.integer[Any]]
 Bits = NDArray[np.uint64]
 _WORD = 64  # bits
 

@@ -36,7 +36,9 @@ class SwapState(NamedTuple):
     penalty : (n,) float
         What a sample counts in the search.
     score : (m,) float
-        Penalty that a candidate would cover, or, being chosen, alone covers.
+        Penalty that a candidate would cover; of no meaning for those that are chosen.
+    alone : (m,) float
+        Penalty that a chosen candidate alone covers.
     moved : (m,) int
         The step in which a candidate was last put in or taken out.
     place : (m,) int
@@ -54,9 +56,9 @@ class SwapState(NamedTuple):
     """
 
     starts: Indices
-    samples: Indices
+    samples: NDArray[np.int32]
     first: Indices
-    candidates: Indices
+    candidates: NDArray[np.int32]
     weights: FloatArray
     fold: int
     spare: float
@@ -64,6 +66,7 @@ class SwapState(NamedTuple):
     last_one: Indices
     penalty: FloatArray
     score: FloatArray
+    alone: FloatArray
     moved: Indices
     place: Indices
     chosen: Indices
@@ -95,7 +98,7 @@ def put_in(state: SwapState, candidate: int) -> None:
         state.last_one[sample] ^= candidate
         if state.times[sample] <= state.fold:
             own += state.penalty[sample]
-    state.score[candidate] = own
+    state.alone[candidate] = own
 
 
 @njit(cache=True, nogil=True)
@@ -123,37 +126,37 @@ def take_out(state: SwapState, candidate: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _close_gap(state: SwapState, sample: int) -> None:
-    """Take a sample from the gaps; those that are not chosen gain nothing by it any more."""
+    """Take a sample from the gaps; nobody gains by it any more."""
     state.sizes[GAPS] -= 1
     last = state.gaps[state.sizes[GAPS]]
     state.gaps[state.gap[sample]] = last
     state.gap[last] = state.gap[sample]
     state.gap[sample] = -1
+    penalty = state.penalty[sample]
     for at in range(state.first[sample], state.first[sample + 1]):
-        if state.place[state.candidates[at]] < 0:
-            state.score[state.candidates[at]] -= state.penalty[sample]
+        state.score[state.candidates[at]] -= penalty
 
 
 @njit(cache=True, nogil=True)
 def _open_gap(state: SwapState, sample: int) -> None:
-    """Add a sample to the gaps; those that are not chosen would gain it."""
+    """Add a sample to the gaps; those who see it would gain it."""
     state.gap[sample] = state.sizes[GAPS]
     state.gaps[state.sizes[GAPS]] = sample
     state.sizes[GAPS] += 1
+    penalty = state.penalty[sample]
     for at in range(state.first[sample], state.first[sample + 1]):
-        if state.place[state.candidates[at]] < 0:
-            state.score[state.candidates[at]] += state.penalty[sample]
+        state.score[state.candidates[at]] += penalty
 
 
 @njit(cache=True, nogil=True)
 def _share(state: SwapState, sample: int, change: float) -> None:
     """Change the scores of those chosen that see a sample which just enough of them see."""
     if state.fold == 1:
-        state.score[state.last_one[sample]] += change
+        state.alone[state.last_one[sample]] += change
         return
     for at in range(state.first[sample], state.first[sample + 1]):
         if state.place[state.candidates[at]] >= 0:
-            state.score[state.candidates[at]] += change
+            state.alone[state.candidates[at]] += change
 
 
 @njit(cache=True, nogil=True)
@@ -194,8 +197,8 @@ def _least_useful(state: SwapState, never: int) -> int:
     best = int(state.chosen[0])
     for at in range(state.sizes[CHOSEN]):
         one = int(state.chosen[at])
-        better = state.score[one] < state.score[best]
-        older = state.score[one] == state.score[best] and state.moved[one] < state.moved[best]
+        better = state.alone[one] < state.alone[best]
+        older = state.alone[one] == state.alone[best] and state.moved[one] < state.moved[best]
         if one != never and (best == never or better or older):
             best = one
     return best
@@ -221,5 +224,6 @@ def _raise_penalties(state: SwapState) -> None:
     for at in range(state.sizes[GAPS]):
         sample = state.gaps[at]
         state.penalty[sample] += state.weights[sample]
+        weight = state.weights[sample]
         for who in range(state.first[sample], state.first[sample + 1]):
-            state.score[state.candidates[who]] += state.weights[sample]
+            state.score[state.candidates[who]] += weight

@@ -20,6 +20,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.swap_kernels import BEST, STEPS, SwapState, put_in, search
 
 _AT_A_TIME = 500  # steps between looks at the clock
+_PATIENCE = 1_500  # steps for each view without a smaller choice after which none is expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +45,8 @@ def polish(
     """Return the smallest choice that `n_steps` swaps lead to from `chosen`, which must meet the instance.
 
     All samples are coverable (`nbv.cover.reduction`). The search stops at a choice of the size `enough`: a
-    lower bound says that there is none smaller; and after `time_budget_s` seconds: what is found then depends
-    on the machine.
+    lower bound says that there is none smaller; when 1,500 swaps for each view of the smallest choice have
+    brought no smaller one; and after `time_budget_s` seconds: what is found then depends on the machine.
     """
     if len(chosen) <= enough:
         return Polished(tuple(chosen), 0, False)
@@ -53,10 +54,14 @@ def polish(
     state = _begin(instance, chosen)
     draws = rng.random(n_steps)
     started = time.monotonic()
-    was_cut_short = False
+    was_cut_short, smallest, found_at = False, len(chosen), 0
     for start in range(0, n_steps, _AT_A_TIME):
         search(state, draws[start : start + _AT_A_TIME], enough)
         if state.sizes[BEST] <= enough:
+            break
+        if state.sizes[BEST] < smallest:
+            smallest, found_at = int(state.sizes[BEST]), int(state.sizes[STEPS])
+        if state.sizes[STEPS] - found_at >= _PATIENCE * smallest:
             break
         if progress is not None:
             progress("polish", min(start + _AT_A_TIME, n_steps), n_steps)
@@ -75,16 +80,17 @@ def _begin(instance: CoverInstance, chosen: Sequence[int]) -> SwapState:
     weights = np.ones(n) if instance.is_full else instance.weights / instance.weights.mean()
     state = SwapState(
         starts=instance.matrix.indptr.astype(np.int64),
-        samples=instance.matrix.indices.astype(np.int64),
+        samples=instance.matrix.indices.astype(np.int32, copy=False),
         first=by_sample.indptr.astype(np.int64),
-        candidates=by_sample.indices.astype(np.int64),
+        candidates=by_sample.indices.astype(np.int32, copy=False),
         weights=weights,
         fold=instance.fold,
         spare=0.0 if instance.is_full else instance.spare / float(instance.weights.mean()),
         times=np.zeros(n, np.int64),
         last_one=np.zeros(n, np.int64),
         penalty=weights.copy(),
-        score=instance.matrix.astype(np.float64) @ weights,
+        score=instance.sums_seen(weights),
+        alone=np.zeros(m),
         moved=np.zeros(m, np.int64),
         place=np.full(m, -1),
         chosen=np.zeros(m, np.int64),

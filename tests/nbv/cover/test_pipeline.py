@@ -28,6 +28,21 @@ BENCH = bench_path("")
 QUICK = CoverOptions(polish_steps=500)
 
 
+def test_the_swap_search_ends_where_it_stagnates():
+    rows = np.kron(np.eye(4), np.ones((2, 3)))  # each of four parts is seen by two candidates alike
+    searched = polish(CoverInstance(csr_array(rows), np.ones(12)), [0, 2, 4, 6], 10**6, enough=0, rng=0)
+    assert sorted(candidate // 2 for candidate in searched.chosen) == [0, 1, 2, 3]
+    assert 1_500 * 4 <= searched.steps < 1_500 * 4 + 1_000
+    assert not searched.was_cut_short
+
+
+@pytest.mark.parametrize("fold", [1, 2])
+def test_sums_over_what_is_seen_are_products_with_the_pattern(fold):
+    instance = random_instance(3, target=0.9, fold=fold, whole=False)
+    values = np.random.default_rng(0).random(instance.n_samples)
+    assert instance.sums_seen(values) == pytest.approx((instance.matrix != 0).astype(float) @ values)
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("target", [0.6, 0.9, 1.0])
 @pytest.mark.parametrize("fold", [1, 2])
