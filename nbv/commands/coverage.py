@@ -15,7 +15,7 @@ import completion.extension.extent
 from nbv.commands.process.run import Run, Shared, running
 from nbv.coverage.coverage import STATES, Coverage
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
-from nbv.coverage.unreachable import unreachable_patches
+from nbv.coverage.unreachable import coverage_record
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
@@ -97,7 +97,7 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         measured = _measure(run, world, request)
         coverage = measured.coverage
         run.watch.enter("report")
-        write_json(run.path("coverage.json"), coverage_content(coverage))
+        write_json(run.path("coverage.json"), coverage_record(coverage))
         write_text(run.path("coverage.csv"), csv_of(coverage))
         _write_ply(run.path("coverage.ply"), world, coverage)
         options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
@@ -179,12 +179,6 @@ def _views(file: str, sensor: str) -> Sequence[View]:
         return read_plan(file).views
     looks = load_sensor(sensor)
     return [View(pose, looks) for pose in read_poses(Path(file))]
-
-
-def coverage_content(coverage: Coverage) -> dict[str, Any]:
-    """Return `coverage.json`: fractions of area, and each patch out of reach with its reason."""
-    patches = [patch.to_json() for patch in unreachable_patches(coverage)]
-    return {**coverage.to_json(), "unreachable_patches": patches}
 
 
 def csv_of(coverage: Coverage) -> str:

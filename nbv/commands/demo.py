@@ -68,7 +68,7 @@ def run_demo(shared: Shared) -> None:
         completion = complete(scans, options, rng=shared.seed, n_threads=threads, progress=run.progress)
         run.watch.enter("save")
         write_json(run.path("plan.json"), plan.to_json())
-        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
+        write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
         completion.save(run.stage.folder)
         run.watch.enter("compare")

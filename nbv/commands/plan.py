@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.coverage import coverage_content
 from nbv.commands.process.run import Shared, running
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.surface_classes import Shares
+from nbv.coverage.unreachable import coverage_record
 from nbv.plan.baselines import Baseline, compare_with_baselines
 from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
@@ -156,8 +156,8 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
             "rules": {rule.name: rule.to_json() for rule in rules},
         }
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, **beside})
-        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
-        write_json(run.path("coverage.json"), coverage_content(coverage))
+        write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
+        write_json(run.path("coverage.json"), coverage_record(coverage))
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         write_building_files(world, plan, run.path)

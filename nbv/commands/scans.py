@@ -68,7 +68,7 @@ def run_next_stations(shared: Shared, request: PlanRequest) -> None:
         coverage = cover_by_scans(scan_map, requirement, completion=model, zones=zones)
         run.watch.enter("report")
         write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed})
-        write_plan_files(plan, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
+        write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
         write_json(run.path("coverage.json"), coverage.to_json())
         asked = {**request.options(), "mode": scan_map.mode, "instruments": given.instruments}
         run.report(next_stations_page(plan, coverage, request.scans.title, shared.threads), asked)

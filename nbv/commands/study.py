@@ -29,6 +29,7 @@ def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
             outcomes = run_study(
                 spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress
             )
+        run.costs.update({outcome.case.name: dict(outcome.times) for outcome in outcomes if outcome.times})
         run.watch.enter("report")
         options = _options(spec)
         _write(run, spec, outcomes=outcomes, options=options, stem=Path(file).stem)

@@ -115,7 +115,7 @@ class CoverageSummary:
         return asdict(self)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Coverage:
     """What views of a scene have measured.
 
@@ -157,6 +157,12 @@ class Coverage:
     classes: NDArray[np.int8] | None = None
     history: VisibilityHistory | None = None
     apart_m2: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"Coverage({len(self.samples)} samples, {self.total_m2:.4g} m2, met {self.met:.4f}, "
+            f"reachable {self.reachable:.4f})"
+        )
 
     def __post_init__(self) -> None:
         for name, dtype in (

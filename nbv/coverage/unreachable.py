@@ -69,3 +69,9 @@ def _connected(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
     linked = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     n_groups, group = connected_components(linked, directed=False)
     return [np.flatnonzero(group == k) for k in range(n_groups)]
+
+
+def coverage_record(coverage: Coverage) -> dict[str, Any]:
+    """Return `coverage.json`: fractions of area, and each patch out of reach with its reason."""
+    patches = [patch.to_json() for patch in unreachable_patches(coverage)]
+    return {**coverage.to_json(), "unreachable_patches": patches}

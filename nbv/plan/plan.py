@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from nbv.cover.cover import LowerBound
 from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import Shares
+from nbv.coverage.unreachable import coverage_record
+from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.tour import Stations
 from nbv.run.showing import show_report
-from nbv.run.wording import count
+from nbv.run.wording import count, percent
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import sensor_from_profile
 from nbv.scanning.view import View
@@ -25,6 +28,8 @@ from scenes.checks import InputError, check_number
 from scenes.formats.documents import read_json
 from scenes.formats.guard import one_line
 from scenes.pose import Pose
+from scenes.run.atomic import make_folder, write_json
+from scenes.run.staged_outputs import Stage
 
 if TYPE_CHECKING:
     from scenes.world.scene import Scene
@@ -52,7 +57,7 @@ class Resumption:
         return {"scans": len(self.poses), "met": self.met_fraction}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
     """A plan.
 
@@ -136,6 +141,42 @@ class Plan:
             "rooms": list(self.rooms),
             "platforms": list(self.platforms),
         }
+
+    @property
+    def visiting_order(self) -> tuple[int, ...] | None:
+        """Numbers of the views, from 0, in the order of the tour; None without one."""
+        return None if self.stations is None else self.stations.tour.order
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan: into a file that ends in `.json`, or with all that belongs to it into a folder.
+
+        The folder gets plan.json, plan.csv, trajectory.txt, and coverage.json and stations.json where the
+        plan holds them, together or not at all. `read_plan` reads plan.json.
+
+        Raises
+        ------
+        InputError
+            The file or folder cannot be written.
+        """
+        target = Path(path)
+        if target.suffix == ".json":
+            write_json(target, self.to_json())
+            return
+        with Stage(make_folder(target)) as stage:
+            write_json(stage.path("plan.json"), self.to_json())
+            files = stage.path(CSV_NAME), stage.path(TRAJECTORY_NAME)
+            write_plan_files(self.views, self.visiting_order, *files)
+            if isinstance(self.coverage, Coverage):
+                write_json(stage.path("coverage.json"), coverage_record(self.coverage))
+            if self.stations is not None:
+                write_json(stage.path("stations.json"), self.stations.to_json())
+            stage.commit(last="plan.json")
+
+    def __repr__(self) -> str:
+        met = "" if self.coverage is None else f", {percent(self.coverage.met)} % met"
+        bound = "" if self.lower_bound is None else f", at least {self.lower_bound.views}"
+        views = count(len(self.views), "view")
+        return f"Plan({self.method!r}, {self.sensor.name}, {views}{bound}{met})"
 
     def show(self, scene: Scene, *, n_threads: int | None = None) -> Path:
         """Show the full report of this plan of `scene`; see `nbv.show`."""

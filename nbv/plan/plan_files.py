@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from nbv.plan.plan import Plan
 from nbv.run.csv_table import csv_text
 from nbv.scanning.view import View
 from scenes.formats.trajectory import write_timed_poses
@@ -70,12 +69,15 @@ def _heading(direction: Any) -> float:
     return float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
 
 
-def write_plan_files(plan: Plan, csv_file: Path, trajectory_file: Path) -> None:
-    """Write a plan's stations as CSV, its poses as a TUM trajectory whose time stamps are their numbers."""
-    write_text(
-        csv_file, stations_csv(plan.views, None if plan.stations is None else plan.stations.tour.order)
-    )
-    poses = [view.world_from_sensor for view in plan.views]
+def write_plan_files(
+    views: Sequence[View], order: Sequence[int] | None, csv_file: Path, trajectory_file: Path
+) -> None:
+    """Write stations as CSV, and their poses as a TUM trajectory whose time stamps are their numbers.
+
+    `order` tells from 0 in which to visit them, where that is known.
+    """
+    write_text(csv_file, stations_csv(views, order))
+    poses = [view.world_from_sensor for view in views]
     write_timed_poses(trajectory_file, np.arange(1.0, len(poses) + 1), poses)
 
 

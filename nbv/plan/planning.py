@@ -48,7 +48,7 @@ def plan_views(
     sensor: Sensor | None = None,
     *,
     method: Method = "nbv",
-    max_incidence_deg: float = _INCIDENCE_DEG,
+    max_incidence_deg: float | None = None,
     max_range_m: float | None = None,
     requirement: Requirement | None = None,
     target: float = 0.99,
@@ -88,10 +88,10 @@ def plan_views(
 "rule:rooms-and-doorways"
         Which planner; all but the first two are baselines (`nbv.plan.baseline_plan`).
     max_incidence_deg, max_range_m : float
-        What counts as measured: incidence in degrees, range in metres.
+        What counts as measured: incidence in degrees, 60 when nothing is said; range in metres.
     requirement : Requirement, optional
-        What counts as measured, in full; the two above must not say otherwise. The explorer of "nbv" looks
-        for its incidence; coverage is measured by all of it.
+        What counts as measured, in full, in place of the two above. The explorer of "nbv" looks for its
+        incidence; coverage is measured by all of it.
     target : float
         Fraction of the reachable area to measure as required.
     views : int, optional
@@ -141,8 +141,8 @@ def plan_views(
     Raises
     ------
     InputError
-        Another method or mode, a target outside 0..1, a requirement or options that contradict what is given
-        beside them, nowhere to stand, patches that do not lie on the scene,
+        Another method or mode, a target outside 0..1, a requirement beside single values, zones given
+        twice, nowhere to stand, patches that do not lie on the scene,
         scans that measure nothing of it, a region without surface, no candidate that need not keep out.
     """
     if method not in get_args(Method):
@@ -235,21 +235,18 @@ def _as_scene(scene: object, mode: str | None) -> Scene:
 
 
 def _one_requirement(
-    requirement: Requirement | None, max_incidence_deg: float, max_range_m: float | None
+    requirement: Requirement | None, max_incidence_deg: float | None, max_range_m: float | None
 ) -> Requirement:
-    """Return what counts as measured, refusing a requirement and single values that contradict it."""
+    """Return what counts as measured, refusing a requirement beside single values."""
     if requirement is None:
-        return Requirement(max_incidence_deg=max_incidence_deg, max_range_m=max_range_m)
-    if max_incidence_deg not in (_INCIDENCE_DEG, requirement.max_incidence_deg):
-        raise InputError(
-            f"max_incidence_deg = {max_incidence_deg:g} contradicts the requirement's "
-            f"{requirement.max_incidence_deg:g} deg; give one of the two"
-        )
-    if max_range_m not in (None, requirement.max_range_m):
-        raise InputError(
-            f"max_range_m = {max_range_m:g} contradicts the requirement's max_range_m = "
-            f"{requirement.max_range_m}; give one of the two"
-        )
+        incidence = _INCIDENCE_DEG if max_incidence_deg is None else max_incidence_deg
+        return Requirement(max_incidence_deg=incidence, max_range_m=max_range_m)
+    for name, value in (("max_incidence_deg", max_incidence_deg), ("max_range_m", max_range_m)):
+        if value is not None:
+            raise InputError(
+                f"give requirement or {name}, not both: the requirement says {name} = "
+                f"{getattr(requirement, name)}, beside it stands {value:g}"
+            )
     return requirement
 
 

@@ -19,7 +19,7 @@ from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tour:
     """Stations by their numbers in their order, and the legs between them.
 
@@ -29,6 +29,9 @@ class Tour:
     order: tuple[int, ...]
     legs: tuple[Leg, ...]
     is_given: bool = False
+
+    def __repr__(self) -> str:
+        return f"Tour({count(len(self.order), 'station')}, {self.describe()})"
 
     @property
     def length_m(self) -> float:

@@ -120,6 +120,7 @@ def _needed(groups: Sequence[Group], planners: Sequence[str], share: float) -> t
     for group in groups:
         met = group.values("met_of_reachable")
         bound, added = group.values("lower_bound"), group.values("inferred")
+        tour, lost = group.values("tour_m"), group.values("legs_without_way")
         middle = float(np.median(met)) if len(met) else 0.0
         rows.append(
             (
@@ -129,18 +130,21 @@ def _needed(groups: Sequence[Group], planners: Sequence[str], share: float) -> t
                 Cell(percent(middle) if len(met) else "", share=middle, state="measured"),
                 Cell(spread(group.values("views"))),
                 Cell(spread(bound[np.isfinite(bound)])),
+                Cell(f"{float(np.median(tour)):.1f}" if len(tour) and np.isfinite(tour).all() else ""),
+                Cell(f"{float(np.median(lost)):.0f}" if np.any(lost > 0) else ""),
                 Cell(percent(float(np.median(added))) if len(met) and added.any() else ""),
             )
         )
     columns = (
         "Scene", "Sensor", "Requirement", "Planner", f"#views to {100 * share:g} %", "#reached, %",
-        "#views planned", "#at least", "#inferred, %",
+        "#views planned", "#at least", "#tour, m", "#legs without a way", "#inferred, %",
     )  # fmt: skip
     note = (
         "Medians over the seeds; in brackets the least and the most. Shares are of the area that any "
         'candidate could measure as required. "At least" is certified: no plan for the planner\'s target has '
-        "fewer views. All planners of a scene and sensor choose from the same poses and are measured on the "
-        "same samples."
+        "fewer views. The tour is short; of online plans it is the way from scan to scan, and legs without a "
+        "way are not in it. All planners of a scene and sensor choose from the same poses and are measured "
+        "on the same samples."
     )
     return telling(columns, rows, n_fixed=3), Text(note, is_note=True)
 

@@ -10,7 +10,7 @@ from nbv.scanning.sensors.sensor import Sensor
 from scenes.pose import Pose
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class View:
     """One station.
 
@@ -34,6 +34,11 @@ class View:
     gain_m2: float | None = None
     met_fraction: float | None = None
     predicted_gain_m2: float | None = None
+
+    def __repr__(self) -> str:
+        met = "" if self.met_fraction is None else f", met {self.met_fraction:.4f}"
+        x, y, z = self.world_from_sensor.translation.tolist()
+        return f"View({self.sensor.name} at {x:.3f}, {y:.3f}, {z:.3f}{met})"
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `plan.json`."""

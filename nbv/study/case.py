@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,7 +22,7 @@ from nbv.scanning.sensors.sensor import Sensor, chosen_effects
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import Standing, find_standing
+from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
 from scenes.checks import InputError
 from scenes.files.scene_files import open_scene
 from scenes.formats.documents import read_json
@@ -57,6 +58,19 @@ class Case:
             "requirement": self.requirement.label,
             "planner": self.planner.label,
             "seed": self.seed,
+        }
+
+    def settings(self) -> dict[str, float | int | None]:
+        """Return what was asked for in numbers, as columns of the results."""
+        asked = self.requirement
+        return {
+            "max_incidence_deg": asked.max_incidence_deg,
+            "max_range_m": asked.max_range_m,
+            "min_density_per_m2": asked.min_density_per_m2,
+            "max_sd_m": asked.max_sd_m,
+            "k": asked.k,
+            "target": self.planner.target,
+            "spacing_m": self.scene.spacing_m or self.sampling.spacing_m,
         }
 
 
@@ -130,23 +144,38 @@ def _setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> Case
     world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
     device = load_sensor(sensor.sensor)
     standing = find_standing(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
-    return CaseSetting(world, device, standing, sample_surface(world.mesh, sampling.spacing_m))
+    spacing, caster = scene.spacing_m or sampling.spacing_m, world.ray_caster()
+    if spacing is None:
+        samples, _ = samples_that_count(world, standing, caster)
+    else:
+        samples, _ = counted(sample_surface(world.mesh, spacing), standing, caster)
+    return CaseSetting(world, device, standing, samples)
 
 
 def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
     """Plan a case; return its record: the contents of a `plan.json`, with what it is of beside it.
 
-    A case that cannot be planned has an "error" instead of a plan.
+    A case that cannot be planned has an "error" instead of a plan. "times" tells the seconds that it took by
+    the clock, and those of the processor.
     """
     head = {"case": case.name, "key": case.key, "labels": case.labels()}
+    begin = time.perf_counter(), time.process_time()
     try:
         plan = _planned(case, n_threads)
     except InputError as error:
         return {**head, "error": str(error)}
+    times = {"seconds": time.perf_counter() - begin[0], "cpu_seconds": time.process_time() - begin[1]}
     if not isinstance(plan.coverage, Coverage):
         raise TypeError("a fresh plan holds its full coverage")
-    tour = None if plan.stations is None else plan.stations.tour.length_m
-    return {**head, "n_samples": len(plan.coverage.samples), "tour_m": tour, **plan.to_json()}
+    tour = None if plan.stations is None else plan.stations.tour
+    return {
+        **head,
+        "n_samples": len(plan.coverage.samples),
+        "tour_m": None if tour is None else tour.length_m,
+        "legs_without_way": None if tour is None else tour.n_without_way,
+        **plan.to_json(),
+        "times": times,
+    }
 
 
 def _planned(case: Case, n_threads: int | None) -> Any:
@@ -201,8 +230,8 @@ class PlanArchive:
         return True
 
     def keep(self, case: Case, record: Mapping[str, Any]) -> None:
-        """Write the record of a case, whole or not at all."""
-        write_json(self.path(case), record)
+        """Write the record of a case, whole or not at all, without its times: they differ from run to run."""
+        write_json(self.path(case), {name: value for name, value in record.items() if name != "times"})
 
     def read(self, case: Case) -> dict[str, Any]:
         """Return the record of a case.

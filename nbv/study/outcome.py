@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,12 @@ from scenes.checks import FloatArray
 SHARES = (0.90, 0.95, 0.99)  # of the reachable area, at which views are counted
 COLUMNS = {
     "case": str, "scene": str, "sensor": str, "requirement": str, "planner": str, "seed": int,
+    "max_incidence_deg": float, "max_range_m": float, "min_density_per_m2": float, "max_sd_m": float,
+    "k": int, "target": float, "spacing_m": float,
     "n_candidates": int, "n_samples": int, "total_m2": float, "reachable": float, "met": float,
-    "met_of_reachable": float, "modelled": float, "inferred": float, "unknown": float, "views": int,
-    **{f"views_to_{100 * share:.0f}": int for share in SHARES},
-    "lower_bound": int, "tour_m": float, "stopped_because": str, "error": str,
+    "met_standard_error": float, "met_of_reachable": float, "modelled": float, "inferred": float,
+    "unknown": float, "views": int, **{f"views_to_{100 * share:.0f}": int for share in SHARES},
+    "lower_bound": int, "tour_m": float, "legs_without_way": int, "stopped_because": str, "error": str,
 }  # fmt: skip
 _ROUNDING = 1e-9
 
@@ -44,7 +46,14 @@ class Outcome:
     lower_bound : int or None
         Views that any plan needs, where certified.
     tour_m : float or None
-        Length of the tour of the stations, where planned.
+        Length of the tour of the stations (online: of the way from scan to scan), metres.
+    legs_without_way : int or None
+        How many of its legs have no way, which the length leaves out.
+    met_standard_error : float
+        Of the last of `met`.
+    times : mapping
+        "seconds" by the clock and "cpu_seconds" that planning took, where this run planned it; in the
+        manifest, not in the results, whose bytes do not depend on the run.
     stopped_because : str
         Why there are no more views.
     error : str
@@ -63,6 +72,9 @@ class Outcome:
     unknown: float = float("nan")
     lower_bound: int | None = None
     tour_m: float | None = None
+    legs_without_way: int | None = None
+    met_standard_error: float = float("nan")
+    times: Mapping[str, float] = field(default_factory=dict)
     stopped_because: str = ""
     error: str = ""
 
@@ -88,6 +100,7 @@ class Outcome:
             "total_m2": self.total_m2,
             "reachable": self.reachable,
             "met": float(self.met[-1]) if self.n_views else 0.0,
+            "met_standard_error": self.met_standard_error,
             "met_of_reachable": float(self.of_reachable[-1]),
             "modelled": self.modelled,
             "inferred": self.inferred,
@@ -97,19 +110,21 @@ class Outcome:
         return {
             "case": self.case.name,
             **self.case.labels(),
+            **self.case.settings(),
             "n_candidates": self.n_candidates,
             "n_samples": self.n_samples,
             **(dict.fromkeys(found) if self.error else found),
             **{f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES},
             "lower_bound": self.lower_bound,
             "tour_m": self.tour_m,
+            "legs_without_way": self.legs_without_way,
             "stopped_because": self.stopped_because,
             "error": self.error,
         }
 
 
-def outcome_of(case: Case, record: Mapping[str, Any]) -> Outcome:
-    """Return the outcome of a case's record."""
+def outcome_of(case: Case, record: Mapping[str, Any], times: Mapping[str, float] | None = None) -> Outcome:
+    """Return the outcome of a case's record, and what planning it took, seconds."""
     if record.get("error"):
         return Outcome(case, np.zeros(0), np.zeros(0), error=str(record["error"]))
     views, coverage, bound = record["views"], record["coverage"], record["lower_bound"]
@@ -127,6 +142,9 @@ def outcome_of(case: Case, record: Mapping[str, Any]) -> Outcome:
         unknown=float(shares["unknown"]) if shares else 1.0 - float(coverage["met"]),
         lower_bound=int(bound["views"]) if bound else None,
         tour_m=record["tour_m"],
+        legs_without_way=record.get("legs_without_way"),
+        met_standard_error=float(coverage.get("standard_error", {}).get("met", np.nan)),
+        times=times or {},
         stopped_because=str(record["stopped_because"]),
     )
 

@@ -47,13 +47,14 @@ def run_study(
     """
     cases, archive = cases_of(spec, first_seed), PlanArchive(folder)
     missing = [case for case in cases if not archive.holds(case)]
-    done = len(cases) - len(missing)
+    done, times = len(cases) - len(missing), dict[str, dict[str, float]]()
     _tell(progress, done, cases)
     for number, record in (workers or ThisProcess()).each(run_case, missing, [case.key for case in missing]):
         archive.keep(missing[number], record)
+        times[missing[number].name] = record.get("times", {})
         done += 1
         _tell(progress, done, cases)
-    return tuple(outcome_of(case, archive.read(case)) for case in cases)
+    return tuple(outcome_of(case, archive.read(case), times.get(case.name, {})) for case in cases)
 
 
 def _tell(progress: Progress | None, done: int, cases: tuple[Case, ...]) -> None:

@@ -36,9 +36,13 @@ class Entry(BaseModel):
 
 
 class SceneEntry(Entry):
-    """A scene: `builtin:NAME`, or a mesh file beside the study file."""
+    """A scene: `builtin:NAME`, or a mesh file beside the study file.
+
+    `spacing_m` is between the samples of its surface; that of the study's `sampling` where not given.
+    """
 
     scene: str = Field(min_length=1)
+    spacing_m: Positive | None = None
     up: Literal["x", "y", "z"] = "z"
     units: Literal["mm", "cm", "m", "in"] = "m"
     mode: Literal["room", "object"] | None = None

@@ -16,7 +16,7 @@ from scenes.mesh.morton import morton_order
 WISHED_SAMPLES = 20_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SurfaceSamples:
     """Samples of a surface.
 
@@ -45,6 +45,9 @@ class SurfaceSamples:
     tolerance_m: float = 0.0
     pair: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
     extent_m: float = field(init=False)
+
+    def __repr__(self) -> str:
+        return f"SurfaceSamples({len(self)} samples of {self.total_m2:.4g} m2)"
 
     def __post_init__(self) -> None:
         n = len(self.points)

@@ -24,7 +24,7 @@ _SPACING_M = 0.5
 _SAME_M = 1e-6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Candidates:
     """Where a sensor may stand and look.
 
@@ -50,6 +50,9 @@ class Candidates:
     patch_points: FloatArray | None = None
     patch_normals: FloatArray | None = None
     half_angle_deg: float | None = None
+
+    def __repr__(self) -> str:
+        return f"Candidates({self.n_positions} positions x {self.n_directions} directions)"
 
     def __post_init__(self) -> None:
         positions = check_places("positions", self.positions)

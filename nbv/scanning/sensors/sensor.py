@@ -89,6 +89,13 @@ class Profiled:
 
     __slots__ = ()
     kind: ClassVar[str]
+    name: str
+    projection: Any
+
+    def __repr__(self) -> str:
+        rows, columns = self.projection.shape
+        gate = f"{getattr(self, 'min_range_m', 0.0):g}..{getattr(self, 'max_range_m', np.inf):g} m"
+        return f"{type(self).__name__}({self.name!r}, {columns} x {rows} pixels, {gate})"
 
     def to_json(self) -> dict[str, Any]:
         """Return kind, fields and effects as one table; fields that are None are left out."""
@@ -97,7 +104,7 @@ class Profiled:
         return {"kind": self.kind, **{k: v for k, v in entries.items() if v is not None}, **effects}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class PinholeSensor(Profiled):
     """A range camera.
 
@@ -116,11 +123,15 @@ class PinholeSensor(Profiled):
         angle fov / 2 inside it, pixels outside stay empty.
     effects : Effects
         By what its scans differ from exact ranges.
+    fx_px, fy_px, cx_px, cy_px : float, optional
+        Focal lengths and principal point of a calibrated camera, pixels, all or none; with them `fov_deg`
+        only tells the angle across the longer side (`from_intrinsics`).
 
     Raises
     ------
     InputError
-        Angles outside 0..180 deg, no pixels, an empty range gate, another aperture.
+        Angles outside 0..180 deg, no pixels, an empty range gate, another aperture; a part of the
+        intrinsics, or with a circular aperture.
 
     Examples
     --------
@@ -137,6 +148,10 @@ class PinholeSensor(Profiled):
     name: str = "pinhole"
     aperture: Aperture = "square"
     effects: Effects = NO_EFFECTS
+    fx_px: float | None = None
+    fy_px: float | None = None
+    cx_px: float | None = None
+    cy_px: float | None = None
 
     kind: ClassVar[str] = "pinhole"
     partner: ClassVar[None] = None
@@ -145,15 +160,69 @@ class PinholeSensor(Profiled):
         check_gate(self.name, self.min_range_m, self.max_range_m)
         if self.aperture not in ("square", "circular"):
             raise InputError(f"aperture must be square or circular, got {self.aperture!r}")
-        PinholeProjection.from_fov(self.width, self.height, self.fov_deg)  # raises for what cannot be
+        known = [value is not None for value in (self.fx_px, self.fy_px, self.cx_px, self.cy_px)]
+        if any(known) and not all(known):
+            raise InputError("intrinsics are fx_px, fy_px, cx_px and cy_px; give all four or none")
+        if any(known) and self.aperture == "circular":
+            raise InputError("a camera with intrinsics has no circular aperture; leave one of the two out")
+        if not 0 < self.fov_deg < 180:
+            raise InputError(f"a pinhole's field of view must lie between 0 and 180 deg, got {self.fov_deg}")
+        _ = self.projection  # raises for what cannot be
+
+    @classmethod
+    def from_intrinsics(
+        cls,
+        width: int,
+        height: int,
+        *,
+        fx: float,
+        fy: float,
+        cx: float,
+        cy: float,
+        range_m: tuple[float, float] = (0.1, 30.0),
+    ) -> PinholeSensor:
+        """Return the calibrated camera with these focal lengths and principal point, pixels.
+
+        The centre of the first pixel is at (0, 0), as in `scenes.scan.projection`; a negative fy is used as
+        given (y = (v - cy) z / fy). Ranges are measured within `range_m`, metres.
+
+        Raises
+        ------
+        InputError
+            No pixels, focal lengths or a principal point that no camera has, an empty range gate.
+
+        Examples
+        --------
+        >>> kinect = PinholeSensor.from_intrinsics(640, 480, fx=525, fy=525, cx=319.5, cy=239.5)
+        >>> round(kinect.fov_deg, 1), kinect.projection.fx
+        (62.7, 525.0)
+        """
+        camera = PinholeProjection(
+            width=width, height=height, fx=float(fx), fy=float(fy), cx=float(cx), cy=float(cy)
+        )
+        ends = {True: (width, camera.cx, camera.fx), False: (height, camera.cy, camera.fy)}
+        n, centre, focal = ends[width >= height]
+        across = np.arctan((n - 0.5 - centre) / abs(focal)) + np.arctan((centre + 0.5) / abs(focal))
+        return cls(
+            fov_deg=float(np.degrees(across)), width=width, height=height,
+            min_range_m=range_m[0], max_range_m=range_m[1],
+            fx_px=camera.fx, fy_px=camera.fy, cx_px=camera.cx, cy_px=camera.cy,
+        )  # fmt: skip
 
     @property
     def projection(self) -> PinholeProjection:
         """The geometry of the pixels."""
-        return PinholeProjection.from_fov(self.width, self.height, self.fov_deg)
+        if self.fx_px is None or self.fy_px is None or self.cx_px is None or self.cy_px is None:
+            return PinholeProjection.from_fov(self.width, self.height, self.fov_deg)
+        return PinholeProjection(
+            width=self.width, height=self.height,
+            fx=self.fx_px, fy=self.fy_px, cx=self.cx_px, cy=self.cy_px,
+        )  # fmt: skip
 
     def sees(self, points: FloatArray) -> BoolArray:
         """Tell which sensor-frame points (n, 3) lie in the aperture."""
+        if self.fx_px is not None:
+            return in_image(points, self.projection)
         inside = in_pyramid(points, image_slope(self.fov_deg, self.width, self.height))
         if self.aperture == "circular":
             inside &= (
@@ -163,7 +232,7 @@ class PinholeSensor(Profiled):
         return inside
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class SphericalSensor(Profiled):
     """A panoramic scanner that turns about its y axis; z points to the middle column.
 
@@ -240,6 +309,15 @@ def in_pyramid(points: FloatArray, slope: tuple[float, float]) -> BoolArray:
     """Tell which sensor-frame points (n, 3) lie in the pyramid about z with these tangents."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     inside: BoolArray = (np.abs(x) <= slope[0] * z) & (np.abs(y) <= slope[1] * z) & (z > 0)
+    return inside
+
+
+def in_image(points: FloatArray, camera: PinholeProjection) -> BoolArray:
+    """Tell which sensor-frame points (n, 3) lie before a camera, within the outer edges of its pixels."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
+    inside: BoolArray = (z > 0) & (u >= -0.5 * z) & (u <= (camera.width - 0.5) * z)
+    inside &= (v >= -0.5 * z) & (v <= (camera.height - 0.5) * z)
     return inside
 
 

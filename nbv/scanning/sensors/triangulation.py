@@ -18,7 +18,7 @@ from scenes.scan.projection import PinholeProjection, SphericalProjection
 _LIFT = 1e-6  # of the distance: Embree works in float32
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class TriangulationSensor(Profiled):
     """A camera with a second device beside it: projector and camera, or two cameras.
 
@@ -86,7 +86,7 @@ class TriangulationSensor(Profiled):
         return in_pyramid(points, image_slope(self.fov_deg, self.width, self.height))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class LineSensor(Profiled):
     """A profile scanner: one row of pixels, fanned out in the plane of x and z; motion is the user's.
 

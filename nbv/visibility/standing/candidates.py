@@ -141,6 +141,39 @@ def scene_candidates(
     return find_standing(scene, sensor, options, mode=mode, subdivisions=subdivisions).candidates
 
 
+def room_candidates(
+    scene: Scene, sensor: Sensor, options: SiteOptions = SiteOptions(), *, subdivisions: int = 1
+) -> Candidates:
+    """Return the candidates in the rooms of a scene: places on their floors, the sensor turned all round.
+
+    `subdivisions` of the icosahedron say how finely a camera's directions lie: 42 for 1, 162 for 2.
+
+    Raises
+    ------
+    InputError
+        Nowhere to stand.
+    """
+    return find_standing(scene, sensor, options, mode="room", subdivisions=subdivisions).candidates
+
+
+def sphere_candidates(
+    scene: Scene, sensor: Sensor, n_positions: int = 200, *, all_round: bool = False
+) -> Candidates:
+    """Return the candidates around an object: on a sphere, each looking at its centre.
+
+    The sphere is as small as lets the aperture hold the object, within the sensor's range. Without
+    `all_round` those are left out that lie below the plane on which the object stands.
+
+    Raises
+    ------
+    InputError
+        The sensor's range gate does not fit around the object; no positions.
+    """
+    if n_positions < 1:
+        raise InputError(f"n_positions must be at least 1, got {n_positions}")
+    return viewing_sphere(scene.mesh.bounds(), sensor, n_positions, all_round=all_round)
+
+
 def _lattice(scene: Scene, site: Site, options: SiteOptions) -> FloatArray:
     """Positions (p, 3) over the levels of the chosen rooms, free or not, metres."""
     levels = np.sort([site.rooms.rooms[number - 1].level_m for number in site.chosen])

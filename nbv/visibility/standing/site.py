@@ -26,7 +26,7 @@ from scenes.world.scene import Scene
 _BELOW_CEILING_M = 0.1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Site:
     """Where one may stand in a scene.
 
@@ -58,6 +58,10 @@ class Site:
     spacing_m: float
     several_heights: bool
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        n_rooms, n_places = len(self.chosen), len(self.positions)
+        return f"Site({n_rooms} of {count(len(self.rooms.rooms), 'room')}, {count(n_places, 'position')})"
 
     @property
     def cut_m(self) -> float | None:

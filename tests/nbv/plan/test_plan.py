@@ -58,12 +58,58 @@ def test_the_online_planner_covers_the_room(room_plan):
     assert gains == pytest.approx(coverage.met * coverage.total_m2)
 
 
-def test_a_requirement_and_single_values_that_contradict_it_are_refused():
+@pytest.mark.parametrize(
+    ("name", "value"), [("max_incidence_deg", 70), ("max_incidence_deg", 60), ("max_range_m", 3)]
+)
+def test_a_requirement_beside_single_values_is_refused(name, value):
     required = nbv.Requirement(max_incidence_deg=50, max_range_m=4.0)
-    with pytest.raises(InputError, match=r"max_incidence_deg = 70 contradicts the requirement's 50 deg"):
-        plan_views(ROOM, requirement=required, max_incidence_deg=70)
-    with pytest.raises(InputError, match=r"max_range_m = 3 contradicts the requirement's max_range_m = 4"):
-        plan_views(ROOM, requirement=required, max_range_m=3.0)
+    with pytest.raises(
+        InputError, match=f"give requirement or {name}, not both: .* beside it stands {value}"
+    ):
+        plan_views(ROOM, requirement=required, **{name: value})
+
+
+def test_a_plan_is_saved_and_read_back(room_plan, tmp_path):
+    room_plan.save(tmp_path / "one.json")
+    room_plan.save(tmp_path / "all")
+    names = {file.name for file in (tmp_path / "all").iterdir() if not file.name.startswith(".")}
+    assert names == {"plan.json", "plan.csv", "trajectory.txt", "coverage.json", "stations.json"}
+    for file in (tmp_path / "one.json", tmp_path / "all" / "plan.json"):
+        assert nbv.read_plan(file).to_json() == room_plan.to_json()
+    with pytest.raises(InputError, match="nowhere"):
+        room_plan.save(tmp_path / "nowhere" / "plan.json")
+
+
+def test_public_objects_tell_themselves_in_a_line(room_plan):
+    told = [room_plan, room_plan.coverage, room_plan.coverage.samples, room_plan.views[0]]
+    told += [room_plan.candidates, room_plan.site, room_plan.stations.tour, room_plan.sensor]
+    assert max(len(repr(one)) for one in told) < 250
+    assert repr(room_plan).startswith("Plan('nbv', ")
+    assert f"{len(room_plan.views)} views" in repr(room_plan)
+    assert f"{room_plan.coverage.met:.4f}" in repr(room_plan.coverage)
+    assert repr(room_plan.coverage.samples).startswith(f"SurfaceSamples({len(room_plan.coverage.samples)} ")
+
+
+def test_online_plans_tell_the_way_from_scan_to_scan(room_plan):
+    tour = room_plan.stations.tour
+    assert tour.order == tuple(range(len(room_plan.views)))
+    assert tour.is_given
+    places = np.array([view.world_from_sensor.translation for view in room_plan.views])
+    straight = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1).sum()
+    assert tour.length_m >= straight - 1e-9 or tour.n_without_way
+    assert room_plan.stations.overlaps is None
+
+
+def test_candidates_can_be_made_and_given(room_plan):
+    rooms = nbv.room_candidates(ROOM, SENSOR, nbv.SiteOptions(heights_m=(1.5,)), subdivisions=0)
+    assert set(np.round(rooms.positions[:, 2], 6).tolist()) == {1.5}
+    plan = plan_views(ROOM, SENSOR, method="random", candidates=rooms, samples=SAMPLES, views=1, rng=0)
+    assert plan.n_candidates == rooms.n_poses
+    box = nbv.sphere_candidates(builtin_scene("two_cylinders"), SENSOR, 50)
+    assert 0 < box.n_positions < 50
+    assert nbv.sphere_candidates(builtin_scene("two_cylinders"), SENSOR, 50, all_round=True).n_positions == 50
+    with pytest.raises(InputError, match="n_positions must be at least 1, got 0"):
+        nbv.sphere_candidates(ROOM, SENSOR, 0)
 
 
 def test_a_single_value_has_its_effect():

@@ -205,7 +205,35 @@ def test_results_hold_every_case_and_every_view(undisturbed, file):
     assert "two_occluders" in page
     assert (out / "plots" / "coverage-2.png").stat().st_size > 5000
     told = json.loads((out / "manifest.json").read_text())
+    assert set(told["times"]["costs"]) == {row["case"] for row in rows}
+    assert all(cost["seconds"] > 0 for cost in told["times"]["costs"].values())
     assert {item["input"] for item in told["inputs"]} >= {str(file), "builtin:two_occluders"}
+
+
+def test_results_tell_settings_in_numbers_and_the_length_of_the_tour(undisturbed):
+    for row in rows_of(undisturbed[0] / "results.csv"):
+        assert float(row["max_incidence_deg"]) == 75
+        assert float(row["target"]) == (0.9 if row["planner"] == "greedy" else 0.5)
+        assert (row["k"], row["max_range_m"], float(row["spacing_m"])) == ("1", "", 0.5)
+        assert 0 < float(row["met_standard_error"]) < 0.1
+        assert float(row["tour_m"]) > 0 or int(row["legs_without_way"]) == int(row["views"]) - 1
+
+
+def test_a_scene_may_have_a_spacing_of_its_own(tmp_path):
+    text = SMALL.replace('builtin:drum_and_post"', 'builtin:drum_and_post"\nspacing_m = 0.3')
+    cases, before = (
+        cases_of(read_study(write_study(tmp_path, text))),
+        cases_of(read_study(write_study(tmp_path, SMALL))),
+    )
+    assert [one.key == other.key for one, other in zip(cases, before, strict=True)] == [True] * 4 + [
+        False
+    ] * 4
+    assert {case.settings()["spacing_m"] for case in cases} == {0.3, 0.5}
+    assert run_case(cases[-1])["n_samples"] > 2 * run_case(before[-1])["n_samples"]
+    for wrong in ("0", "-1", "nan", "inf", '"wide"'):
+        bad = text.replace("spacing_m = 0.3", f"spacing_m = {wrong}")
+        with pytest.raises(InputError, match=r"scenes\[1\]\.spacing_m: "):
+            read_study(write_study(tmp_path, bad))
 
 
 def test_views_to_a_share_are_counted_and_never_is_said(file):
