@@ -26,6 +26,7 @@ from nbv.visibility.standing.candidates import Standing, counted, find_standing,
 from scenes.files.scene_files import open_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.morton import morton_order
+from scenes.mesh.orientation import Axis
 from scenes.world.scene import Scene
 
 DATA = Path(os.environ.get("UNSEEN_DATA", "../shared/data"))
@@ -44,6 +45,7 @@ SCENES = (
     "scenes/objects/CesiumMilkTruck.glb",
 )
 IN_MILLIMETRES = ("oakChair.obj", "stanford-bunny.obj")
+Y_UP = ("duplex.glb", "oakChair.obj", "CesiumMilkTruck.glb")
 _STATIONS = 4
 
 
@@ -96,7 +98,8 @@ def main(arguments: list[str] | None = None) -> None:
     off, in_bars = [], []
     for number, name in enumerate(names):
         begin = time.perf_counter()
-        scene = open_scene(name, units="mm" if name.endswith(IN_MILLIMETRES) else "m")
+        up: Axis = "y" if name.endswith(Y_UP) else "z"
+        scene = open_scene(name, up=up, units="mm" if name.endswith(IN_MILLIMETRES) else "m")
         sensor = load_sensor("panorama" if scene.mode == "room" else "generic60")
         standing = find_standing(scene, sensor)
         views = stations_of(scene, standing)

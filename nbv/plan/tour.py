@@ -57,10 +57,10 @@ class Tour:
         text = f"{self.length_m:.1f} m"
         if not self.n_without_way:
             return text
-        legs = f"{self.n_without_way} of {count(len(self.legs), 'leg')}"
-        are = "has" if self.n_without_way == 1 else "have"
+        have = "has" if self.n_without_way == 1 else "have"
         return (
-            f"{text} without {legs} that {are} no way (closed doors, storeys without stairs, narrow places)"
+            f"{text}, without {self.n_without_way} of {count(len(self.legs), 'leg')} that {have} no way "
+            "(closed doors, storeys without stairs, narrow places)"
         )
 
     def to_json(self) -> dict[str, Any]:
