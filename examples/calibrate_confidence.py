@@ -25,6 +25,7 @@ from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
 from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects, prospects
+from completion.extension.past_end import KNOWN_PAST_END, PAST_END
 from nbv.scanning.effects.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
@@ -119,10 +120,14 @@ def _as_heavy(frames: list[list[Places]], rooms: list[list[Places]]) -> list[lis
 
 
 def log_likelihood(
-    places: Places, persistence: FloatArray, weights: FloatArray, even_m: float = EVEN_M
+    places: Places,
+    persistence: FloatArray,
+    weights: FloatArray,
+    even_m: float = EVEN_M,
+    past_end: FloatArray = PAST_END,
 ) -> float:
     """Mean over the places, weighted."""
-    probability = np.clip(places.prospects.probability(persistence, weights, even_m), 0.003, 0.997)
+    probability = np.clip(places.prospects.probability(persistence, weights, even_m, past_end), 0.003, 0.997)
     told = np.log(np.where(places.is_right, probability, 1 - probability))
     return float(np.average(told, weights=places.weight))
 
@@ -145,22 +150,39 @@ def most_likely(places: Places) -> tuple[FloatArray, float]:
 
 
 def most_likely_weights(places: Places) -> FloatArray:
-    """The weights (12,) past the rectangle, by ridge regression of the log odds (Hoerl & Kennard 1970)."""
-    beyond = (places.prospects.onward == Onward.BEYOND) & ~places.prospects.is_said
-    known, right = places.prospects.known[beyond], places.is_right[beyond]
-    weight = places.weight[beyond] / places.weight[beyond].sum()
+    """The weights (12,) past the rectangle of planes."""
+    given = places.prospects
+    beyond = (given.onward == Onward.BEYOND) & ~given.is_said
+    return _ridge(given.known, np.ones(len(beyond)), places, beyond)
+
+
+def most_likely_past_ends(places: Places) -> FloatArray:
+    """The weights (5,) past the ends of cylinders."""
+    given = places.prospects
+    return _ridge(given.past_end, given.base, places, (given.onward == Onward.PAST_END) & ~given.is_said)
+
+
+def _ridge(known: FloatArray, base: FloatArray, places: Places, chosen: BoolArray) -> FloatArray:
+    """Constant and weights by ridge regression of the log odds (Hoerl & Kennard 1970), for some places.
+
+    A place is right with the probability that follows from what is `known` (n, k), times `base` (n,).
+    """
+    known, base, right = known[chosen], base[chosen], places.is_right[chosen]
+    weight = places.weight[chosen] / places.weight[chosen].sum()
     mean = weight @ known
     scale = np.sqrt(weight @ np.square(known - mean)) + 1e-9
     columns = np.column_stack([np.ones(len(known)), (known - mean) / scale])
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
-        probability = np.clip(1 / (1 + np.exp(-columns @ x)), 1e-6, 1 - 1e-6)
+        goes_on = 1 / (1 + np.exp(-columns @ x))
+        probability = np.clip(base * goes_on, 1e-6, 1 - 1e-6)
         told = weight @ np.log(np.where(right, probability, 1 - probability))
-        slope = columns.T @ (weight * (probability - right))
+        slope = np.where(right, 1 / probability, -1 / (1 - probability)) * base * goes_on * (1 - goes_on)
+        slope = -columns.T @ (weight * slope)
         slope[1:] += RIDGE * x[1:]
         return RIDGE / 2 * float(x[1:] @ x[1:]) - float(told), slope
 
-    x = minimize(cost, np.zeros(len(KNOWN) + 1), jac=True, method="L-BFGS-B").x
+    x = minimize(cost, np.zeros(columns.shape[1]), jac=True, method="L-BFGS-B").x
     return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)
 
 
@@ -180,16 +202,21 @@ def main() -> None:
     halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
     for k in (0, 1):
         (fitted, even_m), weights = most_likely(halves[k]), most_likely_weights(halves[k])
+        past_end = most_likely_past_ends(halves[k])
         print(
             f"log likelihood on half {1 - k}: constants in use "
             f"{log_likelihood(halves[1 - k], PERSISTENCE, WEIGHTS):.4f}, fitted to half {k} "
-            f"{log_likelihood(halves[1 - k], fitted, weights, even_m):.4f}"
+            f"{log_likelihood(halves[1 - k], fitted, weights, even_m, past_end):.4f}"
         )
     every = together([one for room in rooms for one in room])
-    (best, even_m), weights = most_likely(every), most_likely_weights(every)
+    (best, even_m), weights, past_end = (
+        most_likely(every),
+        most_likely_weights(every),
+        most_likely_past_ends(every),
+    )
     print(
         f"on all: in use {log_likelihood(every, PERSISTENCE, WEIGHTS):.4f}, "
-        f"fitted {log_likelihood(every, best, weights, even_m):.4f}"
+        f"fitted {log_likelihood(every, best, weights, even_m, past_end):.4f}"
     )
     for onward in list(Onward)[: len(PERSISTENCE)]:
         n_surfaces = sum(bool((one.prospects.onward == onward).any()) for room in rooms for one in room)
@@ -199,6 +226,9 @@ def main() -> None:
     print(f"even odds of an opening at half a width of {EVEN_M:.2f} m in use, most likely {even_m:.2f} m")
     print("past the rectangle: log odds in use, most likely")
     for name, used, fit in zip(("constant", *KNOWN), WEIGHTS, weights, strict=True):
+        print(f"{used:7.2f} {fit:7.2f}  {name}")
+    print("past the end of a cylinder: log odds in use, most likely")
+    for name, used, fit in zip(("constant", *KNOWN_PAST_END), PAST_END, past_end, strict=True):
         print(f"{used:7.2f} {fit:7.2f}  {name}")
 
 

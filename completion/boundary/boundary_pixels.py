@@ -20,6 +20,7 @@ from scenes.surfaces.catalogue import Surface
 
 _NEAR = 2.0  # steps between pixels, from a side
 _RAGGED = 0.005  # of the rectangle: how far a side that is seen whole may differ from a line
+_OBLIQUE = 0.03  # of the length: how far an end that an occluder cuts obliquely may differ from a line
 _STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
@@ -109,6 +110,24 @@ def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> 
                 along = np.unique(np.floor(boundary.uv[near, 1 - axis] / pixel))
                 if len(along) * pixel > (high - low)[1 - axis] / 2:
                     result[row, axis] = np.median(boundary.uv[near, axis])
+    return result
+
+
+def seen_ends(boundary: BoundaryPixels, low: float, high: float) -> FloatArray:
+    """Share (2,) of the boundary at the low and the high end along v at which a surface was seen to end.
+
+    It ends where the neighbouring beam went past it, and where the neighbour lies on it still, on something
+    that touches it there. Behind what stands clear before it, where nothing came back, and where the image
+    ends, it may go on.
+    """
+    size = np.linalg.norm(boundary.step, axis=1)
+    across = (size > 0) & (np.abs(boundary.step[:, 1]) >= np.abs(boundary.step[:, 0]))
+    across |= boundary.kind == BoundaryKind.FRAME
+    ends = np.isin(boundary.kind, (BoundaryKind.OWN_EDGE, BoundaryKind.CONTIGUOUS))
+    result = np.zeros(2)
+    for row, end in enumerate((low, high)):
+        near = across & (np.abs(boundary.uv[:, 1] - end) <= _NEAR * size + _OBLIQUE * (high - low))
+        result[row] = np.count_nonzero(near & ends) / max(int(np.count_nonzero(near)), 1)
     return result
 
 

@@ -15,6 +15,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
 from completion.extension.extent import Extent
+from completion.extension.past_end import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end
 from completion.extension.silence import half_widths
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
@@ -31,6 +32,7 @@ class Onward(IntEnum):
     OBJECT_WITHIN = 1  # other planes, in their rectangle
     CYLINDER = 2
     BEYOND = 3  # the rectangle of a plane (`extension.beyond`)
+    PAST_END = 4  # of a cylinder (`extension.past_end`)
 
 
 PERSISTENCE: FloatArray = np.array([
@@ -63,6 +65,7 @@ class Prospects:
     distance: FloatArray  # (n,) in its units
     width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
     known: FloatArray  # (n, 11) `beyond.KNOWN` of those beyond the rectangle; else of no use
+    past_end: FloatArray  # (n, 4) `past_end.KNOWN_PAST_END` of those past an end; else of no use
     is_said: BoolArray  # (n,) whether a person said that it goes on past them
 
     def probability(
@@ -70,14 +73,16 @@ class Prospects:
         persistence: FloatArray = PERSISTENCE,
         weights: FloatArray = WEIGHTS,
         even_m: float = EVEN_M,
+        past_end: FloatArray = PAST_END,
     ) -> FloatArray:
         """Probability (n,) that the surface is there."""
-        beyond = self.onward == Onward.BEYOND
-        start, length = persistence[np.where(beyond, 0, self.onward)].T
+        beyond, ended = self.onward == Onward.BEYOND, self.onward == Onward.PAST_END
+        start, length = persistence[np.where(beyond | ended, 0, self.onward)].T
         whole = 1 / (1 + np.square(self.width / even_m))
         within = self.base * start * np.exp(-self.distance / length) * whole
-        past = np.where(self.is_said, self.base, probability_beyond(self.known, weights))
-        return np.where(beyond, past, within)
+        past = np.where(ended, self.base * probability_past_end(self.past_end, past_end), within)
+        past = np.where(beyond, probability_beyond(self.known, weights), past)
+        return np.where((beyond | ended) & self.is_said, self.base, past)
 
 
 def estimate(
@@ -99,8 +104,8 @@ def prospects(
     The labelling holds with a probability that is the region's margin. Otherwise the boundary between surface
     and opening lies anywhere between measured and open cells: an opening that was seen over a length s goes
     on for e more with probability s / (s + e) (Gott 1993). In both cases the surface goes on for a distance
-    with the persistence of its kind. Past the rectangle of a plane all that is known of it is weighed
-    instead (`extension.beyond`).
+    with the persistence of its kind. Past the rectangle of a plane, and past the ends of a cylinder, all that
+    is known of it is weighed instead (`extension.beyond`, `extension.past_end`).
     """
     observed, open_ = evidence.observed, evidence.open
     inside = regions.region >= 0
@@ -115,19 +120,23 @@ def prospects(
     held = np.abs(labelling.margin[number])
     base = held * labelling.is_surface[number] + (1 - held) * anywhere
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
+    nothing = np.zeros(len(d))
+    places = grid.centres_uv()[inside]
     if isinstance(extent.chart, Cylinder):
-        kind, nothing = np.full(len(d), Onward.CYLINDER, np.int8), np.zeros((len(d), len(KNOWN)))
+        ends = PastEnds.of(places[:, 1], extent)
+        kind = np.where(ends.side >= 0, Onward.PAST_END, Onward.CYLINDER).astype(np.int8)
+        is_said = (ends.side >= 0) & extent.by_edit[ends.side, 1]
         return Prospects(
-            base, kind, near, np.zeros(len(d)), nothing, is_said=np.zeros(len(d), dtype=np.bool_)
+            base, kind, near, nothing, np.zeros((len(d), len(KNOWN))), past_end=ends.known, is_said=is_said
         )
-    sides, places = Sides.of(grid, evidence, extent), grid.centres_uv()[inside]
+    sides, past_end = Sides.of(grid, evidence, extent), np.zeros((len(d), len(KNOWN_PAST_END)))
     known, side = known_beyond(places, base, extent, sides)
-    width = np.zeros(len(d))
+    width = nothing
     if extent.encloses and not extent.is_level:
         width = hidden_widths(inside & grid.within(extent.own_low, extent.own_high), grid)[inside]
     kind = np.where(side >= 0, Onward.BEYOND, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN)
     is_said = (side >= 0) & extent.by_edit[side % 2, side // 2]
-    return Prospects(base, kind.astype(np.int8), near, width, known, is_said=is_said)
+    return Prospects(base, kind.astype(np.int8), near, width, known, past_end=past_end, is_said=is_said)
 
 
 def hidden_widths(hidden: BoolArray, grid: ChartGrid) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides
+from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides, seen_ends
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Scans
@@ -21,7 +21,6 @@ from completion.extension.bounds import (
     facing_chart,
     farthest_hidden,
 )
-from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
@@ -75,6 +74,13 @@ class Extent:
         Chart coordinates past which it goes on too improbably on the low and the high sides, metres.
     by_edit : (2, 2) bool
         Which of its ends a person set.
+    seen_ends : (2,) float
+        Share of the boundary at the low and the high end of a cylinder at which it was seen to end.
+    tilt : float
+        Sine of the angle between a cylinder's axis and the nearest normal of a plane that closes it; 1 where
+        none does.
+    radius_sd : float
+        Standard deviation of a cylinder's radius, in units of the radius.
     """
 
     chart: Surface
@@ -92,6 +98,9 @@ class Extent:
     is_level: bool = False
     reach: FloatArray = field(default_factory=lambda: np.repeat([[-np.inf], [np.inf]], 2, axis=1))
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
+    seen_ends: FloatArray = field(default_factory=lambda: np.zeros(2))
+    tilt: float = 1.0
+    radius_sd: float = 0.0
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
@@ -163,10 +172,11 @@ def find_extent(
     ]
 
     # 2. Chart: along the directions that bound it; a cylinder with its seam at the back.
-    full_turn = False
+    full_turn, radius_sd = False, 0.0
     if isinstance(surface, Cylinder):
         chart: Surface = facing_chart(surface, points)
-        full_turn = Cue.FULL_TURN in cues and _may_close(surface, merged.fit, points)
+        radius_sd = merged.fit.parameter_deviations()["radius"] / surface.radius
+        full_turn = Cue.FULL_TURN in cues and _may_close(surface, radius_sd, points)
     elif isinstance(surface, Plane):
         straight = [one for one in (*(cut for _, cut in cuts), *neighbours) if isinstance(one, Plane)]
         chart = aligned_chart(surface, straight, points, boundaries[index])
@@ -175,7 +185,8 @@ def find_extent(
 
     # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
     low, high = np.quantile(chart.to_uv(points), (_OUTLYING, 1 - _OUTLYING), axis=0)
-    sides = ended_sides(boundaries[index].recharted(surface, chart), low, high)
+    boundary = boundaries[index].recharted(surface, chart)
+    sides = ended_sides(boundary, low, high)
     ended = np.isfinite(sides) | adjacency.is_inset[index]
     low, high = np.fmin(low, sides[0]), np.fmax(high, sides[1])
 
@@ -204,6 +215,9 @@ def find_extent(
         encloses=bool(encloses[index]) and isinstance(chart, Plane),
         is_inset=bool(adjacency.is_inset[index]),
         is_level=_is_level(surface, np.array([0.0, 0.0, 1.0]) if up is None else up),
+        seen_ends=seen_ends(boundary, low[1], high[1]) if isinstance(chart, Cylinder) else np.zeros(2),
+        tilt=_tilt(chart, [closing[k][1] for k in which[which >= 0]]),
+        radius_sd=radius_sd,
     )
 
 
@@ -211,9 +225,16 @@ def _is_level(surface: Surface, up: FloatArray) -> bool:
     return isinstance(surface, Plane) and abs(float(surface.normal_direction @ up)) > _LEVEL
 
 
-def _may_close(cylinder: Cylinder, fit: SurfaceFit, points: FloatArray) -> bool:
+def _tilt(chart: Surface, closing: Sequence[Plane]) -> float:
+    if not isinstance(chart, Cylinder):
+        return 1.0
+    cosines = [min(abs(float(plane.normal_direction @ chart.direction)), 1.0) for plane in closing]
+    return float(np.sqrt(1 - max(cosines, default=0.0) ** 2))
+
+
+def _may_close(cylinder: Cylinder, radius_sd: float, points: FloatArray) -> bool:
     """Tell whether a cylinder may be closed around its back: seen from outside, far round, and well known."""
-    known = fit.parameter_deviations()["radius"] < _RADIUS_SD * cylinder.radius
+    known = radius_sd < _RADIUS_SD
     return bool(not cylinder.concave and observed_arc(cylinder, points) >= _FULL_TURN_ARC and known)
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects
+from completion.extension.past_end import KNOWN_PAST_END, PAST_END
 from tests.helpers.data_paths import ROOT
 
 
@@ -22,9 +23,10 @@ def calibrate():
 
 def places_at(calibrate, onward, distance, known, probability, rng):
     """Places that are right with a probability of their prospects."""
-    n = len(onward)
-    width = rng.uniform(0, 1, n)
-    given = Prospects(np.ones(n), onward, distance, width, known, np.zeros(n, dtype=np.bool_))
+    n, none = len(onward), np.zeros(len(onward), dtype=np.bool_)
+    width, past_end = rng.uniform(0, 1, n), rng.normal(0.5, 2, (n, len(KNOWN_PAST_END)))
+    base = np.where(onward == Onward.PAST_END, rng.uniform(0.5, 1, n), 1.0)
+    given = Prospects(base, onward, distance, width, known, past_end=past_end, is_said=none)
     right = rng.random(n) < probability(given)
     return calibrate.Places(given, right, np.ones(n))
 
@@ -53,10 +55,22 @@ def test_known_weights_come_out_of_what_they_make(calibrate):
     assert np.corrcoef(*both)[0, 1] > 0.99
 
 
+def test_known_weights_past_ends_come_out_of_what_they_make(calibrate):
+    rng, n = np.random.default_rng(0), 60_000
+    true = rng.normal(0, 0.5, len(PAST_END))
+    onward, known = np.full(n, Onward.PAST_END, np.int8), np.zeros((n, len(KNOWN)))
+    places = places_at(calibrate, onward, np.zeros(n), known, lambda one: one.probability(past_end=true), rng)
+    fitted = calibrate.most_likely_past_ends(places)
+    np.testing.assert_allclose(fitted, true, atol=0.15)  # the ridge pulls them in
+    both = [places.prospects.probability(past_end=one) for one in (fitted, true)]
+    assert np.corrcoef(*both)[0, 1] > 0.99
+
+
 def test_without_evidence_the_constants_in_use_stay(calibrate):
     nothing = Prospects(
         np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4),
-        np.zeros((4, len(KNOWN))), np.zeros(4, dtype=np.bool_),
+        np.zeros((4, len(KNOWN))), past_end=np.zeros((4, len(KNOWN_PAST_END))),
+        is_said=np.zeros(4, dtype=np.bool_),
     )  # fmt: skip
     fitted, even_m = calibrate.most_likely(calibrate.Places(nothing, np.zeros(4, dtype=np.bool_), np.ones(4)))
     np.testing.assert_allclose(fitted, PERSISTENCE)

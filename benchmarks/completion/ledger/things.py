@@ -2,8 +2,8 @@
 """`python -m benchmarks.completion.ledger.things`: what is continued of figures, chairs and plants.
 
 Each thing stands in a bare room of its own and is seen by three frames; each frame is completed alone. What
-is inferred of surfaces that were measured on the thing is counted: in holes that they enclose, on the backs
-of round limbs and pots, and beyond, which should be nothing.
+is inferred of surfaces that were measured on the thing is counted: in holes that they enclose, around round
+limbs and pots between the ends of what was measured, and beyond, which should be nothing.
 """
 
 from __future__ import annotations

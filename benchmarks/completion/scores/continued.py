@@ -15,10 +15,9 @@ from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import BoolArray, InputError
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Cylinder
 
-_ENCLOSED, _TURNED = (
-    PROVENANCE_NAMES[str(kind.value)] for kind in (Provenance.INTERIOR, Provenance.FULL_TURN)
-)
+_ENCLOSED = PROVENANCE_NAMES[str(Provenance.INTERIOR.value)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,8 @@ class Continued:
     enclosed_m2 : float
         Inferred area in holes that their measured part encloses.
     turned_m2 : float
-        Inferred backs of its cylinders: round where they were measured, no continuation of their length.
+        Inferred on its cylinders around what was measured: no continuation of their length, whatever the
+        reason.
     beyond_m2 : float
         All other inferred area of theirs.
     """
@@ -73,10 +73,8 @@ def continued_area(
         np.add.at(pixels, (owner[known], on_thing), 1)
     of_thing = pixels[1:, 1] > pixels[1:, 0]
     areas = triangle_areas(hypothesis.vertices[hypothesis.faces])
-    enclosed, turned = (
-        np.array([reason == kind for reason in hypothesis.reasons])[hypothesis.face_reason]
-        for kind in (_ENCLOSED, _TURNED)
-    )
+    enclosed = np.array([reason == _ENCLOSED for reason in hypothesis.reasons])[hypothesis.face_reason]
+    turned = _along_measured(completed, hypothesis) & ~enclosed
     counted = of_thing[hypothesis.surface]
     return Continued(
         n_surfaces=int(of_thing.sum()),
@@ -84,3 +82,15 @@ def continued_area(
         turned_m2=float(areas[counted & turned].sum()),
         beyond_m2=float(areas[counted & ~enclosed & ~turned].sum()),
     )
+
+
+def _along_measured(completed: CompletedModel, hypothesis: Hypothesis) -> BoolArray:
+    """Which faces (m,) lie on a cylinder, between the ends of what was measured of it."""
+    result = np.zeros(len(hypothesis.faces), dtype=np.bool_)
+    places = completed.world_from_reference.inverse().apply(hypothesis.vertices)
+    for number, patch in enumerate(completed.patches):
+        if isinstance(patch.limits.chart, Cylinder):
+            faces = np.flatnonzero(hypothesis.surface == number)
+            along = patch.limits.chart.to_uv(places[hypothesis.faces[faces]].mean(axis=1))[:, 1]
+            result[faces] = (along >= patch.limits.own_low[1]) & (along <= patch.limits.own_high[1])
+    return result

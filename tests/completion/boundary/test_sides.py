@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides, seen_ends
 from scenes.surfaces.catalogue import Plane
 from tests.completion.extension.test_enclosure import WALL, completed, patch_on, scan_of, within
 
@@ -43,6 +43,35 @@ def test_an_edge_inside_the_rectangle_ends_no_side():
     boundary = left_side([BoundaryKind.OWN_EDGE] * 100)
     inner = BoundaryPixels(boundary.uv + [0.5, 0.0], boundary.step, boundary.kind)
     assert np.isnan(ended_sides(inner, LOW, HIGH)).all()
+
+
+@pytest.mark.parametrize(
+    ("kinds", "share"),
+    [
+        ([BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE], 1),
+        ([BoundaryKind.OCCLUDED, BoundaryKind.NO_RETURN], 0),
+        (
+            [BoundaryKind.CONTIGUOUS, BoundaryKind.OCCLUDED, BoundaryKind.OCCLUDED, BoundaryKind.OCCLUDED],
+            0.25,
+        ),
+        ([BoundaryKind.FRAME], 0),
+    ],
+)
+def test_an_end_is_seen_where_beams_went_past_it_or_lie_on_it_still(kinds, share):
+    """The low end of a length of 1 m; its long sides and a gap in its middle are no ends."""
+    n = 20
+    kind = np.resize(np.array(kinds, np.int8), n)
+    uv = np.column_stack([np.linspace(0, 0.1, n), np.full(n, -STEP / 2)])
+    step = np.tile([0.0, 0.0 if kinds == [BoundaryKind.FRAME] else -STEP], (n, 1))
+    long_side = BoundaryPixels(np.zeros((n, 2)), np.tile([STEP, 0.0], (n, 1)), np.full(n, 1, np.int8))
+    gap = BoundaryPixels(np.tile([0.05, 0.5], (n, 1)), np.tile([0.0, STEP], (n, 1)), np.full(n, 1, np.int8))
+    parts = [BoundaryPixels(uv, step, kind), long_side, gap]
+    every = BoundaryPixels(
+        np.concatenate([one.uv for one in parts]),
+        np.concatenate([one.step for one in parts]),
+        np.concatenate([one.kind for one in parts]),
+    )
+    np.testing.assert_allclose(seen_ends(every, 0.0, 1.0), [share, 0])
 
 
 def test_a_wall_before_nothing_ends_behind_a_pipe_where_it_ends_beside_it():

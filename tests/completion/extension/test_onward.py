@@ -146,7 +146,15 @@ def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
     assert 0.1 / 1.5 <= narrow <= 0.1 + 0.04
     none = np.zeros(3, dtype=np.bool_)
     kind, known = np.full(3, Onward.WALL_WITHIN, np.int8), np.zeros((3, len(KNOWN)))
-    found = Prospects(np.ones(3), kind, np.zeros(3), np.array([0, narrow, wide]), known, none)
+    found = Prospects(
+        np.ones(3),
+        kind,
+        np.zeros(3),
+        np.array([0, narrow, wide]),
+        known,
+        past_end=np.zeros((3, 4)),
+        is_said=none,
+    )
     bare, slit, door = found.probability()
     assert bare > slit > door
     assert slit > 0.98 * bare
@@ -157,5 +165,13 @@ def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
 def test_what_a_person_said_goes_on_does():
     row = np.full((1, len(KNOWN)), -50.0)
     kind = np.array([Onward.BEYOND], np.int8)
-    one = Prospects(np.ones(1), kind, np.ones(1), np.ones(1), row, np.ones(1, dtype=np.bool_))
+    one = Prospects(
+        np.ones(1),
+        kind,
+        np.ones(1),
+        np.ones(1),
+        row,
+        past_end=np.zeros((1, 4)),
+        is_said=np.ones(1, dtype=np.bool_),
+    )
     assert one.probability() == 1
