@@ -135,7 +135,7 @@ REAL = (
         "range/align3d_sample2#1",
         "align3d, MIT",
         1,
-        "The floor behind armchair and table, the wall behind the plant; saw teeth at the edge of the view.",
+        "The floor behind armchair and table, the wall behind the plant; straight at the edge of the view.",
     ),
     Real(
         "icl_nuim",

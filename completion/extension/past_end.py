@@ -23,7 +23,7 @@ KNOWN_PAST_END = (
 )
 """What the probability depends on, in the order of `PAST_END`."""
 
-PAST_END: FloatArray = np.array([-0.48, -0.18, -0.30, -0.34, -2.72])
+PAST_END: FloatArray = np.array([-0.07, -0.31, -0.25, -0.29, -3.10])
 """Constant, and weight of each of `KNOWN_PAST_END`, in the logarithm of the odds (Cox 1958).
 
 The most likely ones on the same rooms, flats and frames as `beyond.WEIGHTS`, rounded.

@@ -13,6 +13,7 @@ from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, ContinuedEdge, Cue, continue_edges
 from completion.boundary.curves import meeting_line
 from completion.boundary.edges import Edge, edge_along, find_edges
+from completion.boundary.frame_lines import trimmed_to_frames
 from completion.boundary.hidden_regions import HiddenRegions, divide_hidden, label_regions
 from completion.boundary.meshing import Trim
 from completion.edits.application import EditedSurface
@@ -56,8 +57,8 @@ def extend(
     """Continue a surface into the cells that are hidden, within its extent.
 
     A cell is filled where some scan says OCCLUDED and none says FREE, where the surface is known well enough,
-    and where it is probable enough for the mode. A person may accept improbable cells, but cannot overrule a
-    beam.
+    and where it is probable enough for the mode. Beside such cells the edge of the view cuts others, of which
+    the part in view is filled. A person may accept improbable cells, but cannot overrule a beam.
 
     Parameters
     ----------
@@ -113,9 +114,11 @@ def extend(
     confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=extent.encloses)
     filled = occluded | (filled & silent & (confidence >= least))
 
-    # 7. Trim: cut cells along the continued edges and declared openings.
+    # 7. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
     filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
+    filled, confidence, cut = trimmed_to_frames(grid, evidence, filled, confidence, scans.observations)
+    trims = (*trims, *cut)
 
     # 8. Provenance: why each cell is in the model.
     provenance = provenance_of(grid, extent, evidence.observed, filled)
