@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from completion.boundary.curves import meeting_line
 from completion.boundary.meshing import Trim
@@ -19,29 +19,28 @@ from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane
 
-_ALL_AROUND = np.ones((3, 3))
+_ALL_AROUND = np.ones((3, 3), np.uint8)
+_SIDES = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _CORNERS = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
 
 
-def frame_planes(scan: RangeImage) -> tuple[Plane, ...]:
-    """Return the four planes through a camera and the edges of its image, their normals inwards.
+def frame_normals(scan: RangeImage) -> FloatArray:
+    """Return inward normals (k, 3) of the four planes through a camera and the edges of its image.
 
     Half a pixel beyond the centres of the outermost pixels. A turning scanner has none.
     """
     camera = scan.projection
     if not isinstance(camera, PinholeProjection):
-        return ()
-    pose, planes = scan.world_from_sensor, []
+        return np.zeros((0, 3))
+    normals = np.zeros((4, 3))
     for axis, focal, middle, size in (
         (0, camera.fx, camera.cx, camera.width),
         (1, camera.fy, camera.cy, camera.height),
     ):
-        slopes = sorted(((edge - middle) / focal) for edge in (-0.5, size - 0.5))
-        for sign, slope in zip((1.0, -1.0), slopes, strict=True):
-            normal = np.zeros((1, 3))
-            normal[0, axis], normal[0, 2] = sign, -sign * slope
-            planes.append(Plane(scan.origin, pose.rotate(normal)[0]))
-    return tuple(planes)
+        low, high = sorted(((edge - middle) / focal) for edge in (-0.5, size - 0.5))
+        normals[2 * axis, [axis, 2]] = 1.0, -low
+        normals[2 * axis + 1, [axis, 2]] = -1.0, high
+    return scan.world_from_sensor.rotate(normals)
 
 
 def trimmed_to_frames(
@@ -58,43 +57,64 @@ def trimmed_to_frames(
     one that beams passed. Those that are added are as probable as what they lie beside: the second result is
     the confidence (rows, columns) with theirs.
     """
-    out = (evidence.labels == Label.OUT) & ~evidence.observed
     nothing: tuple[Trim, ...] = ()
-    if not isinstance(grid.surface, Plane) or not out.any() or not filled.any():
+    if not isinstance(grid.surface, Plane) or not filled.any():
         return filled, confidence, nothing
-    frames = [frame_planes(seen.scan) for seen in observations]
-    if not all(frames):
+    out = (evidence.labels == Label.OUT) & ~evidence.observed
+    inner = filled & _grown(out, _ALL_AROUND)
+    beside = np.argwhere(out & _grown(inner, _SIDES))
+    beside = beside[~evidence.open[_around(beside, grid)].any(axis=1)]
+    candidates = np.concatenate([np.argwhere(inner), beside])
+    frames = [frame_normals(seen.scan) for seen in observations] if len(candidates) else []
+    if not frames or not all(len(normals) for normals in frames):
         return filled, confidence, nothing
-    beside = out & ndimage.binary_dilation(filled)
-    beside &= ~ndimage.binary_dilation(evidence.open, _ALL_AROUND)
-    candidates = np.argwhere(beside | (filled & ndimage.binary_dilation(out, _ALL_AROUND)))
-    if not len(candidates):
-        return filled, confidence, nothing
-    height = _heights(grid, candidates, frames)
+    height = _heights(grid, candidates, frames, observations)
     inside = np.asarray(np.all(height > 0, axis=1))  # (scans, cells, corners)
     in_view = np.any(inside, axis=0)
     cut = np.any(in_view, axis=1) & ~np.all(in_view, axis=1)
     scan = np.argmax(np.sum(inside, axis=2), axis=0)
     result, trims = filled.copy(), []
     result[tuple(candidates[cut].T)] = True
-    for number, planes in enumerate(frames):
-        for side, plane in enumerate(planes):
+    for number, normals in enumerate(frames):
+        for side, normal in enumerate(normals):
             mine = cut & (scan == number) & (height[number, side] < 0).any(axis=-1)
-            line = meeting_line(grid.surface, plane) if mine.any() else None
+            if not mine.any():
+                continue
+            line = meeting_line(grid.surface, Plane(observations[number].scan.origin, normal))
             if line is None:
                 continue
             cells = np.zeros(grid.shape, dtype=np.bool_)
             cells[tuple(candidates[mine].T)] = True
             ahead = grid.surface.from_uv(np.array([line.point + line.normal, line.point]))
-            inwards = float((ahead[0] - ahead[1]) @ plane.normal_direction)
+            inwards = float((ahead[0] - ahead[1]) @ normal)
             trims.append(Trim(line, float(np.sign(inwards)), cells))
-    beside = ndimage.grey_dilation(np.where(filled, confidence, 0.0), (3, 3))
-    return result, np.where(result & ~filled, beside, confidence), tuple(trims)
+    added, probable = np.argwhere(result & ~filled), confidence.copy()
+    around = _around(added, grid)
+    probable[tuple(added.T)] = (confidence[around] * filled[around]).max(axis=1)
+    return result, probable, tuple(trims)
 
 
-def _heights(grid: ChartGrid, cells: NDArray[np.int64], frames: Sequence[Sequence[Plane]]) -> FloatArray:
-    """How far corners of cells (n, 2) lie on the inner side of each plane (scans, 4, n, 4), metres."""
+def _grown(cells: BoolArray, around: NDArray[np.uint8]) -> BoolArray:
+    return np.asarray(cv2.dilate(cells.view(np.uint8), around), dtype=np.bool_)
+
+
+def _around(cells: NDArray[np.int64], grid: ChartGrid) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns (n, 9) of cells (n, 2) and of those all around them, within the grid."""
+    steps = np.indices((3, 3)).reshape(2, 9) - 1
+    row, column = (np.clip(cells[:, axis, None] + steps[axis], 0, grid.shape[axis] - 1) for axis in (0, 1))
+    return row, column
+
+
+def _heights(
+    grid: ChartGrid,
+    cells: NDArray[np.int64],
+    frames: Sequence[FloatArray],
+    observations: Sequence[Observation],
+) -> FloatArray:
+    """How far corners of cells (n, 2) lie on the inner side of each plane (scans, 4, n, 4), by some unit."""
     corners = (cells[:, None] + _CORNERS).reshape(-1, 2).astype(np.float64)
     points = grid.surface.from_uv(grid.uv_of(corners[:, 0], corners[:, 1]))
-    heights = [[plane.distance(points) for plane in planes] for planes in frames]
+    heights = [
+        normals @ (points - seen.scan.origin).T for normals, seen in zip(frames, observations, strict=True)
+    ]
     return np.array(heights).reshape(len(frames), 4, len(cells), 4)
