@@ -17,7 +17,8 @@ from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site import SiteOptions, find_site
+from nbv.visibility.standing.site import find_site
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.world.builtin import builtin_scene
 
