@@ -16,6 +16,7 @@ from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece, fit_groups
 from completion.merging.prior import Prior
 from completion.merging.sights import Sights
+from completion.merging.unconfirmed import confirmed
 from completion.merging.verdicts import Verdicts
 from completion.observe.observation import Beams, Observation
 from completion.observe.refits.refitting import improve
@@ -56,7 +57,8 @@ def merge(
     More than 64 scans are therefore merged sixteen consecutive ones at a time, by the same tests. What is one
     surface there, fitted anew to all its pixels, is one region among those of the next sixteen such blocks,
     until sixteen or fewer blocks are left, which are merged together. Beams of all key frames keep gaps open
-    throughout.
+    throughout. What only one of sixteen frames took for a surface, though five others looked there, is left
+    out.
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ def _in_blocks(
             numbers = range(first, min(first + _BLOCK, n_blocks))
             some = [one for number in numbers for one in pieces_of(number)]
             groups = _grouped(some, observations, sights, tolerance)
+            if n_blocks == len(observations):
+                groups = confirmed(groups, observations[first : first + _BLOCK], first, tolerance)
             fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
                 spill.keep(Piece.fused(group, fit, observations))

@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Sequences: scans merged some at a time come to the surfaces of a room, as all of them together do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from completion.merging import pipeline
+from completion.merging.pieces import Piece
+from completion.merging.unconfirmed import confirmed
 from completion.observe.observation import observe
+from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
@@ -65,3 +70,35 @@ def test_up_to_64_scans_are_merged_all_together(frames, monkeypatch):
     again = [one.fit for one in pipeline.merge(observations, regions, EvidenceOptions().tolerance())]
     for one, other in zip(fits, again, strict=True):
         np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+PLACES = {  # how many other frames, where along, whether something hides it: whether the piece is left
+    "five that look from as near": (5, 0.0, False, False),
+    "only four": (4, 0.0, False, True),
+    "five from half as far again": (5, -1.0, False, True),
+    "five that something stands before": (5, 0.0, True, True),
+}
+
+
+@pytest.mark.parametrize("law", PLACES)
+def test_what_five_other_frames_do_not_find_is_no_surface(law):
+    n_others, along, is_hidden, is_left = PLACES[law]
+    builder, white = SceneBuilder("wall", "room"), Finish((0.8, 0.8, 0.8))
+    builder.add_rectangle("wall", (2.0, -2, -2), (0, 4.0, 0), (0, 0, 4.0), white)
+    if is_hidden:
+        builder.add_rectangle("board", (1.0, 0.3, -2), (0, 4.0, 0), (0, 0, 4.0), white)
+    scene, sensor = builder.finish(), PinholeSensor(fov_deg=50.0, width=64, height=64)
+    caster = RayCaster(scene.mesh.vertices, scene.mesh.faces)
+    places = [np.zeros(3), *np.tile([along, 0.9 if is_hidden else 0.0, 0.0], (n_others, 1))]
+    poses = [Pose.looking_at(place, np.array([2.0, 0.0, 0.0])) for place in places]
+    scans = [
+        scan_scene(scene, pose, sensor, noise="gaussian-2mm", rng=k, caster=caster)
+        for k, pose in enumerate(poses)
+    ]
+    seen, tolerance = [observe(scan, poses[0]) for scan in scans], EvidenceOptions().tolerance()
+    (wall, *_) = segment(seen[0], SegmentationOptions())
+    rows, columns = np.divmod(wall.pixels.flat, 64)
+    amid = wall.pixels.flat[(np.abs(rows - 32) < 6) & (np.abs(columns - 32) < 6)]
+    piece = Piece.of_region(3, replace(wall, pixels=PixelSet(amid, (64, 64))), seen[0], tolerance)
+    found = confirmed([[piece], [piece, piece]], seen, 3, tolerance)
+    assert found == ([[piece]] if is_left else []) + [[piece, piece]]
