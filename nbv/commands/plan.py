@@ -94,6 +94,7 @@ class PlanRequest:
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
             **self.scans.options(),
+            "up": self.up,
             "units": self.units,
             "site": asdict(self.site),
         }
