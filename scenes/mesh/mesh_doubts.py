@@ -42,11 +42,13 @@ def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
     crowded = int((shared > _MOST_SHARED).sum())
     turned = int((same > 1).sum())
     if crowded:
-        yield f"{crowded} edges are shared by three faces or more; the surface branches there"
+        edges_are = "edge is" if crowded == 1 else "edges are"
+        yield f"{crowded} {edges_are} shared by three faces or more; the surface branches there"
     elif turned:
+        edges_have = "edge has both its" if turned == 1 else "edges have both their"
         yield (
-            f"{turned} edges have both their faces in one direction: some faces are turned the wrong way, so "
-            "that inside and outside (--mode) may be mistaken"
+            f"{turned} {edges_have} faces in one direction: some faces are turned the wrong way, so that "
+            "inside and outside (--mode) may be mistaken"
         )
 
 

@@ -140,10 +140,11 @@ def _described(
     whole = area[order]
     if len(order) and whole[~outside].sum() < _ROOFED * whole.sum():
         outside = _unwalled(floors, room, len(order), caster)
+        walled = int((~outside).sum())
         doubts = [
             *doubts,
-            f"no ceiling over {whole.sum():.0f} m2 of floor: {count(int((~outside).sum()), 'floor')} "
-            "with walls around are taken for rooms",
+            f"no ceiling over {whole.sum():.0f} m2 of floor: "
+            f"{count(walled, 'floor with walls around is', 'floors with walls around are')} taken for rooms",
         ]
     joined, stairs = _ways(floors, room, storey, len(order))
     found = []

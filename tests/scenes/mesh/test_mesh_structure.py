@@ -239,8 +239,8 @@ def test_doubts_about_faces_and_coordinates() -> None:
     for faces, words in (
         ([*sound, [0, 0, 1]], "1 of 5 faces have no area; no ray can hit them"),
         ([*sound, sound[0][::-1]], "1 of 5 faces are there more than once"),
-        ([*sound[:3], sound[3][::-1]], "1 edges have both their faces in one direction"),
-        ([*sound, [0, 1, 3]], "edges are shared by three faces or more"),
+        ([*sound[:3], sound[3][::-1]], "1 edge has both its faces in one direction"),
+        ([*sound, [0, 1, 3]], "1 edge is shared by three faces or more"),
     ):
         (doubt,) = mesh_doubts(mesh(faces))
         assert words in doubt
