@@ -106,7 +106,8 @@ class LowerBound:
     def describe(self) -> str:
         """Return the bound in words."""
         return (
-            f"at least {count(self.views, 'view is', 'views are')} needed with these candidates and samples, "
+            f"at least {count(self.views, 'view is', 'views are')} needed to meet the target with these "
+            f"candidates and samples, "
             f"registration constraints left aside ({self.kind})"
         )
 

@@ -34,7 +34,7 @@ from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
-from nbv.run.wording import count, percent, percent_within, square_metres
+from nbv.run.wording import count, percent_within, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.zones import EVERYWHERE, Zones
@@ -204,9 +204,10 @@ def projections_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Project
 
 
 def _rest(coverage: Coverage) -> str:
-    missed = coverage.reachable - coverage.met
+    missed = coverage.state == REACHABLE
+    more = percent_within(coverage.reachable - coverage.met, share_error(coverage.samples, missed))
     never = percent_within(coverage.unreachable, coverage.standard_errors()["unreachable"])
-    return f"Of the rest, {percent(missed)} % could be measured by further views, and {never} % by none."
+    return f"Of the rest, {more} % could be measured by further views, and {never} % by none."
 
 
 def coverage_headlines(coverage: Coverage) -> tuple[Headline, ...]:

@@ -18,6 +18,7 @@ from nbv.report.pictures.picture import Picture
 from scenes.checks import FloatArray
 
 _DPI = 180
+_ABOVE_LEGEND = 27  # per cent of the area: above the names of four other planners
 _DASHES = ((1, 1.5), (4, 1.5), (6, 1.5, 1, 1.5), (10, 2))  # of other planners' curves
 _LAST_STEP = 0.6  # views that the last of stacked steps is wide
 
@@ -99,8 +100,10 @@ def coverage_curve(
                 _level(axes, 100 * reachable * target, f"target {100 * target:g} % of it", theme, below=True)
         if bound:
             axes.axvline(bound, color=theme.faint, linewidth=1, linestyle=":")
+            right = bound > 0.5 * last
             axes.annotate(
-                f"no plan has fewer than {bound}", (bound, 4), xytext=(4, 0),
+                f"the target takes {bound} or more", (bound, _ABOVE_LEGEND if others else 4),
+                xytext=(-4 if right else 4, 0), ha="right" if right else "left",
                 textcoords="offset points", color=theme.faint, fontsize=8,
             )  # fmt: skip
         if inferred:

@@ -124,4 +124,6 @@ def test_the_report_of_a_plan_shows_them(plan, baselines, tmp_path):
     plan_page(ROOM, plan, plan.coverage, 1, baselines).write(file)
     text = file.read_text("utf-8")
     assert "Beside other planners" in text
+    assert "greedy may be ahead at fewer views" in text
+    assert "The last column counts the views to 95 % of what this plan measures" in text
     assert all(name in text for name in ("random", "farthest-point", "visibility-only greedy"))
