@@ -43,7 +43,13 @@ AveragingRadius = Annotated[
 ]
 KViews = Annotated[int, typer.Option("--k", min=1, help="Views that must each measure a point well enough.")]
 PolishSteps = Annotated[
-    int, typer.Option("--polish-steps", min=0, help="cover: swaps tried to need fewer views.")
+    int,
+    typer.Option(
+        "--polish-steps",
+        min=0,
+        help="cover: most swaps tried to need fewer views; the search ends early when 1,500 for each view "
+        "find no smaller plan.",
+    ),
 ]
 TimeBudget = Annotated[
     float | None,
