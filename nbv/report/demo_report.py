@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measured_samples, visibility_history
+from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import CLOSE_M, distances
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
@@ -31,12 +32,13 @@ from nbv.report.page.page import (
     State,
     Table,
     Text,
+    headline_of,
 )
 from nbv.report.pictures import picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import view_markers
 from nbv.report.viewer.scene_view import colours_of_views, scene_view
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
@@ -64,6 +66,10 @@ class Comparison:
         """Return the share of the true area in `state`, of all samples or of those at `where` (n,)."""
         area = self.samples.areas if where is None else self.samples.areas * where
         return float(area[self.state == state].sum() / area.sum())
+
+    def share_within(self, state: int) -> tuple[float, float]:
+        """Return the share of the true area in `state`, and its standard error."""
+        return self.share(state), share_error(self.samples, self.state == state)
 
 
 def compare(
@@ -109,15 +115,17 @@ def demo_page(
     coverage = plan.coverage
     if not isinstance(coverage, Coverage):
         raise TypeError("the demo's report needs a fresh plan, with its full coverage")
-    measured, inferred, unknown = (comparison.share(state) for state in (MEASURED, INFERRED, UNKNOWN))
+    measured, inferred = comparison.share(MEASURED), comparison.share(INFERRED)
+    told = {state: percent_within(*comparison.share_within(state)) for state in (MEASURED, INFERRED)}
+    met_told = percent_within(coverage.met, coverage.standard_errors()["met"])
     met = [view.met_fraction or 0.0 for view in plan.views]
     few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
     unreached = unreached_share(coverage)
     hidden = f", and no view reaches {unreached} % of it" if unreached else ""
     summary = (
-        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {percent(coverage.met)} % "
-        f"of this room well{hidden}. {few.capitalize()} of these views measure {percent(measured)} %; "
-        f"completion infers {percent(inferred)} % more from them, and of all that it inferred "
+        f"A scanner alone needs {count(len(plan.views), 'view')} to measure {met_told} % "
+        f"of this room well{hidden}. {few.capitalize()} of these views measure {told[MEASURED]} %; "
+        f"completion infers {told[INFERRED]} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
     poses = [view.world_from_sensor for view in plan.views]
@@ -131,12 +139,14 @@ def demo_page(
         summary=summary,
         headlines=(
             Headline(str(len(plan.views)), "views", "the scanner alone needs", "measured"),
-            Headline(percent(measured), "%", f"measured by {few} of them", "measured"),
-            Headline(percent(inferred), "%", "more, inferred behind the occluders", "inferred"),
+            headline_of(*comparison.share_within(MEASURED), f"measured by {few} of them", "measured"),
+            headline_of(
+                *comparison.share_within(INFERRED), "more, inferred behind the occluders", "inferred"
+            ),
             Headline(
                 percent(comparison.within_close), "%", "of the inferred area is within 2 cm", "inferred"
             ),
-            Headline(percent(unknown), "%", "stays unknown", "unknown"),
+            headline_of(*comparison.share_within(UNKNOWN), "stays unknown", "unknown"),
         ),
         bar=_bar(comparison, sum(coverage.apart_m2.values())),
         sections=(
@@ -208,6 +218,7 @@ def _truth(scene: Scene, comparison: Comparison, n_threads: int | None) -> tuple
     median = f"{1000 * comparison.median_m:.2g} mm" if comparison.median_m > 1e-5 else "0.01 mm"
     note = (
         "Inferred means: within 2 cm of a surface that the completion put there. Half of the inferred area "
-        f"lies within {median} of the truth (the demo scans without noise)."
+        f"lies within {median} of the truth (the demo scans without noise). \u00b1 is one standard error "
+        "of a share, of the samples on which it was measured."
     )
     return Legend(), Gallery(pictures, 2), Text(note, is_note=True), Table(columns, tuple(rows))
