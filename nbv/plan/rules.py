@@ -66,8 +66,8 @@ class RuleOutcome:
         }
 
 
-def grid_places(site: Site) -> FloatArray:
-    """Return the places (k, 3) on the floor of the rooms asked for that a grid of 5 m has, metres.
+def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
+    """Return the places (k, 3) on the floor of the rooms asked for that a grid of `step_m` has, metres.
 
     Each room's grid lies in the middle of its floor's extent; a room that no point of it falls in has its
     middle.
@@ -78,9 +78,9 @@ def grid_places(site: Site) -> FloatArray:
         floor = columns.places(columns.cell[spans])
         low, high = floor.min(axis=0), floor.max(axis=0)
         lines = [
-            (a + b) / 2 + GRID_M * (np.arange(n) - (n - 1) / 2)
+            (a + b) / 2 + step_m * (np.arange(n) - (n - 1) / 2)
             for a, b in zip(low, high, strict=True)
-            for n in [max(round((b - a) / GRID_M), 1)]
+            for n in [max(round((b - a) / step_m), 1)]
         ]
         points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
         off, nearest = cKDTree(floor).query(points)
@@ -115,12 +115,16 @@ RULES: Mapping[str, Callable[[Site], FloatArray]] = {
 
 
 def rule_poses(name: str, site: Site, candidates: Candidates) -> list[int]:
-    """Return the numbers of the candidate poses nearest to where a rule puts its stations, each once.
+    """Return the numbers of the candidate poses nearest to where a rule puts its stations, each once."""
+    return nearest_poses(RULES[name](site), candidates)
+
+
+def nearest_poses(places: FloatArray, candidates: Candidates) -> list[int]:
+    """Return the numbers of the candidate poses nearest to places (k, 3) on the floor, metres, each once.
 
     An instrument is 1.6 m above the floor, or at the nearest height that there is.
     """
-    places = RULES[name](site) + np.array([0.0, 0.0, _INSTRUMENT_M])
-    numbers = [_nearest(candidates.positions, place) for place in places]
+    numbers = [_nearest(candidates.positions, place + [0.0, 0.0, _INSTRUMENT_M]) for place in places]
     return [number * candidates.n_directions for number in dict.fromkeys(numbers)]
 
 

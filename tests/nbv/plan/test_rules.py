@@ -45,6 +45,13 @@ def test_a_hall_gets_a_grid_of_five_metres_in_its_middle(size, n):
         assert apart[apart > 0].min() == pytest.approx(5.0)
 
 
+def test_a_finer_grid_has_its_own_step():
+    places = grid_places(find_site(hall(15.4, 10.4)), 2.5)
+    assert len(places) == 6 * 4
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    assert apart[apart > 0].min() == pytest.approx(2.5)
+
+
 def test_rooms_and_doorways_are_each_one_station():
     made = house(3)
     site = find_site(made.scene(), SiteOptions(heights_m=(1.6,)))
