@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from nbv.plan.planning import Method
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.formats.documents import read_toml
 from scenes.formats.guard import one_line, reading
 from scenes.formats.references import within_folder
 
-Method = Literal["nbv", "cover", "greedy", "visibility", "farthest", "random"]
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from nbv.cli import app
 from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import read_plan
-from nbv.plan.planning import plan_views
+from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, _check_versions, cluster
@@ -61,6 +62,12 @@ def undisturbed(tmp_path_factory, file):
     result = study(file, "-o", out, "--json")
     assert result.exit_code == 0, result.stderr
     return out, json.loads(result.stdout)
+
+
+@pytest.mark.parametrize("method", [name for name in get_args(Method) if f'"{name}"' not in SMALL])
+def test_every_method_of_planning_is_one_of_a_study(method, tmp_path):
+    text = SMALL.replace('method = "random"', f'method = "{method}"')
+    assert method in {entry.method for entry in read_study(write_study(tmp_path, text)).planners}
 
 
 @pytest.mark.parametrize(
