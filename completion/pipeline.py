@@ -24,6 +24,7 @@ from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pipeline import merge
+from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
@@ -180,6 +181,7 @@ def complete(
         edits=options.edits,
         world_from_reference=world_from_reference,
         key_frames=keys,
+        unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
     )
 

@@ -68,19 +68,15 @@ def trimmed_to_frames(
     frames = [frame_normals(seen.scan) for seen in observations] if len(candidates) else []
     if not frames or not all(len(normals) for normals in frames):
         return filled, confidence, nothing
-    height = _heights(grid, candidates, frames, observations)
-    inside = np.asarray(np.all(height > 0, axis=1))  # (scans, cells, corners)
-    in_view = np.any(inside, axis=0)
-    cut = np.any(in_view, axis=1) & ~np.all(in_view, axis=1)
-    scan = np.argmax(np.sum(inside, axis=2), axis=0)
+    origins, corners = [seen.scan.origin for seen in observations], _corners(grid, candidates)
+    in_view, clearest = _in_view(frames, origins, corners)
+    cut = in_view.any(axis=1) & ~in_view.all(axis=1)
     result, trims = filled.copy(), []
     result[tuple(candidates[cut].T)] = True
-    for number, normals in enumerate(frames):
-        for side, normal in enumerate(normals):
-            mine = cut & (scan == number) & (height[number, side] < 0).any(axis=-1)
-            if not mine.any():
-                continue
-            line = meeting_line(grid.surface, Plane(observations[number].scan.origin, normal))
+    for number in np.unique(clearest[cut]).tolist():
+        for normal in frames[number]:
+            mine = cut & (clearest == number) & (_heights(normal, origins[number], corners) < 0).any(axis=1)
+            line = meeting_line(grid.surface, Plane(origins[number], normal)) if mine.any() else None
             if line is None:
                 continue
             cells = np.zeros(grid.shape, dtype=np.bool_)
@@ -105,16 +101,27 @@ def _around(cells: NDArray[np.int64], grid: ChartGrid) -> tuple[NDArray[np.int64
     return row, column
 
 
-def _heights(
-    grid: ChartGrid,
-    cells: NDArray[np.int64],
-    frames: Sequence[FloatArray],
-    observations: Sequence[Observation],
-) -> FloatArray:
-    """How far corners of cells (n, 2) lie on the inner side of each plane (scans, 4, n, 4), by some unit."""
+def _corners(grid: ChartGrid, cells: NDArray[np.int64]) -> FloatArray:
+    """The corners (n, 4, 3) of cells (n, 2), metres."""
     corners = (cells[:, None] + _CORNERS).reshape(-1, 2).astype(np.float64)
-    points = grid.surface.from_uv(grid.uv_of(corners[:, 0], corners[:, 1]))
-    heights = [
-        normals @ (points - seen.scan.origin).T for normals, seen in zip(frames, observations, strict=True)
-    ]
-    return np.array(heights).reshape(len(frames), 4, len(cells), 4)
+    return grid.surface.from_uv(grid.uv_of(corners[:, 0], corners[:, 1])).reshape(len(cells), 4, 3)
+
+
+def _in_view(
+    frames: Sequence[FloatArray], origins: Sequence[FloatArray], corners: FloatArray
+) -> tuple[BoolArray, NDArray[np.int64]]:
+    """Which corners (n, 4) of cells any image sees, and the first scan (n,) that sees most of a cell's."""
+    in_view = np.zeros(corners.shape[:2], dtype=np.bool_)
+    clearest, most = np.zeros(len(corners), np.int64), np.zeros(len(corners), np.int64)
+    for number, (normals, origin) in enumerate(zip(frames, origins, strict=True)):
+        inside = np.logical_and.reduce([_heights(normal, origin, corners) > 0 for normal in normals])
+        in_view |= inside
+        n_inside = np.count_nonzero(inside, axis=1)
+        clearest[n_inside > most] = number
+        most = np.maximum(most, n_inside)
+    return in_view, clearest
+
+
+def _heights(normal: FloatArray, origin: FloatArray, corners: FloatArray) -> FloatArray:
+    """How far corners (n, 4, 3) lie on the inner side of a plane through the sensor (n, 4), by some unit."""
+    return np.asarray((corners - origin) @ normal)

@@ -20,6 +20,7 @@ from completion.edits.application import EditedSurface
 from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
+from completion.evidence.field_of_view import ball_around
 from completion.evidence.weighing import weigh
 from completion.extension.beyond import as_far_as_probable
 from completion.extension.confidence import estimate
@@ -117,7 +118,9 @@ def extend(
     # 7. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
     filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
-    filled, confidence, cut = trimmed_to_frames(grid, evidence, filled, confidence, scans.observations)
+    looking = np.flatnonzero(scans.views.may_see(ball_around(grid.bounds(), grid.cell)))
+    frames = [scans.observations[scan] for scan in looking.tolist()]
+    filled, confidence, cut = trimmed_to_frames(grid, evidence, filled, confidence, frames)
     trims = (*trims, *cut)
 
     # 8. Provenance: why each cell is in the model.

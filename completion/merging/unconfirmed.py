@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.sight import Sight, pixel_of, sight_of
+from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece
 from completion.observe.observation import Observation
 from completion.observe.rays import deviation_at
 from completion.observe.tolerance import Tolerance
 from completion.observe.triple import dot, minus
+from completion.segmentation.regions import Region
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
@@ -21,6 +24,20 @@ from texture.engine.compiled import compiled
 _VOTES = 5  # frames against one: what is found as often as not is missed by all with probability 1/32
 _AS_NEAR = 1.1  # times as far: frames from beyond see too coarsely to have a vote
 _MAJORITY = 0.5  # of a piece's points
+
+
+class Unconfirmed(NamedTuple):
+    """What was left out of a sequence: regions of single frames, and their pixels."""
+
+    n_regions: int
+    n_pixels: int
+
+    @classmethod
+    def of(cls, regions: Sequence[Sequence[Region]], merged: Sequence[MergedSurface]) -> Unconfirmed:
+        """Count the regions, and the pixels, of all scans that are of no merged surface."""
+        n_regions = sum(len(own) for own in regions) - sum(one.n_parts for one in merged)
+        n_pixels = sum(one.n_pixels for own in regions for one in own) - sum(one.n_pixels for one in merged)
+        return cls(n_regions, n_pixels)
 
 
 def confirmed(

@@ -18,6 +18,7 @@ from completion.evidence.registration.registration import Registration
 from completion.extension.choice import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
+from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
@@ -209,6 +210,7 @@ class CompletedModel:
     edits: tuple[Edit, ...]
     world_from_reference: Pose
     key_frames: tuple[int, ...]
+    unconfirmed: Unconfirmed
     registration: Registration
     flatness_m: float
     choice: Choice
@@ -249,7 +251,7 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches, self.registration)
+        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed)
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

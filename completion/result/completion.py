@@ -57,6 +57,8 @@ class Completion(CompletedModel):
         From the working frame to the world.
     key_frames : tuple of int
         Numbers, from 0, of the scans that show something new; all of up to 64.
+    unconfirmed : Unconfirmed
+        What single frames of a sequence took for surfaces and others did not find, which was left out.
     registration : Registration
         What the scans say of each other's poses, and by how much they were moved for it.
     flatness_m : float

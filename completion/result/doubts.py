@@ -10,6 +10,7 @@ import numpy as np
 from completion.evidence.registration.registration import Registration
 from completion.evidence.registration.scan_pair import ScanPair
 from completion.extension.patch import Patch
+from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
@@ -21,13 +22,16 @@ _CONTRADICTED_SHARE, _CONTRADICTED_M2 = 0.1, 0.1  # of what two scans measured, 
 
 
 def doubts_of(
-    observations: Sequence[Observation], patches: Sequence[Patch], registration: Registration
+    observations: Sequence[Observation],
+    patches: Sequence[Patch],
+    registration: Registration,
+    unconfirmed: Unconfirmed,
 ) -> tuple[str, ...]:
     """Return what was left out of the scans or assumed, with each scan's name, and what came out doubtful.
 
     Steps between ranges that are wider than their noise; poses that contradict each other by more than they
-    were said to be off; surfaces that their own points do not lie on, by centimetres and several times the
-    noise.
+    were said to be off; what single frames of a sequence took for surfaces; surfaces that their own points do
+    not lie on, by centimetres and several times the noise.
     """
     told = [f"{seen.scan.name}: {text}" for seen in observations for text in _of_scan(seen)]
     rough = [
@@ -35,7 +39,14 @@ def doubts_of(
         for number, patch in enumerate(patches, start=1)
         if patch.source.fit.rms >= _ROUGH_M and (times := _times_noise(patch, observations)) >= _TIMES
     ]
-    return (*told, *_of_poses(registration), *([_rough_text(rough)] if rough else []))
+    told += _of_poses(registration)
+    if unconfirmed.n_regions:
+        told.append(
+            f"{unconfirmed.n_regions} regions of single frames ({unconfirmed.n_pixels} pixels) are of no "
+            "surface: five other frames looked there from as near and did not find them; their points are "
+            "kept as measured"
+        )
+    return (*told, *([_rough_text(rough)] if rough else []))
 
 
 def _of_poses(registration: Registration) -> list[str]:

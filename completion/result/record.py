@@ -161,6 +161,8 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         record["poses"] = _poses_record(completion)
     if len(completion.key_frames) < len(completion.observations):
         record["key_frames"] = [number + 1 for number in completion.key_frames]
+    if completion.unconfirmed.n_regions:
+        record["unconfirmed"] = completion.unconfirmed._asdict()
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record

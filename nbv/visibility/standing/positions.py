@@ -61,10 +61,8 @@ def lattice_spacing(
 ) -> tuple[float, list[str]]:
     """Return the distance between places, metres, and what is to be said of it.
 
-    It is larger in large buildings, unless the sensor `turns` by itself.
-
-    Where these are more positions than can be tried, a distance that was asked for is refused, and another
-    one made larger.
+    A camera's is larger in large buildings; that of a sensor that `turns` by itself is not. Where there are
+    more positions than can be tried, a distance that was asked for is refused, and another one made larger.
 
     Raises
     ------

@@ -8,7 +8,7 @@ import pytest
 
 from completion.merging import pipeline
 from completion.merging.pieces import Piece
-from completion.merging.unconfirmed import confirmed
+from completion.merging.unconfirmed import Unconfirmed, confirmed
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet
 from completion.observe.tolerance import EvidenceOptions
@@ -52,6 +52,9 @@ def test_blocks_of_scans_come_to_what_all_scans_come_to(frames, monkeypatch, mos
     monkeypatch.setattr(pipeline, "_BLOCK", block)
     apart = pipeline.merge(observations, regions, tolerance)
     assert len(apart) == len(together) == 6
+    assert Unconfirmed.of(regions, apart) == Unconfirmed.of(regions, together) == (0, 0)
+    left_out = apart[1:]
+    assert Unconfirmed.of(regions, left_out) == (apart[0].n_parts, apart[0].n_pixels)
     for one, other in zip(apart, together, strict=True):
         assert one.n_parts == other.n_parts
         for own, expected in zip(one.pixels, other.pixels, strict=True):

@@ -2,12 +2,14 @@
 """What a reader should know before trusting a completion is told on stderr, in record and report."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from completion import CompletionOptions, SegmentationOptions, complete
+from completion.merging.unconfirmed import Unconfirmed
 from completion.result.record import completion_record
 from nbv.cli import app
 from nbv.report.completion_report import pose_sections
@@ -38,6 +40,16 @@ def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_
         assert "20 mm, 10 times the noise" in text
         assert text in completion._repr_html_()
     assert completion_record(completion)["warnings"] == list(completion.warnings)
+
+
+def test_what_single_frames_took_for_surfaces_is_counted():
+    seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False), rng=0)
+    assert seen.unconfirmed == Unconfirmed(0, 0)
+    assert "unconfirmed" not in completion_record(seen)
+    left_out = replace(seen, unconfirmed=Unconfirmed(3, 900))
+    (text,) = set(left_out.warnings) - set(seen.warnings)
+    assert text.startswith("3 regions of single frames (900 pixels) are of no surface")
+    assert completion_record(left_out)["unconfirmed"] == {"n_regions": 3, "n_pixels": 900}
 
 
 def test_poses_that_contradict_each_other_are_told_with_numbers_by_pair():
