@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from nbv.cover import dual
 from nbv.cover.cover import Certificate
 from nbv.cover.dual import find_certificate
 from nbv.cover.greedy import choose_greedily
@@ -56,6 +57,14 @@ def test_ascent_comes_near_the_linear_programme(target, fold):
         for n in (10**6, 0)
     )
     assert 0.93 * exact <= ascended <= exact + 1e-6
+
+
+@pytest.mark.parametrize(("target", "fold"), [(1.0, 1), (0.9, 1), (0.9, 2)])
+def test_large_programmes_have_the_same_bound_by_interior_points(target, fold, monkeypatch):
+    instance = random_instance(4, (300, 250), 0.06, target=target, fold=fold)
+    by_simplex = certified(instance).value(instance)
+    monkeypatch.setattr(dual, "_SIMPLEX_ENTRIES", 0)
+    assert float(certified(instance).value(instance)) == pytest.approx(float(by_simplex), abs=1e-6)
 
 
 def test_merged_samples_lose_nothing_of_the_bound():
