@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> None:
         method="cover",
         target=0.95,
         site=SiteOptions(heights_m=(1.6,)),
-        samples=sample_surface(scene.mesh, asked.spacing, every_face=False),
+        samples=sample_surface(scene.mesh, asked.spacing),
         rng=0,
     )
     (sheet,) = storey_plans(scene, plan)

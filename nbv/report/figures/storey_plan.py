@@ -16,6 +16,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from nbv.report.figures.label_places import around, beside, boxes
 from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
 from nbv.report.pictures.picture import Picture
 from scenes.checks import FloatArray
@@ -25,7 +26,9 @@ _PAPER_M = (0.40, 0.27)  # an A3 sheet within its margins
 _MARGIN_IN = 0.65
 _FOOT_IN = 0.75  # below the plan: scale bar and text
 _PAGE_IN = 4.9  # width in a report
-_INCH_M = 0.0254
+_INCH_M, _INCH_PT = 0.0254, 72.0
+_NAME_PT, _NUMBER_PT, _DOT_PT = 6.5, 8.0, 4.2  # of rooms, of stations, and across these
+_WIDE, _HIGH = 0.7, 1.2  # of a letter and a line, in units of the font's size
 _HEADING_M = 0.6  # length of the stroke that shows where a camera looks
 
 
@@ -66,7 +69,7 @@ class StoreyPlan:
         height = float(np.clip(_PAGE_IN * size[1] / size[0], 2.2, 6.5))
 
         def draw(axes: Axes, theme: Theme) -> None:
-            self._draw(axes, theme)
+            self._draw(axes, theme, _INCH_PT * float(min(_PAGE_IN / size[0], height / size[1])))
 
         return drawn_plot(draw, (_PAGE_IN + 0.5, height + 0.4))
 
@@ -107,7 +110,7 @@ class StoreyPlan:
         left, bottom = (sheet[0] - inches[0]) / 2, _MARGIN_IN + _FOOT_IN
         bottom += (sheet[1] - _FOOT_IN - 2 * _MARGIN_IN - inches[1]) / 2
         axes = figure.add_axes((left / sheet[0], bottom / sheet[1], *(inches / sheet).tolist()))
-        self._draw(axes, LIGHT)
+        self._draw(axes, LIGHT, _INCH_PT / (scale * _INCH_M))
         axes.set_xlim(low[0] - pad, high[0] + pad)
         axes.set_ylim(low[1] - pad, high[1] + pad)
         title = f"{self.title}\n1:{scale}, cut {self.cut_m:.2f} m above the floor"
@@ -115,31 +118,51 @@ class StoreyPlan:
         _draw_scale_bar(figure, sheet, left, scale)
         return figure
 
-    def _draw(self, axes: Axes, theme: Theme) -> None:
+    def _draw(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
+        """Draw all but the frame of it, about so many points a metre."""
         axes.add_collection(LineCollection(list(self.outline), colors=theme.ink, linewidths=1.3))
         for way in self.ways:
             axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=0.9, alpha=0.75, zorder=2)
-        ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
-        for text, place in self.rooms:
-            axes.text(
-                float(place[0]), float(place[1]), text, ha="center", va="center", fontsize=6.5,
-                color=theme.line, bbox=ground if theme is LIGHT else None, zorder=3,
-            )  # fmt: skip
-        for text, place, headings in self.stations:
+        for _, place, headings in self.stations:
             for heading in headings:
                 turn = np.radians(heading)
                 end = place + _HEADING_M * np.array([np.sin(turn), np.cos(turn)])
                 axes.plot(*np.stack([place, end]).T, color=theme.inferred, linewidth=0.8, zorder=4)
-            axes.plot(*place, "o", markersize=4.2, color=theme.inferred, zorder=5)
-            axes.annotate(
-                text, (float(place[0]), float(place[1])), xytext=(3.5, 3.5), textcoords="offset points",
-                fontsize=8, fontweight="bold", color=theme.inferred, zorder=6,
-            )  # fmt: skip
+            axes.plot(*place, "o", markersize=_DOT_PT, color=theme.inferred, zorder=5)
+        self._draw_labels(axes, theme, metre_pt)
         axes.set_aspect("equal")
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
         axes.grid(visible=False)
         _draw_north(axes, theme)
+
+    def _draw_labels(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
+        """Write the names of rooms clear of the stations, and numbers beside these clear of all of it."""
+        ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
+        dots = np.array([place for _, place, _ in self.stations]).reshape(-1, 2) * metre_pt
+        taken = boxes(dots, np.full_like(dots, _DOT_PT))
+        names, numbers = [text for text, _ in self.rooms], [text for text, *_ in self.stations]
+        sizes = np.array([_size_pt(text, _NAME_PT) for text in names]).reshape(-1, 2)
+        middles = around(np.array([place for _, place in self.rooms]).reshape(-1, 2) * metre_pt, sizes, taken)
+        for text, (x, y) in zip(names, (middles / metre_pt).tolist(), strict=True):
+            axes.text(
+                x, y, text, ha="center", va="center", fontsize=_NAME_PT, color=theme.line,
+                bbox=ground if theme is LIGHT else None, zorder=3,
+            )  # fmt: skip
+        taken = np.concatenate([taken, boxes(middles, sizes)])
+        sizes = np.array([_size_pt(text, _NUMBER_PT) for text in numbers]).reshape(-1, 2)
+        middles = beside(dots, sizes, _DOT_PT / 2, taken)
+        for text, (x, y) in zip(numbers, (middles / metre_pt).tolist(), strict=True):
+            axes.text(
+                x, y, text, ha="center", va="center", fontsize=_NUMBER_PT, fontweight="bold",
+                color=theme.inferred, zorder=6,
+            )  # fmt: skip
+
+
+def _size_pt(text: str, font_pt: float) -> tuple[float, float]:
+    """About how wide and how high a text is, points."""
+    lines = text.split("\n")
+    return _WIDE * font_pt * max(map(len, lines)), _HIGH * font_pt * len(lines)
 
 
 def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:
@@ -179,8 +202,8 @@ def _draw_north(axes: Axes, theme: Theme) -> None:
         annotation_clip=False,
     )  # fmt: skip
     axes.annotate(
-        "N, +y", (1, 1), xytext=(0, 2), xycoords="axes fraction", textcoords="offset points", ha="center",
-        va="bottom", fontsize=6.5, color=theme.faint, annotation_clip=False,
+        "+y", (1, 1), xytext=(-4, -1), xycoords="axes fraction", textcoords="offset points", ha="right",
+        va="top", fontsize=6.5, color=theme.faint, annotation_clip=False,
     )  # fmt: skip
 
 
