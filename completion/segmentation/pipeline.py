@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,21 +12,19 @@ from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import PixelSet
 from completion.observe.refits.packed_surfaces import pack
 from completion.observe.refits.refitting import improve, refit
-from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, solve_plane, spread_over_pixels, tile_side
+from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
 from completion.segmentation.absorbing import absorb, sharpen_creases
 from completion.segmentation.competition import compete
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
-from completion.segmentation.growing import CHI2_3, Cluster, grow_plane, quadratic, tile_cut
+from completion.segmentation.growing import Cluster, grow_plane, tile_cut
 from completion.segmentation.regions import Region, SegmentationOptions, split_parts
 from completion.segmentation.relief import join_relief
-from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from completion.segmentation.seeds import depths_within, find_seeds, next_seed
+from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to
 _LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder
 _BULGE = 0.1  # pixel footprints that a tile on a cylinder of a few pixels' radius strays from its plane
-_MAX_MISFIT = 3.0  # of a tile that an edge may not cross
-_SEED_CUT = 0.25  # excess of the plane through 3 x 3 tiles below which they are one surface
 
 
 def segment(observation: Observation, options: SegmentationOptions) -> list[Region]:
@@ -99,9 +95,9 @@ def find_clusters(
     free, clusters = seeds.flat.copy(), list[Cluster]()
     cut, angle = tile_cut(options), np.radians(options.max_angle_deg)
     for candidates in (seeds.coherent, seeds.flat) if thorough else (seeds.coherent,):
-        untried = candidates.copy()
+        untried, depths = candidates.copy(), depths_within(candidates)
         while len(clusters) < options.max_regions:
-            seed = next_seed(untried & free)
+            seed = next_seed(untried & free, depths)
             if seed is None:
                 break
             cluster = grow_plane(seed, free, tiles, cut, angle)
@@ -125,70 +121,3 @@ def find_clusters(
                 clusters.append(cluster)
                 free &= ~cluster.tiles
     return clusters
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Seeds:
-    """Where growing may begin and go."""
-
-    flat: BoolArray  # (rows, columns) tiles that no edge crosses
-    coherent: BoolArray  # (rows, columns) those that lie on one plane with the tiles around
-
-
-def find_seeds(tiles: Tiles) -> Seeds:
-    """Tell which tiles lie inside one surface, alone and with their neighbours."""
-    flat: BoolArray = tiles.misfit <= _MAX_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
-    return Seeds(flat, _coherent(flat, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit))
-
-
-def next_seed(candidates: BoolArray) -> tuple[int, int] | None:
-    """Return row and column of the tile in the middle of the largest area of candidates (rows, columns).
-
-    None when nothing is left.
-    """
-    if not candidates.any():
-        return None
-    depth = cv2.distanceTransform(np.pad(candidates, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    return int(row), int(column)
-
-
-@compiled
-def _coherent(
-    flat: BoolArray,
-    count: FloatArray,
-    matrix: FloatArray,
-    vector: FloatArray,
-    plane: FloatArray,
-    misfit: FloatArray,
-) -> BoolArray:
-    """Which flat tiles agree with the plane of their flat neighbours."""
-    rows, columns = flat.shape
-    result = np.zeros((rows, columns), np.bool_)
-    a, b, w = np.zeros(6), np.zeros(3), np.zeros(3)
-    for i in range(rows):
-        for j in range(columns):
-            if not flat[i, j]:
-                continue
-            a[:], b[:] = 0.0, 0.0
-            n, n_pixels = 0, 0.0
-            for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for m in range(max(j - 1, 0), min(j + 2, columns)):
-                    if flat[k, m]:
-                        for t in range(6):
-                            a[t] += matrix[k, m, t]
-                        for t in range(3):
-                            b[t] += vector[k, m, t]
-                        n += 1
-                        n_pixels += count[k, m]
-            if n < 5 or not solve_plane(a, b, w):
-                continue
-            excess, worst = 0.0, 1.0
-            for k in range(max(i - 1, 0), min(i + 2, rows)):
-                for m in range(max(j - 1, 0), min(j + 2, columns)):
-                    if flat[k, m]:
-                        own = plane[k, m]
-                        excess += quadratic(matrix[k, m], w[0] - own[0], w[1] - own[1], w[2] - own[2])
-                        worst = max(worst, misfit[k, m])
-            result[i, j] = excess <= (_SEED_CUT * n_pixels + CHI2_3 * n) * worst
-    return result

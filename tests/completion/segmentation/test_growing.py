@@ -1,5 +1,6 @@
 """Truth tables of growing: tiles on known planes in, the tiles that one plane explains out."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,8 +8,8 @@ from completion.observe.rays import Noise, rays_of
 from completion.observe.refits.packed_surfaces import pack_plane
 from completion.observe.tiles import cut_tiles
 from completion.segmentation.growing import deviations, flood, grow_plane, tile_cut, with_smooth_ring
-from completion.segmentation.pipeline import find_seeds, next_seed
 from completion.segmentation.regions import SegmentationOptions
+from completion.segmentation.seeds import depths_within, find_seeds, next_seed
 from scenes import PinholeProjection, Pose, RangeImage
 
 SIDE, COLUMNS, SIGMA = 4, 8, 0.001
@@ -134,5 +135,20 @@ def test_seeds_lie_on_flat_tiles_and_first_in_the_middle_of_the_largest_area():
     assert not seeds.coherent[1:3, 6].any()
     area = np.zeros((7, 9), dtype=bool)
     area[1:6, 2:7] = area[0, 0] = True
-    assert next_seed(area) == (3, 4)
-    assert next_seed(area & ~area) is None
+    assert next_seed(area, depths_within(area)) == (3, 4)
+    assert next_seed(area & ~area, depths_within(area)) is None
+
+
+def test_seeds_of_an_area_that_shrinks_are_the_deepest_by_a_transform_of_each_of_its_states():
+    rng = np.random.default_rng(0)
+    area = rng.random((40, 60)) < 0.97
+    depths, n_steps = depths_within(area), 0
+    while (seed := next_seed(area, depths)) is not None:
+        whole = cv2.distanceTransform(np.pad(area, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+        first = np.argmax(whole > whole.max() - 1e-5)  # what is equally deep differs by rounding there
+        assert seed == np.unravel_index(first, whole.shape)
+        reach = int(rng.integers(4))
+        area[max(seed[0] - reach, 0) : seed[0] + 2, max(seed[1] - reach, 0) : seed[1] + reach + 1] = False
+        n_steps += 1
+    assert n_steps > 100
+    assert not area.any()
