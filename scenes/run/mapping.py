@@ -32,7 +32,7 @@ A camera's frame of 640 x 480 pixels stays in memory: it has 9 MB at most, and a
 """
 _BLOCK = 1 << 20  # bytes that are written or read at a time
 _RESIDENT = 1 << 26  # bytes more than there were, from which on memory is given back
-_PAUSE_S = 1e-4  # in which nobody looks again: a look takes 2 us, and a megabyte may come meanwhile
+_PAUSE_S = 2e-3  # in which nobody looks again: a look takes 20 us, and some 10 megabytes may come meanwhile
 _kept = 0  # bytes that were in memory when it was given back last
 _looked = 0.0  # when somebody looked last, seconds
 _folders: list[Path] = []  # of this process: threads and forked workers have the same
