@@ -28,6 +28,7 @@ import numpy as np
 
 import scenes
 from completion import Completion, CompletionOptions, complete
+from completion.texturing.problem import TexturingOptions
 
 STAGES = (  # where it is called, its name, how deep it lies
     ("completion.pipeline", "observe", 0),
@@ -95,14 +96,16 @@ def main() -> None:
     parser.add_argument("--depth-scale", type=float, help="depth values a metre")
     parser.add_argument("--first", type=int, help="complete only so many scans")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--texture", action="store_true")
+    parser.add_argument("--texture", choices=("auto", "budget", "exact"), help="with texture, by this search")
     given = parser.parse_args()
     camera = {
         "intrinsics": tuple(given.intrinsics) if given.intrinsics else None,
         "depth_scale": given.depth_scale,
     }
     scans = [scan for path in given.scans for scan in scenes.read_scans(path, **camera)][: given.first]
-    rounds = [measure(scans, CompletionOptions(texture=given.texture)) for _ in range(given.rounds)]
+    search = TexturingOptions(search=given.texture or "auto")
+    options = CompletionOptions(texture=given.texture is not None, texturing=search)
+    rounds = [measure(scans, options) for _ in range(given.rounds)]
     spent, done = min(rounds, key=lambda one: one[0]["all"])
     n_cells = sum(one.evidence.labels.size for one in done.patches)
     print(f"{len(scans)} scans, {sum(scan.ranges.size for scan in scans) / 1e6:.2f} M pixels")

@@ -64,9 +64,14 @@ def test_damage_is_an_error_or_does_no_harm(seed, place, byte):
 def test_arrays_keep_kind_order_and_whether_they_may_be_written():
     fixed = np.asfortranarray(np.arange(6, dtype=np.int16).reshape(2, 3))
     fixed.setflags(write=False)
-    first, second, scalar = unpacked(packed((fixed, np.zeros(2, np.float32), np.float32(0.1))))
+    large, none = np.arange(10_000.0), np.zeros((0, 3), np.int32)
+    first, second, scalar, *others = unpacked(
+        packed((fixed, np.zeros(2, np.float32), np.float32(0.1), large, none))
+    )
     assert (first.dtype, first.flags.f_contiguous, first.flags.writeable) == (np.int16, True, False)
     assert second.flags.writeable
+    np.testing.assert_array_equal(others[0], large)
+    assert (others[1].shape, others[1].dtype) == ((0, 3), np.int32)
     assert scalar == np.float32(0.1)
     assert isinstance(scalar, np.float32)
 
@@ -87,6 +92,7 @@ def test_what_has_no_form_is_refused(value):
 def archive(structure: object) -> bytes:
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as held:
+        held.writestr("small", bytes(8))
         held.writestr("structure", json.dumps(structure))
     return data.getvalue()
 
@@ -102,7 +108,10 @@ def archive(structure: object) -> bytes:
         ["class", "scenes.checks:InputError"],
         ["enum", "scenes.pose:Pose", "a"],
         ["eval", "1"],
-        ["array", 7, True],
+        ["array", True, 7],
+        ["array", True, 0, "<f8", 2],
+        ["array", True, -8, "<f8", 1],
+        ["array", True, 0, "O", 1],
         [],
     ],
 )
