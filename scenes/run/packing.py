@@ -20,9 +20,8 @@ from scenes.checks import InputError
 from scenes.run.mapping import allocate, fill_from, release
 
 _STRUCTURE, _SMALL = "structure", "small"
-_LEAST = (
-    1 << 14
-)  # bytes; smaller arrays stand one after the other in one member, which takes a tenth of the time
+# Bytes. Smaller arrays stand one after the other in one member, which takes a tenth of the time.
+_LEAST = 1 << 14
 _LARGE = 1 << 30  # bytes; members of twice as many need room for longer sizes
 _PACKAGES = ("scenes", "texture", "completion", "nbv")
 _PLAIN = (str, int, float, bool, type(None))

@@ -15,7 +15,7 @@ import pytest
 
 from scenes.files.scan_files import in_metres, read_scan, write_scan
 from scenes.pose import Pose
-from scenes.run import mapping
+from scenes.run import mapping, packing
 from scenes.run.mapping import is_mapped
 from scenes.run.packing import pack, unpack
 from scenes.scan import pixels
@@ -31,6 +31,7 @@ def few_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small scans are mapped too."""
     monkeypatch.setattr(mapping, "LARGE", FEW)
     monkeypatch.setattr(pixels, "LARGE", FEW)
+    monkeypatch.setattr(packing, "_LEAST", FEW)  # small arrays stand together otherwise, and in memory
 
 
 def arrays_of(scan: RangeImage) -> dict[str, np.ndarray]:
