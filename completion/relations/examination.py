@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.relations.constraint import ANGLE
-from completion.relations.estimate import Estimate
+from completion.relations.engine.constraint import ANGLE
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.relation import Relation, Status
+from completion.relations.engine.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
 from completion.relations.evidence import log_evidence
 from completion.relations.options import RelationOptions
-from completion.relations.relation import Relation, Status
-from completion.relations.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
 
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together

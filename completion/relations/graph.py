@@ -6,12 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from completion.fitting.result import SurfaceFit
-from completion.relations.estimate import Estimate
-from completion.relations.placement import moved
-from completion.relations.relation import Relation, Status
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.placement import moved
+from completion.relations.engine.relation import Relation, Status
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +43,7 @@ class RelationGraph:
             fits.append(
                 replace(fit, surface=moved(fit.surface, change), covariance=estimate.covariance_of(number))
             )
-            moves.append(_in_deviations(change, fit))
+            moves.append(estimate.moved_sd(number))
         return cls(tuple(fits), tuple(relations), tuple(moves), estimate.n_unknowns, estimate.rank)
 
     @property
@@ -65,11 +63,3 @@ class RelationGraph:
     def __repr__(self) -> str:
         counts = ", ".join(f"{self.numbered(status)} {status.value}" for status in Status)
         return f"RelationGraph({len(self.fits)} surfaces, {counts}, {self.free} of {self.unknowns} free)"
-
-
-def _in_deviations(change: np.ndarray, fit: SurfaceFit) -> float:
-    """The greatest change along a principal direction of the covariance, in its deviations."""
-    scale = np.sqrt(np.diag(fit.covariance))
-    values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
-    along = vectors.T @ (change / scale)
-    return float(np.max(np.abs(along) / np.sqrt(np.maximum(values, np.finfo(np.float64).eps))))

@@ -15,9 +15,9 @@ from scipy.linalg import cho_solve, qr
 from scipy.stats import chi2 as chi2_law
 from scipy.stats import f as f_law
 
-from completion.relations.constraint import Constraint
-from completion.relations.estimate import Estimate
-from completion.relations.relation import Relation
+from completion.relations.engine.constraint import Constraint
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray
 
 _SAME = 1e-6  # of its own variance, to which what is accepted already determines an equation
@@ -72,7 +72,7 @@ def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
     square = float(value[rows] @ whitened)
     left = value[rest] - spread[np.ix_(rest, rows)] @ whitened
     _, log_volume = np.linalg.slogdet(2 * np.pi * inner)
-    p = probability(square, len(rows), estimate.freedom)
+    p = probability(square, len(rows), estimate.freedom_of(relation.surfaces))
     return WaldTest(
         rows,
         chi2=square,
@@ -96,7 +96,8 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
     for one in estimate.imposed:
         own = slice(first, first + len(one.rows))
         square = float(multiplier[own] @ np.linalg.solve(inverse[own, own], multiplier[own]))
-        found.append(probability(square, len(one.rows), estimate.freedom))
+        freedom = estimate.freedom_of(one.relation.surfaces)
+        found.append(probability(square, len(one.rows), freedom))
         first += len(one.rows)
     return found
 
