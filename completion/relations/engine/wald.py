@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, qr
-from scipy.stats import chi2 as chi2_law
-from scipy.stats import f as f_law
+from scipy.special import chdtrc, fdtrc
 
 from completion.relations.engine.constraint import Constraint
 from completion.relations.engine.estimate import Estimate
@@ -105,8 +104,8 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
 def probability(square: float, rank: int, freedom: float) -> float:
     """Return the probability of a squared misfit that is at least so large, where a relation holds."""
     if np.isfinite(freedom):
-        return float(f_law.sf(square / rank, rank, freedom))
-    return float(chi2_law.sf(square, rank))
+        return float(fdtrc(rank, freedom, square / rank))
+    return float(chdtrc(rank, square))
 
 
 def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
