@@ -174,6 +174,7 @@ def complete(
 
         every = steps.each("extend", extended, range(len(surfaces)))
         chosen, owners = numbered_anew(every, seen.owners)
+        relations = related.found and related.found.numbered([one is not None for one in every])
         patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
 
         # 7. Texture: continue the colour of each surface over its inferred part.
@@ -202,6 +203,7 @@ def complete(
         key_frames=keys,
         unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
+        relations=relations,
     )
 
 

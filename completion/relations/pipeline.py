@@ -79,7 +79,7 @@ def infer(
                 tested = examine(relation, estimate, options, size_m, level)
                 if tested.conflicts and tested.is_given:
                     estimate, found, tested = _settled(tested, estimate, found)
-                found.append(tested)
+                found.append(replace(tested, conflicts=_places(tested.conflicts, found)))
                 if estimate.rank > n_solved + (_GROWTH * n_solved if n_solved > _EVERY else 0):
                     estimate.solve()
                     n_solved = estimate.rank
@@ -126,6 +126,12 @@ def _settled(
     )
     estimate = _again([*found, accepted], estimate)
     return estimate, found, accepted
+
+
+def _places(imposed: Sequence[int], found: Sequence[Relation]) -> tuple[int, ...]:
+    """Where relations that are imposed, by their places among these, stand among all found."""
+    accepted = [k for k, one in enumerate(found) if one.status is Status.ACCEPTED]
+    return tuple(accepted[k] for k in imposed)
 
 
 def _changed(relations: Sequence[Relation], which: Relation, **changes: object) -> list[Relation]:

@@ -33,6 +33,36 @@ _N_SAMPLE = 1_000  # pixels that tell how far a surface was moved off what was m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FoundRelations:
+    """What was found of surfaces' relations.
+
+    Attributes
+    ----------
+    graph : RelationGraph
+        Surfaces where their relations hold, working frame.
+    before : tuple of SurfaceFit
+        The same n surfaces without, with the covariances of all errors.
+    numbers : tuple of int
+        Their numbers (n,) in files, from 1; 0 for one that has none.
+    off_m : tuple of float
+        How far each (n,) would stand off its measured points, metres: 95 % are nearer.
+    is_moved : tuple of bool
+        Which (n,) are where their relations hold; the others stayed where they were measured.
+    """
+
+    graph: RelationGraph
+    before: tuple[SurfaceFit, ...]
+    numbers: tuple[int, ...]
+    off_m: tuple[float, ...]
+    is_moved: tuple[bool, ...]
+
+    def numbered(self, chosen: Sequence[bool]) -> FoundRelations:
+        """Return it with numbers counted anew, of surfaces (m,) that are `chosen` alone."""
+        anew = np.where(chosen, np.cumsum(chosen), 0)
+        return replace(self, numbers=tuple(int(anew[number - 1]) for number in self.numbers))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RelatedSurfaces:
     """Surfaces where their relations hold.
 
@@ -42,19 +72,13 @@ class RelatedSurfaces:
         All n, in their order.
     stated : tuple of SurfaceFit
         Their fits (n,) with the covariances of all errors, given the relations.
-    graph : RelationGraph, optional
-        What was found; its surfaces are those of `numbers`. None where nobody asked for relations.
-    numbers : tuple of int
-        Which of the n surfaces took part.
-    off_m : tuple of float
-        How far each stands off its measured points where relations hold, metres: 95 % are nearer.
+    found : FoundRelations, optional
+        Which relations there are; None where nobody asked for them, or there is nothing to relate.
     """
 
     surfaces: tuple[EditedSurface, ...]
     stated: tuple[SurfaceFit, ...]
-    graph: RelationGraph | None = None
-    numbers: tuple[int, ...] = ()
-    off_m: tuple[float, ...] = ()
+    found: FoundRelations | None = None
 
 
 def relate_surfaces(
@@ -109,16 +133,18 @@ def relate_surfaces(
     doubt = Doubt([one.freedom for one in some], [one.shared for one in some])
     graph = infer([one.fit for one in some], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph, options)
-    surfaces, off = list(edited), []
-    for number, fit, covariance in zip(numbers, graph.fits, short, strict=True):
-        before = edited[number].surface
-        off.append(_off(before, fit, observations))
-        if off[-1] > _MOST_OFF * before.fit.rms:
-            continue
-        moved = replace(before.fit, surface=fit.surface, covariance=covariance)
-        surfaces[number] = replace(edited[number], surface=replace(before, fit=moved))
-        told[number] = replace(moved, covariance=fit.covariance)
-    return RelatedSurfaces(tuple(surfaces), tuple(told), graph, tuple(numbers), tuple(off))
+    off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
+    is_moved = [far <= _MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
+    before, surfaces = tuple(told[k] for k in numbers), list(edited)
+    for number, fit, covariance, moves in zip(numbers, graph.fits, short, is_moved, strict=True):
+        if moves:
+            surface = edited[number].surface
+            moved = replace(surface.fit, surface=fit.surface, covariance=covariance)
+            surfaces[number] = replace(edited[number], surface=replace(surface, fit=moved))
+            told[number] = replace(moved, covariance=fit.covariance)
+    places = tuple(number + 1 for number in numbers)
+    found = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
+    return RelatedSurfaces(tuple(surfaces), tuple(told), found)
 
 
 def _is_settled(fit: SurfaceFit) -> bool:

@@ -20,6 +20,7 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
+from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
@@ -214,6 +215,7 @@ class CompletedModel:
     registration: Registration
     flatness_m: float
     choice: Choice
+    relations: FoundRelations | None
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -251,7 +253,7 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed)
+        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

@@ -12,6 +12,8 @@ import numpy as np
 from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
 from completion.fitting.result import surface_parameters
+from completion.relations.record import freedom_record, relation_records
+from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
@@ -157,6 +159,8 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    if completion.relations is not None:
+        record |= _relations_record(completion, completion.relations)
     if len(completion.observations) > 1:
         record["poses"] = _poses_record(completion)
     if len(completion.key_frames) < len(completion.observations):
@@ -166,6 +170,24 @@ def completion_record(completion: CompletedModel, verification: Verification | N
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record
+
+
+def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict[str, Any]:
+    """What surfaces are to each other; those without a number are named by their own point, world frame."""
+    world, graph = completion.world_from_reference, found.graph
+    names = [
+        number or {"point": world.apply(fit.surface.point).tolist(), "kind": fit.surface.kind}  # type: ignore[attr-defined]
+        for number, fit in zip(found.numbers, graph.fits, strict=True)
+    ]
+    moved = [
+        {"surface": name, "moved_sd": moved, "off_m": off, "is_moved": is_moved}
+        for name, moved, off, is_moved in zip(names, graph.moved_sd, found.off_m, found.is_moved, strict=True)
+    ]
+    return {
+        "relations": relation_records(graph, found.before, names),
+        "degrees_of_freedom": freedom_record(graph),
+        "moved_by_relations": moved,
+    }
 
 
 def _poses_record(completion: CompletedModel) -> dict[str, Any]:
