@@ -242,7 +242,12 @@ class CompletedModel:
             for patch, mesh in zip(self.patches, self.inferred, strict=True)
         )
         derived = DerivedModel(
-            self.observations, self.owners, surfaces, self.textures, self.world_from_reference, spill
+            observations=self.observations,
+            owners=self.owners,
+            surfaces=surfaces,
+            textures=self.textures,
+            world_from_reference=self.world_from_reference,
+            spill=spill,
         )
         object.__setattr__(self, "derived", derived)
 
