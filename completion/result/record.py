@@ -82,7 +82,8 @@ def display_mesh(
 ) -> LabelledMesh:
     """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
-    Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
+    Of what belongs to no surface it holds no more than pictures show. Inferred area is shown if
+    `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
     corners, colours, labels, face_image, corner_uv = [], [], [], [], []
     atlas = completion.derived.atlas
@@ -97,7 +98,7 @@ def display_mesh(
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
-    rest, _ = completion.derived.remainder
+    rest = completion.derived.thin_remainder
     corners.append(rest.vertices[rest.faces])
     colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
     labels.append(np.zeros(len(rest.faces), np.int32))
@@ -245,7 +246,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
                 "area_m2": opening.area_m2,
                 "seen_share": opening.seen_share,
                 "provenance": "user" if opening.declared else "inferred",
-                "points": world.apply(opening.points).tolist(),
+                "points": world.apply(opening.points),
             }
             for opening in surface.openings
         ],
@@ -254,7 +255,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
                 "kind": segment.kind,
                 "provenance": segment.provenance,
                 "confidence": segment.confidence,
-                "points": world.apply(segment.points).tolist(),
+                "points": world.apply(segment.points),
             }
             for segment in surface.boundary
         ],
