@@ -85,34 +85,37 @@ def display_mesh(
     Of what belongs to no surface it holds no more than pictures show. Inferred area is shown if
     `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
-    corners, colours, labels, face_image, corner_uv = [], [], [], [], []
-    atlas = completion.derived.atlas
+    places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
+    atlas, n_places = completion.derived.atlas, 0
     for index, surface in enumerate(completion.derived.surfaces):
         trim()
         states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
         for state, mesh in enumerate(states):
             page = -1 if mark and state == 1 else int(atlas.page[index])
-            corners.append(mesh.vertices[mesh.faces])
+            places.append(mesh.vertices)
+            corners.append(mesh.faces.astype(np.int32) + np.int32(n_places))
+            n_places += len(mesh.vertices)
             tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
             colours.append(np.broadcast_to(np.array(tint, np.float32), (len(mesh.faces), 3, 3)))
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
     rest = completion.derived.thin_remainder
-    corners.append(rest.vertices[rest.faces])
-    colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
+    places.append(rest.vertices)
+    corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
+    colours.append(rest.colour[rest.faces] / np.float32(255))
     labels.append(np.zeros(len(rest.faces), np.int32))
     face_image.append(np.full(len(rest.faces), -1, np.int32))
     corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
-    vertices = completion.world_from_reference.apply(np.concatenate(corners).reshape(-1, 3))
-    appearance = Appearance(
-        np.concatenate(colours).astype(np.float32),
+    has_pages = bool(len(atlas.pages))
+    look = Appearance(
+        np.concatenate(colours),
         atlas.pages,
-        np.concatenate(face_image),
-        np.concatenate(corner_uv).astype(np.float32),
+        np.concatenate(face_image) if has_pages else None,
+        np.concatenate(corner_uv).astype(np.float32) if has_pages else None,
     )
-    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
+    vertices = completion.world_from_reference.apply(np.concatenate(places))
+    return LabelledMesh(vertices, np.concatenate(corners), np.concatenate(labels), look)
 
 
 def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:

@@ -109,9 +109,9 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         if len(scans) > 1:
             run.watch.enter("verify")
             verification = verify_first(
+                completion,
                 scans,
                 options,
-                completion.registration,
                 n_threads=shared.threads,
                 journal=journal.part("first"),
             )

@@ -102,7 +102,7 @@ _FRACTION = 65535  # steps of texture coordinates
 Indices = NDArray[np.int64]
 
 
-def corner_keys(places: Indices, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
+def corner_keys(places: Integers, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
     """Join corners that are alike in place, colour and texture.
 
     `places` (3 * m, 3) are of the corners of all faces in their `order` (m,), the skin of these before.
@@ -162,13 +162,13 @@ def _webp(image: NDArray[np.uint8], shrink: float) -> bytes:
     return data.getvalue()
 
 
-def _colours(skin: Appearance, order: Indices) -> Indices:
+def _colours(skin: Appearance, order: Indices) -> Integers:
     """Colours (3 * m, 3) of all corners in order, 0..255."""
-    colours = np.rint(np.clip(skin.corner_colour[order], 0, 1) * 255).astype(np.int64)
+    colours = np.rint(np.clip(skin.corner_colour[order], 0, 1) * 255).astype(np.uint8)
     return colours.reshape(-1, 3)
 
 
-def _number(rows: Indices) -> Indices:
+def _number(rows: Integers) -> Indices:
     """Number (n,) equal rows alike."""
     key = np.zeros(len(rows), np.int64)
     for column in rows.T:
@@ -176,7 +176,7 @@ def _number(rows: Indices) -> Indices:
     return key
 
 
-def _paired(one: Indices, other: Indices) -> Indices:
+def _paired(one: Indices, other: Integers) -> Indices:
     """Number (n,) pairs of non-negative numbers that are alike."""
     both = one * (int(other.max(initial=0)) + 1) + other
     return np.asarray(np.unique(both, return_inverse=True)[1], dtype=np.int64)

@@ -71,7 +71,7 @@ def _layer(packer: Packer, layer: Layer, origin: FloatArray, step: float) -> dic
     if image is not None:
         order = order[np.argsort(image[order], kind="stable")]
     corner = faces[order].ravel()
-    places = np.rint((layer.vertices - origin) / step).astype(np.int64)
+    places = np.clip(np.rint((layer.vertices - origin) / step), 0, _MOST_STEPS).astype(np.int32)
     index, kept = corner_keys(places[corner], layer.skin, order)
     used, members = _places(packer, layer, order)
     return {
