@@ -25,6 +25,7 @@ from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
+_ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
 
@@ -103,6 +104,7 @@ class Estimate:
         sizes = [len(fit.covariance) for fit in fits]
         self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._prior = block_diag(np.zeros((0, 0)), *(fit.covariance for fit in fits))
+        self._prior += _ROUNDING**2 * np.eye(len(self._prior))
         if doubt.shared:
             shift = np.concatenate(doubt.shared)
             self._prior = self._prior + shift @ shift.T
