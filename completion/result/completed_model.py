@@ -24,7 +24,7 @@ from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
-from completion.result.observed_points import observed_mesh, observed_parts, remainder
+from completion.result.observed_points import observed_mesh, observed_parts, observed_step, remainder
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
@@ -190,9 +190,14 @@ class DerivedModel:
         """All inferred area as one mesh, working frame."""
         return joined(list(self.hypothesised_parts()))
 
-    def observed_parts(self) -> Iterator[LabelledPoints]:
-        """Yield all measured points, working frame, some rows of a scan at a time."""
-        return observed_parts(self.observations, self.owners)
+    @cached_property
+    def observed_step(self) -> int:
+        """Every how many rows and columns of the scans observed.ply holds, unless it is to hold them all."""
+        return observed_step(self.observations)
+
+    def observed_parts(self, step: int = 1) -> Iterator[LabelledPoints]:
+        """Yield measured points of every step-th row and column, working frame, some rows at a time."""
+        return observed_parts(self.observations, self.owners, step)
 
     @cached_property
     def observed(self) -> LabelledPoints:

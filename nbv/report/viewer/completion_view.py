@@ -183,7 +183,7 @@ def _remainder(completion: CompletedModel) -> _Pieces:
         provenance=np.zeros(n, np.uint16),
         sd=rest.sd[faces].mean(axis=1) if n else np.zeros(0),
         confidence=np.ones(n),
-        colour=rest.colour[faces] / np.float32(255),
+        colour=rest.colour[faces].astype(np.float32) / np.float32(255),
         uv=np.broadcast_to(np.float32(0), (n, 3, 2)),
         image=np.full(n, -1, np.int32),
     )
