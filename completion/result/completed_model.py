@@ -186,6 +186,15 @@ class DerivedModel:
         return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
 
     @cached_property
+    def hypothesised_m2(self) -> float:
+        """Inferred area of all surfaces, square metres."""
+        total = 0.0
+        for surface in self.surfaces:
+            total += mesh_area(surface.inferred_cells.vertices, surface.inferred_cells.faces)
+            trim()
+        return total
+
+    @cached_property
     def hypothesised(self) -> LabelledPoints:
         """All inferred area as one mesh, working frame."""
         return joined(list(self.hypothesised_parts()))
@@ -266,7 +275,7 @@ class CompletedModel:
     @property
     def hypothesised_m2(self) -> float:
         """Inferred area of all surfaces, square metres."""
-        return float(sum(mesh_area(mesh.vertices, mesh.faces) for mesh in self.inferred))
+        return self.derived.hypothesised_m2
 
     @property
     def hypothesised(self) -> LabelledPoints:

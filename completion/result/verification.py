@@ -118,7 +118,7 @@ def held_against(
     completion: CompletedModel, observations: tuple[Observation, ...], tolerance: Tolerance
 ) -> Verification:
     """Hold what was inferred against scans that are prepared, in its own working frame, with their errors."""
-    nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
+    nobody = tuple(np.zeros(seen.scan.shape, np.int32) for seen in observations)
     scans = Scans(observations, nobody, tolerance)
     return Verification(
         tuple(

@@ -137,7 +137,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("save")
         said = completion_record(completion, verification, observed=how.observed)
         record = {**said, "warnings": warnings}
-        lines = lines_of(completion, verification)
+        lines = lines_of(completion, verification) + lines_of_detail(said["observed_step"])
         del verification  # a completion of its own: it is gone before the files are made
         write_model(completion, run.stage.folder, record, how.exports)
         run.watch.enter("report")
@@ -231,6 +231,13 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     holding = sum(one.holds for one in graph.relations)
     others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
     return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
+
+
+def lines_of_detail(step: int) -> list[str]:
+    """What observed.ply leaves out, where it is not all."""
+    if step == 1:
+        return []
+    return [f"observed.ply holds one of {step} rows and columns of the scans; --observed full writes them all"]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

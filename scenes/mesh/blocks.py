@@ -18,40 +18,43 @@ _MOST = 16  # blocks along an axis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Cubes that fill a box, counted from 1 along each axis from its lowest corner.
+    """Boxes that fill a larger one, counted from 1 along each axis from its lowest corner.
 
     Attributes
     ----------
-    low : (3,) float
-        The lowest corner, metres.
-    longest_m : float
-        The box's longest side, metres.
+    low, size : (3,) float
+        Its lowest corner and its sides, metres.
+    counts : (3,) int
+        Blocks along each.
     """
 
     low: FloatArray
-    longest_m: float
+    size: FloatArray
+    counts: NDArray[np.int64]
 
     @classmethod
     def over(cls, parts: Sequence[MeshPart]) -> Blocks:
-        """Blocks over all vertices of `parts`: of 10 m, or of a sixteenth of the box's longest side."""
+        """Blocks over all vertices of `parts`, alike: of about 10 m, or a sixteenth of the longest side."""
         ends = [end for part in parts if len(part.vertices) for end in _ends(part.vertices)] or [np.zeros(3)]
-        low = np.min(ends, axis=0)
-        return cls(low, float((np.max(ends, axis=0) - low).max()))
+        low, high = _ends(np.array(ends))
+        side = max(_SIDE_M, float((high - low).max()) / _MOST)
+        return cls(low, high - low, np.maximum(np.rint((high - low) / side), 1).astype(np.int64))
 
     @property
-    def side_m(self) -> float:
-        """Of each cube, metres."""
-        return max(_SIDE_M, self.longest_m / _MOST * (1 + 1e-9))
+    def sides(self) -> FloatArray:
+        """Sides (3,) of each block, metres."""
+        return np.asarray(self.size / self.counts, dtype=np.float64)
 
     def numbers(self, points: FloatArray) -> NDArray[np.int64]:
-        """Return the block (n, 3) that points (n, 3), metres, lie in."""
-        return np.floor((points - self.low) / self.side_m).astype(np.int64) + 1
+        """Return the block (n, 3) that points (n, 3) of the box, metres, lie in."""
+        steps = np.floor((points - self.low) / np.maximum(self.sides, 1e-12)).astype(np.int64)
+        return np.asarray(np.clip(steps, 0, self.counts - 1) + 1, dtype=np.int64)
 
 
 def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
     """Return parts with the block that each is in, `block 1 2 1` for the second along y.
 
-    Models that are no longer than two blocks are left as they are.
+    Models of one block, up to some 15 m, are left as they are.
 
     What is of a surface stays whole: it is in the block of its middle, or in none where it reaches across
     more than one block's side. Of what is of no surface (0) each block has a part of its own, whose triangles
@@ -67,7 +70,7 @@ def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
     [('rest 1 1 1', 'block 1 1 1'), ('rest 3 1 1', 'block 3 1 1'), ('wall', 'block 2 1 1')]
     """
     blocks = Blocks.over(parts)
-    if blocks.longest_m <= 2 * _SIDE_M:
+    if blocks.counts.max() == 1:
         return list(parts)
     found: list[MeshPart] = []
     for part in parts:
@@ -75,7 +78,7 @@ def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
             found += _cut(part, blocks)
         elif len(part.vertices):
             low, high = _ends(part.vertices)
-            is_wide = float((high - low).max()) > blocks.side_m
+            is_wide = bool((high - low > blocks.sides + 1e-9).any())
             middle = blocks.numbers((low + high)[None] / 2)[0]
             found.append(part if is_wide else replace(part, block=_name(middle)))
     return found
