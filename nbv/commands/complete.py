@@ -237,7 +237,9 @@ def lines_of_detail(step: int) -> list[str]:
     """What observed.ply leaves out, where it is not all."""
     if step == 1:
         return []
-    return [f"observed.ply holds one of {step} rows and columns of the scans; --observed full writes them all"]
+    return [
+        f"observed.ply holds one of {step} rows and columns of the scans; --observed full writes them all"
+    ]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

@@ -145,7 +145,17 @@ def _nothing() -> _Pieces:
     none, many, real = np.zeros(0, np.uint16), np.zeros((0, 3)), np.zeros(0)
     corners = np.zeros((0, 3, 3), np.float32)
     image = none.astype(np.int32)
-    return _Pieces(many, many.astype(np.int32), none, none, real, real, corners, corners[..., :2], image)
+    return _Pieces(
+        vertices=many,
+        faces=many.astype(np.int32),
+        number=none,
+        provenance=none,
+        sd=real,
+        confidence=real,
+        colour=corners,
+        uv=corners[..., :2],
+        image=image,
+    )
 
 
 def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> _Pieces:
