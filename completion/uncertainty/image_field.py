@@ -67,9 +67,11 @@ def bumps(places: FloatArray, length: float) -> FloatArray:
 def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
     """Return the smooth errors of a scan by the residual modes of its surfaces; none of no surface.
 
+    A scan whose ranges are stated to be exact has no deviations in which errors could be told.
     The squares are weighted by their probability: Student's likelihood of the components of each surface,
     before it any size up to the noise's own is as probable, and larger ones less.
     """
+    modes = [one for one in modes if one.gain.any()]
     if not modes:
         return NO_FIELD
     square = np.repeat([one.square for one in modes], [len(one.beyond) for one in modes])
