@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from nbv.run.wording import letters
@@ -57,8 +58,11 @@ class FloorPlan:
         height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
 
         def draw(axes: Axes, theme: Theme) -> None:
-            for segment in self.outline:
-                axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
+            axes.add_collection(
+                LineCollection(
+                    list(self.outline), colors=theme.ink, linewidths=1.6, capstyle="round", zorder=2
+                )
+            )
             for way in self.ways:
                 axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
             _draw_zones(axes, theme, self.zones)
