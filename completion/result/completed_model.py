@@ -37,7 +37,7 @@ from scenes.run.spill import NoSpill, Spill, spill_of
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
-_MOST_SHOWN = 400_000  # triangles of what belongs to no surface, in pictures and views
+_MOST_SHOWN, _FEW_SHOWN = 400_000, 200_000  # triangles of no surface, in pictures and views; of many points
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +186,15 @@ class DerivedModel:
         return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
 
     @cached_property
+    def observed_m2(self) -> float:
+        """Measured area of all surfaces, square metres."""
+        total = 0.0
+        for surface in self.surfaces:
+            total += surface.patch.observed_m2
+            trim()
+        return total
+
+    @cached_property
     def hypothesised_m2(self) -> float:
         """Inferred area of all surfaces, square metres."""
         total = 0.0
@@ -225,7 +234,8 @@ class DerivedModel:
     def thin_remainder(self) -> LabelledPoints:
         """The same with so few triangles that pictures and views show them, provenance and all."""
         rest, _ = self.remainder
-        vertices, faces, kept = thinned(rest.vertices, rest.faces, _MOST_SHOWN)
+        most = _MOST_SHOWN if self.observed_step == 1 else _FEW_SHOWN
+        vertices, faces, kept = thinned(rest.vertices, rest.faces, most)
         of_vertices = {name: getattr(rest, name)[kept] for name in rest.of_vertices if name != "vertices"}
         return self.spill.keep(LabelledPoints(vertices, faces.astype(np.int32), **of_vertices))
 
@@ -270,7 +280,7 @@ class CompletedModel:
     @property
     def observed_m2(self) -> float:
         """Measured area of all surfaces, square metres."""
-        return float(sum(patch.observed_m2 for patch in self.patches))
+        return self.derived.observed_m2
 
     @property
     def hypothesised_m2(self) -> float:

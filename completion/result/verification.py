@@ -17,6 +17,7 @@ from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, InputError
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 
@@ -66,7 +67,11 @@ class Verification:
 
     def area_m2(self, finding: Finding) -> float:
         """Inferred area of which the others say so, square metres."""
-        return float(sum(surface.area_m2(finding) for surface in self.surfaces))
+        total = 0.0
+        for surface in self.surfaces:
+            total += surface.area_m2(finding)
+            trim()
+        return total
 
 
 def verify(

@@ -151,6 +151,7 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
     if drawn is None:
         return (Text("There is no surface to show."),)
     camera, pictures = drawn
+    trim()
     view = completion_view(completion, is_room=not is_single_camera(completion.derived.scans), camera=camera)
     return view, Legend(), Gallery(pictures, 2)
 

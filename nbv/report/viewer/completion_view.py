@@ -130,6 +130,7 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
         behind = patch.evidence.occluder[patch.hypothesised]
         share = np.bincount(behind[behind > 0]) / max(len(behind), 1)
         found.update(int(number) for number in np.flatnonzero(share >= _HIDES))
+        trim()
     return sorted(found)
 
 
