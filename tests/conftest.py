@@ -2,24 +2,37 @@
 """What holds for all tests: reports are drawn small and packed quickly; the longest files run first."""
 
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
+import typer.main
+import typer.testing
 
 from nbv.report.blocks import scan_coverage_blocks
 from nbv.report.figures import plots
 from nbv.report.pictures import completion_shots, picture, surface_values
+from nbv.report.viewer import byte_packing
 from tests.helpers.data_paths import ROOT
 
 
 @pytest.fixture(autouse=True, scope="session")
 def small_reports() -> Iterator[None]:
-    """Pictures half as wide, plots with half the dots and for light pages, PNG packed at the lowest level."""
+    """Pictures half as wide, plots with half the dots and for light pages, images packed fast."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "_PNG_LEVEL", 1)
+        patch.setattr(byte_packing, "_METHOD", 0)
         patch.setattr(plots, "_DPI", 90)
         patch.setattr(plots, "_DARK", plots.LIGHT)  # what is equal is drawn once
         for module in (completion_shots, scan_coverage_blocks, surface_values):
             patch.setattr(module, "_WIDTH", 380)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def made_once() -> Iterator[None]:
+    """The command line is put together once a process and not for each command, as it is outside tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command))
         yield
 
 

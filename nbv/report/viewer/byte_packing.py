@@ -96,7 +96,7 @@ def by_appearance(index: Integers) -> tuple[Integers, Integers]:
 
 
 _MOST_PIXELS = 3_000_000  # of all images together
-_QUALITY = 82  # of WebP
+_QUALITY, _METHOD = 82, 4  # of WebP
 _FRACTION = 65535  # steps of texture coordinates
 
 Indices = NDArray[np.int64]
@@ -158,7 +158,7 @@ def _webp(image: NDArray[np.uint8], shrink: float) -> bytes:
         size = tuple(max(1, round(side * shrink)) for side in picture.size)
         picture = picture.resize((size[0], size[1]), Image.Resampling.LANCZOS)
     data = io.BytesIO()
-    picture.save(data, "WEBP", quality=_QUALITY, method=4)
+    picture.save(data, "WEBP", quality=_QUALITY, method=_METHOD)
     return data.getvalue()
 
 
