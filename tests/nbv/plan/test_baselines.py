@@ -19,7 +19,7 @@ from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 
 ROOM = builtin_scene("two_occluders")
-SAMPLES = sample_surface(ROOM.mesh, 0.2)
+SAMPLES = sample_surface(ROOM.mesh, 0.3)
 SENSOR = PinholeSensor(fov_deg=60, width=80, height=80)
 PANORAMA = load_sensor("panorama")
 
@@ -82,7 +82,7 @@ def test_farthest_poses_are_farthest_by_brute_force():
         assert nearest[chosen[k]] == pytest.approx(nearest.max())
 
 
-@pytest.mark.parametrize("spacing", [0.2, pytest.param(0.1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("spacing", [0.3, pytest.param(0.1, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("sensor", "target", "k"), [(SENSOR, 0.95, 1), (PANORAMA, 0.99, 1), (PANORAMA, 0.95, 2)]
 )
