@@ -32,18 +32,20 @@ def cut_triangles(
                 pieces[done], of[done] = waiting[top], k
                 done, top = done + 1, top - 1
                 continue
-            piece = waiting[top].copy()
             for side in range(3):
-                x, y, z = piece[(side + 1) % 3] - piece[side]
+                x = waiting[top, (side + 1) % 3, 0] - waiting[top, side, 0]
+                y = waiting[top, (side + 1) % 3, 1] - waiting[top, side, 1]
+                z = waiting[top, (side + 1) % 3, 2] - waiting[top, side, 2]
                 lengths[side] = np.sqrt(x * x + y * y + z * z)
-            longest, least = 0, (1 - rounding) * lengths.max()
+            longest, least = 0, (1 - rounding) * max(lengths[0], lengths[1], lengths[2])
             while lengths[longest] < least:
                 longest += 1
-            a, b, apex = piece[longest], piece[(longest + 1) % 3], piece[(longest + 2) % 3]
             left = 2 * max(int(np.rint(n / 4)), 1) if n > 2 else 1
-            middle = a + (b - a) * (left / n)
-            waiting[top, 0], waiting[top, 1], waiting[top, 2] = middle, b, apex
-            numbers[top] = n - left
+            numbers[top], numbers[top + 1] = n - left, left
+            for axis in range(3):
+                a, b = waiting[top, longest, axis], waiting[top, (longest + 1) % 3, axis]
+                apex, middle = waiting[top, (longest + 2) % 3, axis], a + (b - a) * (left / n)
+                waiting[top, 0, axis], waiting[top, 1, axis], waiting[top, 2, axis] = middle, b, apex
+                here = top + 1
+                waiting[here, 0, axis], waiting[here, 1, axis], waiting[here, 2, axis] = a, middle, apex
             top += 1
-            waiting[top, 0], waiting[top, 1], waiting[top, 2] = a, middle, apex
-            numbers[top] = left
