@@ -55,7 +55,8 @@ TABLE = {  # seen; what encloses; pairs side by side; probability that a thing s
         ("wall floor board", "wall floor", "wall-floor wall-board", 0.25 / 2),
     "one that stands and one that hangs":
         ("wall floor box board", "wall floor", "wall-floor wall-box wall-board floor-box", 1.25 / 3),
-    "a seat that hides nearly all of the floor": ("wall floor seat", "wall floor", "wall-floor wall-seat floor-seat", 0.25),
+    "a seat that hides nearly all of the floor":
+        ("wall floor seat", "wall floor", "wall-floor wall-seat floor-seat", 0.25),
     "a pipe that stands": ("wall floor pipe", "wall floor", "wall-floor wall-pipe floor-pipe", 1.25 / 2),
     "a vault over a floor": ("vault floor", "vault floor", "vault-floor", 0.25),
 }  # fmt: skip
