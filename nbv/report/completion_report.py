@@ -31,6 +31,7 @@ from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
 from nbv.report.pictures.picture import picture_of, range_colours, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
+from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
 from scenes.scan.thumbnail import standing
 
@@ -126,6 +127,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
             picture_of(segments, f"{name}Surfaces", "Coloured as in the table below; grey belongs to none.")
         )
         blocks.append(Gallery(tuple(pictures), columns=len(pictures)))
+        trim()
     if len(pairs) > _MOST_SCANS:
         blocks.append(
             Text(

@@ -301,7 +301,7 @@ def test_bad_arguments_are_refused():
 
 @pytest.mark.parametrize("cues", [("merging", "colinear"), "merging"])
 def test_cues_that_there_are_not_are_refused(cues):
-    with pytest.raises(InputError, match=r"cues must be some of merging, intersection, .*, got '"):
+    with pytest.raises(InputError, match=r"cues must be some of merging, relations, intersection, .*, got '"):
         CompletionOptions(cues=cues)
 
 
