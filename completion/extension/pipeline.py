@@ -170,8 +170,12 @@ def _enough(grid: ChartGrid, extent: Extent, within: float, beyond: float) -> Fl
 
 
 def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolArray:
-    """Cells that are neither measured nor passed by beams, nor in an opening that a person declared."""
-    hidden = np.isin(evidence.labels, (Label.OCCLUDED, Label.UNLIT, Label.NO_RETURN)) & ~evidence.open
+    """Cells that are neither measured nor passed by beams, nor in an opening that a person declared.
+
+    At its limb a cylinder is too oblique to tell: its back may go on to there, but no beam was lost.
+    """
+    silent = np.isin(evidence.labels, (Label.UNLIT, Label.NO_RETURN)) & ~evidence.through
+    hidden = (silent | (evidence.labels == Label.OCCLUDED)) & ~evidence.open
     hidden &= ~evidence.observed & ~edits.open_cells(grid)
     if isinstance(grid.surface, Cylinder):
         hidden &= ~evidence.rings_passed()[:, None]
