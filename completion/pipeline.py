@@ -237,7 +237,7 @@ def complete_first(
     journal: Journal = NO_JOURNAL,
 ) -> Completion:
     """Complete the first scan alone, without what a person says, and without texture."""
-    plain = replace(options, texture=False, edits=())
+    plain = replace(options, texture=False, edits=(), stated_relations=())
     return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
 
 

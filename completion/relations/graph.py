@@ -10,6 +10,7 @@ from completion.fitting.result import SurfaceFit
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.placement import moved
 from completion.relations.engine.relation import Relation, Status
+from completion.relations.options import RelationOptions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +27,8 @@ class RelationGraph:
         How far each surface was moved, the greatest part of it, in the standard deviations of its fit.
     unknowns, rank : int
         Parameters of all surfaces, and how many of them the relations take away.
+    options : RelationOptions
+        How exactly things were taken to be built, and what was looked for.
     """
 
     fits: tuple[SurfaceFit, ...]
@@ -33,9 +36,10 @@ class RelationGraph:
     moved_sd: tuple[float, ...]
     unknowns: int
     rank: int
+    options: RelationOptions
 
     @classmethod
-    def of(cls, estimate: Estimate, relations: Sequence[Relation]) -> RelationGraph:
+    def of(cls, estimate: Estimate, relations: Sequence[Relation], options: RelationOptions) -> RelationGraph:
         """Return what the estimate came to."""
         fits, moves = [], []
         for number, fit in enumerate(estimate.fits):
@@ -44,7 +48,14 @@ class RelationGraph:
                 replace(fit, surface=moved(fit.surface, change), covariance=estimate.covariance_of(number))
             )
             moves.append(estimate.moved_sd(number))
-        return cls(tuple(fits), tuple(relations), tuple(moves), estimate.n_unknowns, estimate.rank)
+        return cls(
+            fits=tuple(fits),
+            relations=tuple(relations),
+            moved_sd=tuple(moves),
+            unknowns=estimate.n_unknowns,
+            rank=estimate.rank,
+            options=options,
+        )
 
     @property
     def free(self) -> int:

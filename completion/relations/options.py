@@ -17,9 +17,10 @@ class RelationOptions:
 
     Attributes
     ----------
-    tolerance_deg, tolerance_m : float
+    tolerance_deg, tolerance_m : float, optional
         How far things are built off what they are meant to be, as standard deviations: relations pull by as
-        much and no more. 0: they hold exactly, as on machined parts. Walls of buildings: 0.1 to 0.2 deg.
+        much and no more. 0: they hold exactly, as on machined parts. None: read off the surfaces that are
+        known best (`with_tolerance`).
     up : (3,) float, optional
         Against gravity, where the sensor knows it: what is vertical or level is looked for.
     round_angle_deg : float
@@ -37,8 +38,8 @@ class RelationOptions:
         A number out of range, an up without a direction.
     """
 
-    tolerance_deg: float = 0.0
-    tolerance_m: float = 0.0
+    tolerance_deg: float | None = 0.0
+    tolerance_m: float | None = 0.0
     up: FloatArray | None = None
     round_angle_deg: float = 15.0
     round_length_m: float | None = None
@@ -47,8 +48,9 @@ class RelationOptions:
 
     def __post_init__(self) -> None:
         for name in ("tolerance_deg", "tolerance_m"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise InputError(f"{name} must be a number from 0, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} must be a number from 0, got {value}")
         for kind in self.kinds:
             if kind not in KINDS:
                 raise InputError(f"kinds must be some of {', '.join(KINDS)}, got {kind!r}")
@@ -63,13 +65,14 @@ class RelationOptions:
 
     @property
     def built_sd(self) -> FloatArray:
-        """Standard deviations (3,) of angles, lengths and radii, as built."""
-        return np.array([np.radians(self.tolerance_deg), self.tolerance_m, self.tolerance_m])
+        """Standard deviations (3,) of angles, lengths and radii, as built; 0 where it is not known yet."""
+        length = self.tolerance_m or 0.0
+        return np.array([np.radians(self.tolerance_deg or 0.0), length, length])
 
 
 BUILT = RelationOptions(
-    tolerance_deg=0.15,
-    tolerance_m=2e-3,
+    tolerance_deg=None,
+    tolerance_m=None,
     kinds=("parallel", "perpendicular", "angle", "coplanar", "coaxial", "axis_in_plane", "equal_radius"),
 )
-"""How buildings are: walls stand within .1 to .2 deg of square, and distances repeat by chance."""
+"""How buildings are: within a tolerance that their walls tell, and distances repeat by chance."""

@@ -15,6 +15,7 @@ from completion.relations.examination import by_evidence, examine, settle_confli
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.proposals import STAGES, propose
+from completion.relations.tolerance import with_tolerance
 from scenes.checks import InputError
 
 _GROWTH = 0.1  # of the rank, after which all is solved together again
@@ -59,6 +60,8 @@ def infer(
                 f"{relation.kind} of surfaces {list(relation.surfaces)}: there are {len(fits)}, from 0"
             )
     estimate = Estimate(fits, options.up, options.built_sd, doubt)
+    options = with_tolerance(options, propose(0, estimate, options), estimate)
+    estimate = Estimate(fits, options.up, options.built_sd, doubt)
     size_m, found = size_of(fits), list[Relation]()
     stated = [replace(one, is_given=True) for one in given if not one.is_forbidden]
     forbidden = {_key(one) for one in given if one.is_forbidden}
@@ -79,7 +82,7 @@ def infer(
                 tested = examine(relation, estimate, options, size_m, level)
                 if tested.conflicts and tested.is_given:
                     estimate, found, tested = _settled(tested, estimate, found)
-                found.append(replace(tested, conflicts=_places(tested.conflicts, found)))
+                found.append(_with_conflicts(tested, found))
                 if estimate.rank > n_solved + (_GROWTH * n_solved if n_solved > _EVERY else 0):
                     estimate.solve()
                     n_solved = estimate.rank
@@ -98,7 +101,7 @@ def infer(
         found = _changed(found, relation, status=Status.UNDECIDED, reason=reason)
     if weak:
         estimate = _again(found, estimate)
-    return RelationGraph.of(estimate, found)
+    return RelationGraph.of(estimate, found, options)
 
 
 def impose(
@@ -128,10 +131,12 @@ def _settled(
     return estimate, found, accepted
 
 
-def _places(imposed: Sequence[int], found: Sequence[Relation]) -> tuple[int, ...]:
-    """Where relations that are imposed, by their places among these, stand among all found."""
+def _with_conflicts(tested: Relation, found: Sequence[Relation]) -> Relation:
+    """The relation with its conflicts by their places among all found, not among those that are imposed."""
+    if not tested.conflicts:
+        return tested
     accepted = [k for k, one in enumerate(found) if one.status is Status.ACCEPTED]
-    return tuple(accepted[k] for k in imposed)
+    return replace(tested, conflicts=tuple(accepted[k] for k in tested.conflicts))
 
 
 def _changed(relations: Sequence[Relation], which: Relation, **changes: object) -> list[Relation]:

@@ -26,7 +26,7 @@ class Misfit(NamedTuple):
 
 
 def misfit_of(relation: Relation, fits: Sequence[SurfaceFit], up: np.ndarray | None = None) -> Misfit:
-    """Return how far fits are from a relation of theirs; `up` (3,) is against gravity, where that is known."""
+    """Return how far fits are from a relation of theirs; `up` (3,) is against gravity where that is known."""
     at = {number: place(fits[number].surface, np.zeros(len(fits[number].covariance)))
           for number in relation.surfaces}  # fmt: skip
     frame = Frame([at.get(number) for number in range(len(fits))], up)  # type: ignore[misc]

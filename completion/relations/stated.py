@@ -143,5 +143,5 @@ def _stated(one: object, name: Callable[[object, str], _Named], source: str) -> 
     )
 
 
-_WRITTEN = ("status", "p", "log_evidence", "given", "reason", "conflicts")  # of relations.json
+_WRITTEN = ("status", "p", "log_evidence", "given", "reason", "conflicts", "before", "after")
 _KNOWN = (*_FIELDS, *_WRITTEN)

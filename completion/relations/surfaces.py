@@ -19,12 +19,13 @@ from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.stated import StatedRelation
-from completion.uncertainty.pipeline import StatedFit
+from completion.uncertainty.pipeline import StatedFits
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
 
-LEAST_PIXELS = 1_200  # of a surface that relations are inferred of
+MOST_LEAST, LEAST_LEAST, LEAST_SHARE = 1_200, 200, 0.004
+"""Pixels of a surface that relations are inferred of: that share of a scan's, between the other two."""
 _MOST_TILT = float(np.radians(10.0))  # standard deviation of a direction, both ways together
 _MOST_SHARE = 0.1  # of a radius that may be doubtful
 _SHARE_OFF = 0.95
@@ -83,7 +84,7 @@ class RelatedSurfaces:
 
 def relate_surfaces(
     edited: Sequence[EditedSurface],
-    stated: Sequence[StatedFit],
+    stated: StatedFits,
     observations: Sequence[Observation],
     options: RelationOptions | None,
     given: Sequence[StatedRelation[Anchor]] = (),
@@ -92,14 +93,17 @@ def relate_surfaces(
 ) -> RelatedSurfaces:
     """Infer what the surfaces of scans are to each other, and move them to where that holds.
 
-    Relations are inferred of surfaces of at least 1,200 pixels, and of all that a person names. A surface is
+    Relations are inferred of surfaces of at least 1,200 pixels (fewer in small scans), and of all that a
+    person names. A surface is
     moved where its measured points hardly show it: by less than half of their scatter about it. One that a
     sensor bent stays where it was measured, so that what is inferred of it joins what was measured.
 
     Parameters
     ----------
-    edited, stated : sequence of EditedSurface, of StatedFit
-        The surfaces (n,), working frame, and how well each is known (n,).
+    edited : sequence of EditedSurface
+        The surfaces (n,), working frame.
+    stated : StatedFits
+        How well they are known.
     observations : sequence of Observation
         The scans.
     options : RelationOptions, optional
@@ -114,25 +118,26 @@ def relate_surfaces(
     InputError
         A person names a place where nothing was measured, or a relation that the surfaces there cannot have.
     """
-    told = [one.total for one in stated]
+    told = [stated.total(k) for k in range(len(edited))]
     if options is None:
         return RelatedSurfaces(tuple(edited), tuple(told))
     named = [[surface_at(edited, anchor, one.source, observations, world_from_reference)
               for anchor in one.surfaces] for one in given]  # fmt: skip
+    largest = max((seen.scan.ranges.size for seen in observations), default=0)
+    least = float(np.clip(LEAST_SHARE * largest, LEAST_LEAST, MOST_LEAST))
     large = {
         k
-        for k, (one, own) in enumerate(zip(edited, stated, strict=True))
-        if one.surface.n_pixels >= LEAST_PIXELS and _is_settled(own.total)
+        for k, (one, own) in enumerate(zip(edited, told, strict=True))
+        if one.surface.n_pixels >= least and _is_settled(own)
     }
     numbers = sorted(large.union(*named))
     if not numbers:
         return RelatedSurfaces(tuple(edited), tuple(told))
     place = {number: k for k, number in enumerate(numbers)}
     relations = [one.of([place[number] for number in some]) for one, some in zip(given, named, strict=True)]
-    some = [stated[number] for number in numbers]
-    doubt = Doubt([one.freedom for one in some], [one.shared for one in some])
-    graph = infer([one.fit for one in some], relations, options, doubt=doubt)
-    short = _short_covariances([edited[number].surface.fit for number in numbers], graph, options)
+    doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth_of(numbers))
+    graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
+    short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
     is_moved = [far <= _MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
     before, surfaces = tuple(told[k] for k in numbers), list(edited)
@@ -156,16 +161,14 @@ def _is_settled(fit: SurfaceFit) -> bool:
     return told["direction"] < _MOST_TILT and told["radius"] < _MOST_SHARE * radius
 
 
-def _short_covariances(
-    fits: Sequence[SurfaceFit], graph: RelationGraph, options: RelationOptions
-) -> list[FloatArray]:
+def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list[FloatArray]:
     """The covariances (k, k) of errors as long as blocks of pixels, given the relations that hold.
 
     These tell how far a surface may stray from where it was measured nearby, which is what its continuation
     goes by; errors of the whole image move both alike.
     """
     placed = [replace(fit, surface=own.surface) for fit, own in zip(fits, graph.fits, strict=True)]
-    estimate = with_only(graph.accepted, Estimate(placed, options.up, options.built_sd))
+    estimate = with_only(graph.accepted, Estimate(placed, graph.options.up, graph.options.built_sd))
     return [estimate.covariance_of(number) for number in range(len(fits))]
 
 

@@ -187,6 +187,7 @@ def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict
     return {
         "relations": relation_records(graph, found.before, names),
         "degrees_of_freedom": freedom_record(graph),
+        "built_within": {"angle_deg": graph.options.tolerance_deg, "length_m": graph.options.tolerance_m},
         "moved_by_relations": moved,
     }
 
