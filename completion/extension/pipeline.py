@@ -179,7 +179,7 @@ def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolA
     hidden &= ~evidence.observed & ~edits.open_cells(grid)
     if isinstance(grid.surface, Cylinder):
         hidden &= ~evidence.rings_passed()[:, None]
-    return hidden
+    return np.asarray(hidden)
 
 
 def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:

@@ -55,7 +55,8 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
 
     def is_declined(uv: FloatArray) -> BoolArray:
         inside, cells = grid.cells_at(uv)
-        result = ((uv < low - size) | (uv > high + size)).any(axis=1)  # it goes on to there too improbably
+        # it goes on to there too improbably
+        result = np.asarray(((uv < low - size) | (uv > high + size)).any(axis=1))
         result[inside] = declined.ravel()[cells]
         return result
 
