@@ -37,14 +37,15 @@ def made_once() -> Iterator[None]:
 
 
 LONGEST = (
-    "nbv/study/test_study.py", "nbv/commands/test_cli.py", "completion/test_pipeline.py",
-    "scenes/rays/test_backends.py", "completion/test_real.py", "benchmarks/test_archive.py",
-    "nbv/commands/test_demo.py", "scenes/run/test_journal.py", "nbv/report/test_report_inference.py",
-    "nbv/plan/test_baselines.py", "nbv/plan/test_inference.py", "robustness/test_disk_full.py",
-    "nbv/commands/test_cli_scans.py", "nbv/commands/test_cli_fit.py", "benchmarks/test_free_space.py",
-    "completion/result/test_verification.py", "completion/edits/test_edits.py", "texture/test_pipeline.py",
-    "nbv/plan/test_resume.py", "nbv/plan/test_plan.py", "nbv/report/test_display.py",
-    "nbv/report/test_report_in_chromium.py", "robustness/test_bad_input.py",
+    "nbv/commands/test_cli.py", "nbv/study/test_study.py", "nbv/visibility/standing/test_rooms.py",
+    "nbv/commands/test_cli_scans.py", "completion/test_pipeline.py", "nbv/report/test_report_inference.py",
+    "benchmarks/test_command.py", "nbv/plan/test_rules.py", "nbv/plan/test_baselines.py",
+    "completion/evidence/test_reach.py", "completion/fitting/test_robust.py",
+    "completion/segmentation/test_relief.py", "nbv/report/test_escaping.py", "nbv/plan/test_start.py",
+    "nbv/commands/test_cli_fit.py", "texture/test_pipeline.py", "benchmarks/test_together.py",
+    "texture/test_compiled.py", "robustness/test_mutated_files.py", "benchmarks/test_houses.py",
+    "nbv/visibility/test_zones.py", "nbv/plan/test_plan.py", "nbv/plan/test_resume.py",
+    "nbv/report/test_report_in_chromium.py", "scenes/scan/test_upright.py", "robustness/test_bad_input.py",
 )  # fmt: skip
 """Files that take longest, from `pytest --durations=0`; two workers that begin with them end together."""
 
