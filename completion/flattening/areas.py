@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""Areas: pieces between which there is no evidence of a step are one; the plane is one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from completion.flattening.levels import Levels
+from completion.flattening.pieces import Labels, borders_of
+from completion.flattening.ripple import Ripple
+from scenes.checks import BoolArray, FloatArray
+
+PRICE = 2.0  # nats a cell of border: what a border may take where there is none
+PIECE = 2.0  # nats for a piece
+_EQUAL = (
+    4.5  # nats by which another area is more probably level with the plane than not, before it is measured
+)
+_RIM = 3  # cells beside a border that are not as high as their area: the border slopes, or is a cell off
+_LEAST_RIM = 8  # cells of border
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Join:
+    """An area that was joined to a larger one: it may be relief, but was not shown to be."""
+
+    pieces: tuple[int, ...]
+    height_m: float
+    sd_m: float
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Areas:
+    """Pieces as areas.
+
+    Attributes
+    ----------
+    owner : (n,) int
+        The area of each piece, from 0.
+    levels : Levels
+        Of the areas, over the plane.
+    plane : int
+        The area that is the plane.
+    joins : tuple of Join
+        What was joined, in turn.
+    """
+
+    owner: Labels
+    levels: Levels
+    plane: int
+    joins: tuple[Join, ...]
+
+
+def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: BoolArray) -> Areas:
+    """Areas of the pieces (rows, columns) of heights on a canvas.
+
+    Two neighbours are joined while half the chi-square of their equal levels is below the price of their
+    border, the least first. Then levels are estimated again without the rims of the areas, where borders
+    slope, and areas apart from the plane join it that are more probably level with it than as high as the
+    ripple. The plane is what is largest and near zero where heights are `known`.
+    """
+    owner, joins = _join_neighbours(Levels.fitted(heights, pieces, ripple, known), pieces, known)
+    areas = owner[pieces]
+    levels = Levels.fitted(heights, _with_rims(areas), ripple, known)
+    ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
+    plane = _plane_of(areas, heights, 0.5 * ripple_m, known)
+    first, second, length = borders_of(areas)
+    border = np.bincount(first, length, int(owner.max()) + 1) + np.bincount(
+        second, length, int(owner.max()) + 1
+    )
+    while len(others := np.setdiff1d(owner, [plane])):
+        same = np.full(len(others), plane)
+        share = ripple_m**2 / levels.variance_between(same, others)
+        evidence = levels.against(same, others)
+        least = int(np.argmin(evidence - np.log1p(share) / 2))
+        if evidence[least] > _EQUAL + np.log1p(share[least]) / 2:
+            break
+        other = int(others[least])
+        step = levels.height_m[other] - levels.height_m[plane]
+        sd = float(np.sqrt(levels.variance_between(np.array([plane]), np.array([other]))[0]))
+        worth = float(evidence[least] - PRICE * border[other] - PIECE)
+        joins.append(Join(tuple(np.flatnonzero(owner == other).tolist()), float(step), sd, worth))
+        levels = levels.with_equal(plane, other)
+        owner[owner == other] = plane
+    owner, plane = np.unique(owner, return_inverse=True)[1], int(np.searchsorted(np.unique(owner), plane))
+    return Areas(owner, Levels.fitted(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
+
+
+def _join_neighbours(levels: Levels, pieces: Labels, known: BoolArray) -> tuple[Labels, list[Join]]:
+    """For each piece the number of its area, from 0, and what was joined."""
+    n = len(levels.height_m)
+    border = np.zeros((n, n))
+    first, second, length = borders_of(pieces)
+    border[first, second] = border[second, first] = length
+    area = np.bincount(pieces[known], minlength=n)
+    owner, joins = np.arange(n), []
+    while True:
+        first, second = np.nonzero(np.triu(border))
+        if not len(first):
+            break
+        evidence = levels.against(first, second) - PRICE * border[first, second] - PIECE
+        least = int(np.argmin(evidence))
+        if evidence[least] > 0:
+            break
+        big, small = int(first[least]), int(second[least])
+        if area[small] > area[big]:
+            big, small = small, big
+        step = levels.height_m[small] - levels.height_m[big]
+        sd = float(np.sqrt(levels.variance_between(np.array([big]), np.array([small]))[0]))
+        members = tuple(np.flatnonzero(owner == small).tolist())
+        joins.append(Join(members, float(step), sd, float(evidence[least])))
+        levels = levels.with_equal(big, small)
+        owner[owner == small] = big
+        border[big] += border[small]
+        border[:, big] += border[:, small]
+        border[small], border[:, small], border[big, big] = 0, 0, 0
+        area[big] += area[small]
+    return np.unique(owner, return_inverse=True)[1], joins
+
+
+def _with_rims(areas: Labels) -> Labels:
+    """Areas (rows, columns) whose rims are areas of their own, for each neighbour and cell away from it."""
+    out, n = areas.copy(), int(areas.max()) + 1
+    first, second, length = borders_of(areas)
+    new = n
+    long = length >= _LEAST_RIM
+    pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])[np.r_[long, long]]
+    boxes = ndimage.find_objects(areas + 1)
+    deepest = _depths(areas, n)
+    for one, other in pairs:
+        box = tuple(slice(max(side.start - _RIM, 0), side.stop + _RIM) for side in boxes[other])
+        inside, near = areas[box] == one, areas[box] == other
+        for _ in range(min(_RIM, deepest[one] - 1)):
+            near = ndimage.binary_dilation(near, np.ones((3, 3)))
+            rim = near & inside & (out[box] == one)
+            if rim.any():
+                out[box][rim] = new
+                new += 1
+    return out
+
+
+def _depths(areas: Labels, n: int) -> Labels:
+    """How many cells (n,) lie between the border of each area and its inmost one, counted to `_RIM` + 1."""
+    depth = np.zeros(n, np.int64)
+    for k in range(_RIM + 1):
+        size = 2 * k + 1
+        whole = ndimage.maximum_filter(areas, size) == ndimage.minimum_filter(areas, size)
+        depth[np.unique(areas[whole])] = k + 1
+    return depth
+
+
+def _plane_of(areas: Labels, heights: FloatArray, near_m: float, known: BoolArray) -> int:
+    """The area that is the plane: large, and on the mean near zero."""
+    size = np.bincount(areas[known])
+    mean = np.bincount(areas[known], heights[known]) / np.maximum(size, 1)
+    return int(np.argmax(np.log(np.maximum(size, 1e-9)) - 0.5 * (mean / near_m) ** 2))

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: MIT
+"""Canvas: a field of heights continued beyond its border and through its gaps, so that it is periodic."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, ndimage
+
+from scenes.checks import BoolArray, FloatArray
+
+MARGIN = 48  # cells at least, between one side and the other
+_OUTLIER = 4.5  # sd of the differences of neighbours
+
+
+def extend(field: FloatArray) -> FloatArray:
+    """A field (rows, columns) with margins that lead from its last row to its first, and so for columns."""
+    return _extend_axis(_extend_axis(field, 0), 1)
+
+
+def _extend_axis(field: FloatArray, axis: int) -> FloatArray:
+    """Behind the end its mirror image, which fades into that before the start."""
+    ahead = np.moveaxis(field, axis, 0)
+    n = len(ahead)
+    away = np.arange(fft.next_fast_len(n + MARGIN, real=True) - n)
+    share = ((away + 1) / (len(away) + 1))[:, None]
+    share = share**2 * (3 - 2 * share)
+    behind = (1 - share) * ahead[_mirrored(n + away, n)] + share * ahead[_mirrored(away - len(away), n)]
+    return np.moveaxis(np.concatenate([ahead, behind]), 0, axis)
+
+
+def _mirrored(index: FloatArray, n: int) -> FloatArray:
+    """Indices beyond 0 .. n - 1 by mirroring."""
+    turned = index % (2 * n)
+    return np.where(turned < n, turned, 2 * n - 1 - turned)
+
+
+def fill_gaps(heights: FloatArray, known: BoolArray) -> FloatArray:
+    """Heights with the unknown cells filled smoothly: from the finest scale at which something is known."""
+    values, weights = np.where(known, heights, 0.0), known.astype(np.float64)
+    filled, left = values.copy(), ~known
+    scale = 1.0
+    while left.any():
+        total = ndimage.gaussian_filter(values, scale, mode="nearest", truncate=3)
+        weight = ndimage.gaussian_filter(weights, scale, mode="nearest", truncate=3)
+        reached = left & (weight > 0.05)
+        filled[reached] = total[reached] / weight[reached]
+        left &= ~reached
+        scale *= 2
+    return filled
+
+
+def without_jumps(heights: FloatArray) -> FloatArray:
+    """Heights (rows, columns) without their jumps.
+
+    They are rebuilt from the differences of neighbours, the outliers among these left out. What is rebuilt
+    has the differences nearest to these in least squares, by the cosine transform.
+    """
+    rows, columns = heights.shape
+    down, right = np.diff(heights, axis=0), np.diff(heights, axis=1)
+    sources = np.zeros(heights.shape)
+    for difference, axis in ((down, 0), (right, 1)):
+        usual = _OUTLIER * 1.4826 * np.median(np.abs(difference - np.median(difference)))
+        kept = np.where(np.abs(difference) <= usual, difference, 0.0)
+        wide = np.pad(kept, [(1, 1) if k == axis else (0, 0) for k in range(2)])
+        sources += np.diff(wide, axis=axis)
+    waves = 2 * (
+        np.cos(np.pi * np.arange(rows) / rows)[:, None] + np.cos(np.pi * np.arange(columns) / columns) - 2
+    )
+    waves[0, 0] = 1.0
+    found = fft.dctn(sources, norm="ortho") / waves
+    found[0, 0] = heights.mean() * np.sqrt(heights.size)
+    out: FloatArray = fft.idctn(found, norm="ortho")
+    return out
