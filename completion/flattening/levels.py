@@ -11,7 +11,7 @@ from completion.flattening.pieces import Labels
 from completion.flattening.ripple import Ripple
 from scenes.checks import BoolArray, FloatArray
 
-_PASSES = 4
+_PASSES = 3
 _USUAL = 3.0  # sd
 
 

@@ -14,9 +14,9 @@ from scenes.checks import FloatArray
 Labels = NDArray[np.int64]
 
 _FLAT = 1 / 30  # of the step that pays for its border: less is none
-_EVIDENCE = 0.3  # nats a cell of border, up to which two pieces are one
+_EVIDENCE = 1.0  # nats a cell of border, up to which two pieces are one
 _MOST_PIECES = 250
-_RISES = np.concatenate([np.geomspace(1e-3, 1, 25), 1.3 ** np.arange(1, 40)])
+_RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 1.5 ** np.arange(1, 30)])
 CROSSED = np.pi / 4
 """Length of a border for each pair of neighbouring cells that it crosses, on the mean of all directions."""
 

@@ -14,7 +14,7 @@ from scenes.checks import BoolArray, FloatArray
 _NEIGHBOURHOOD = 25  # cells, over which the strength of the error is compared with the rest of the wall
 _LEAST_STRENGTH = 0.7
 _OUTLIER = 8  # times the middle size
-_FILL_STEPS = 20
+_FILL_STEPS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)

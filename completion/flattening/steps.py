@@ -8,6 +8,7 @@ from scipy import fft
 
 from completion.flattening.ripple import Ripple
 from scenes.checks import FloatArray
+from texture.engine.compiled import compiled
 
 _NEIGHBOURS = ((0, 1, 0.41), (1, 0, 0.41), (1, 1, 0.29), (1, -1, 0.29))
 """Rows and columns to a neighbour, and its share in the length of a border (Cauchy-Crofton)."""
@@ -36,36 +37,46 @@ def find_steps(
     steps = np.zeros((len(_NEIGHBOURS), *shape))
     if start is None:
         field = np.zeros(shape)
-        price = [_FIRST * np.sqrt(energy) * share * ripple.strength for *_, share in _NEIGHBOURS]
+        price = np.stack([_FIRST * np.sqrt(energy) * share * ripple.strength for *_, share in _NEIGHBOURS])
     else:
         field = start
-        steps = np.stack([_difference(start, a, b) for a, b, _ in _NEIGHBOURS])
-        price = _prices(steps, paying, ripple.strength)
-    off = np.zeros((len(_NEIGHBOURS), *shape))
+        for step, (a, b, _) in zip(steps, _NEIGHBOURS, strict=True):
+            step[:] = np.roll(start, (-a, -b), (0, 1)) - start
+        shares = np.array([share for *_, share in _NEIGHBOURS])[:, None, None]
+        price = 2 * shares * ripple.strength**2 / (np.abs(steps) + paying)
+    off, pulled, limit = np.zeros_like(steps), np.zeros(shape), price / penalty
     for _ in range(turns):
-        pulled = sum(_back(steps[k] - off[k], a, b) for k, (a, b, _) in enumerate(_NEIGHBOURS))
+        _pull(steps, off, pulled)
         field = fft.irfft2((seen + penalty * fft.rfft2(pulled)) * solved, s=shape)
-        for k, (a, b, _) in enumerate(_NEIGHBOURS):
-            off[k] += _difference(field, a, b)
-            limit = price[k] / penalty
-            steps[k] = off[k] - np.clip(off[k], -limit, limit)
-            off[k] -= steps[k]
+        _shrink(field, limit, steps, off)
     return field
 
 
-def _prices(steps: FloatArray, paying: FloatArray, strength: FloatArray) -> list[FloatArray]:
-    """The price of a metre of each step, the lower the larger the step was."""
-    shares = (share for *_, share in _NEIGHBOURS)
-    return [
-        2 * share * strength**2 / (np.abs(step) + paying) for step, share in zip(steps, shares, strict=True)
-    ]
+@compiled
+def _pull(steps: FloatArray, off: FloatArray, pulled: FloatArray) -> None:
+    """The transpose of the differences to the neighbours, of steps less what they are off."""
+    rows, columns = pulled.shape
+    pulled[:] = 0.0
+    for k in range(len(_NEIGHBOURS)):
+        a, b = _NEIGHBOURS[k][0], _NEIGHBOURS[k][1]
+        for i in range(rows):
+            other = (i + a) % rows
+            for j in range(columns):
+                step = steps[k, i, j] - off[k, i, j]
+                pulled[i, j] -= step
+                pulled[other, (j + b) % columns] += step
 
 
-def _difference(field: FloatArray, rows: int, columns: int) -> FloatArray:
-    """To the neighbour that many rows and columns on."""
-    return np.roll(field, (-rows, -columns), (0, 1)) - field
-
-
-def _back(step: FloatArray, rows: int, columns: int) -> FloatArray:
-    """The transpose of that."""
-    return np.roll(step, (rows, columns), (0, 1)) - step
+@compiled
+def _shrink(field: FloatArray, limit: FloatArray, steps: FloatArray, off: FloatArray) -> None:
+    """Steps of a field that are worth their price, and by how much the field is off them, added up."""
+    rows, columns = field.shape
+    for k in range(len(_NEIGHBOURS)):
+        a, b = _NEIGHBOURS[k][0], _NEIGHBOURS[k][1]
+        for i in range(rows):
+            other = (i + a) % rows
+            for j in range(columns):
+                value = off[k, i, j] + field[other, (j + b) % columns] - field[i, j]
+                most = limit[k, i, j]
+                off[k, i, j] = min(max(value, -most), most)
+                steps[k, i, j] = value - off[k, i, j]
