@@ -12,18 +12,22 @@ MARGIN = 48  # cells at least, between one side and the other
 _OUTLIER = 4.5  # sd of the differences of neighbours
 
 
-def extend(field: FloatArray) -> FloatArray:
-    """A field (rows, columns) with margins that lead from its last row to its first, and so for columns."""
-    return _extend_axis(_extend_axis(field, 0), 1)
+def extend(field: FloatArray, *, fades: bool) -> FloatArray:
+    """A field (rows, columns) with margins that lead from its last row to its first, and so for columns.
+
+    Behind the end lies its mirror image, before the start too; where they meet one fades into the other, or
+    there is a jump.
+    """
+    return _extend_axis(_extend_axis(field, 0, fades), 1, fades)
 
 
-def _extend_axis(field: FloatArray, axis: int) -> FloatArray:
-    """Behind the end its mirror image, which fades into that before the start."""
+def _extend_axis(field: FloatArray, axis: int, fades: bool) -> FloatArray:
+    """The field with a margin behind its end along an axis."""
     ahead = np.moveaxis(field, axis, 0)
     n = len(ahead)
     away = np.arange(fft.next_fast_len(n + MARGIN, real=True) - n)
     share = ((away + 1) / (len(away) + 1))[:, None]
-    share = share**2 * (3 - 2 * share)
+    share = share**2 * (3 - 2 * share) if fades else np.where(share > 0.5, 1.0, 0.0)
     behind = (1 - share) * ahead[_mirrored(n + away, n)] + share * ahead[_mirrored(away - len(away), n)]
     return np.moveaxis(np.concatenate([ahead, behind]), 0, axis)
 

@@ -69,15 +69,15 @@ def separate(heights: FloatArray, known: BoolArray) -> Separation:
     # 1. Continue the heights beyond the border and through gaps, so that they are periodic.
     smooth = fill_gaps(heights, known)
     even = without_jumps(smooth)
-    wide = extend(smooth)
+    wide = extend(smooth, fades=True)
     seen = np.zeros(wide.shape, np.bool_)
     seen[:rows, :columns] = known
 
     # 2. Learn the ripple from windows without relief; find the steps that leave nothing but ripple; again
     #    from all windows, without the steps.
     ripple = Ripple.of(estimate_spectrum(even, known, *_WINDOWS[0]), wide.shape)
-    steps = extend(smooth - even)
-    filled, is_first = steps + ripple.continued(extend(even), seen), True
+    steps = extend(smooth - even, fades=False)
+    filled, is_first = steps + ripple.continued(extend(even, fades=True), seen), True
     for quantile, window in _WINDOWS[1:]:
         for _ in range(_ROUNDS):
             steps = find_steps(filled, ripple, None if is_first else steps)
