@@ -20,6 +20,7 @@ _EQUAL = (
 )
 _APART = 0.25  # of its border: an area that shares no more of it with the plane is apart from it
 _MISPLACED = 0.1  # of the ripple's sd
+_NEAR = 0.5  # of the ripple's sd: how far the mean of the plane may lie from zero
 _RIM = 3  # cells beside a border that are not as high as their area: the border slopes, or is a cell off
 _LEAST_RIM = 8  # cells of border
 
@@ -68,7 +69,7 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
     areas = owner[pieces]
     levels = Levels.fitted(heights, _with_rims(areas), ripple, known)
     ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
-    plane = _plane_of(areas, heights, 0.5 * ripple_m, known)
+    plane = _plane_of(levels, areas, heights, ripple_m, known)
     found = _join_plane(levels, areas, plane, ripple_m)
     joins += [replace(one, pieces=tuple(np.flatnonzero(owner == one.pieces[0]).tolist())) for one in found]
     owner = np.where(np.isin(owner, [one.pieces[0] for one in found]), plane, owner)
@@ -88,16 +89,17 @@ def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> l
     left = np.ones(len(border), np.bool_)
     left[plane] = False
     while len(others := np.flatnonzero(left & (border[plane] <= _APART * around))):
-        step = levels.height_m[others] - levels.height_m[plane]
-        variance = levels.variance_between(np.full(len(others), plane), others) + (_MISPLACED * ripple_m) ** 2
-        evidence = step**2 / variance / 2
-        spread = np.log1p(ripple_m**2 / variance) / 2
-        least = int(np.argmin(evidence - spread))
-        if evidence[least] > _EQUAL + spread[least]:
+        above = _above_level(levels, np.full(len(others), plane), others, ripple_m)
+        least = int(np.argmin(above))
+        if above[least] > 0:
             break
         other = int(others[least])
-        worth = float(evidence[least] - PRICE * around[other] - PIECE)
-        joins.append(Join((other,), float(step[least]), float(np.sqrt(variance[least])), worth))
+        step = float(levels.height_m[other] - levels.height_m[plane])
+        variance = (
+            levels.variance_between(np.array([plane]), others[[least]])[0] + (_MISPLACED * ripple_m) ** 2
+        )
+        worth = step**2 / variance / 2 - PRICE * around[other] - PIECE
+        joins.append(Join((other,), step, float(np.sqrt(variance)), float(worth)))
         levels = levels.with_equal(plane, other)
         border[plane] += border[other]
         left[other] = False
@@ -173,8 +175,24 @@ def _depths(areas: Labels, n: int) -> Labels:
     return depth
 
 
-def _plane_of(areas: Labels, heights: FloatArray, near_m: float, known: BoolArray) -> int:
-    """The area that is the plane: large, and on the mean near zero."""
-    size = np.bincount(areas[known])
-    mean = np.bincount(areas[known], heights[known]) / np.maximum(size, 1)
-    return int(np.argmax(np.log(np.maximum(size, 1e-9)) - 0.5 * (mean / near_m) ** 2))
+def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: float, known: BoolArray) -> int:
+    """The area that is the plane: with all that is level with it it is large, and on the mean near zero."""
+    n = int(areas.max()) + 1
+    size = np.bincount(areas[known], minlength=n).astype(np.float64)
+    total = np.bincount(areas[known], heights[known], minlength=n)
+    one, other = np.divmod(np.arange(n * n), n)
+    level = _above_level(levels, one, other, ripple_m).reshape(n, n) <= 0
+    together, sums = level @ size, level @ total
+    near = (sums / np.maximum(together, 1) / (_NEAR * ripple_m)) ** 2
+    score = np.log(np.maximum(together, 1e-9)) - near / 2
+    score[size == 0] = -np.inf
+    best = np.flatnonzero(score >= score.max() - 1e-9)
+    return int(best[np.argmax(size[best])])
+
+
+def _above_level(levels: Levels, one: Labels, other: Labels, ripple_m: float) -> FloatArray:
+    """Nats by which areas are more probably as high over others as the ripple than level with them."""
+    step = levels.height_m[other] - levels.height_m[one]
+    variance = levels.variance_between(one, other) + (_MISPLACED * ripple_m) ** 2
+    out: FloatArray = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
+    return out

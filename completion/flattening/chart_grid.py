@@ -51,7 +51,7 @@ def grid_of(
     )
     least = np.sqrt(max(float(area.sum()), float(np.prod(spans)) / 4) / most_cells)
     cell_m = max(cell_m, float(least), 1e-9 * float(spans.max()) + 1e-30)
-    places = (places - places.min(axis=0)) / cell_m
+    places = (places - places.min(axis=0)) / cell_m + 0.5
     shape = (int(places[:, 0].max()) + 1, int(places[:, 1].max()) + 1)
     row, column = np.minimum(places.astype(np.int64), np.array(shape) - 1).T
     cell = row * shape[1] + column

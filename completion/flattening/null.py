@@ -10,9 +10,10 @@ from scipy import fft, ndimage
 
 from completion.flattening.canvas import MARGIN
 from completion.flattening.separation import Separation, separate
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 
-_WALLS, _SIDE = 4, 160  # walls without relief, and the longest side of each, cells
+_WALLS = 4  # without relief
+_SIDES = (96, 160)  # cells: least and most of each
 _TAIL = 5  # regions of each that make the tail
 _LEAST_SCALE = 1.0  # nats: half a chi-square of one freedom falls no faster
 _CLEAR = 10.0  # nats: what is as evident as this is left out of the error from which walls are drawn
@@ -45,8 +46,8 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     far beyond theirs is judged by the exponential tail of the largest.
     """
     white = _white_noise(parts)
-    shape = tuple(min(_SIDE, n) for n in _extent(parts.known))
-    wide = tuple(fft.next_fast_len(n + MARGIN, real=True) for n in shape)
+    side = int(np.clip(np.sqrt(parts.known.sum()), *_SIDES))
+    shape, wide = (side, side), (fft.next_fast_len(side + MARGIN, real=True),) * 2
     gain = np.sqrt(parts.ripple.spectrum.on(wide, fall=0))
     evidence = list[float]()
     for _ in range(_WALLS):
@@ -76,9 +77,3 @@ def _white_noise(parts: Separation) -> FloatArray:
     white = white - white.mean()
     unit: FloatArray = white / max(float(white.std()), 1e-30)
     return unit
-
-
-def _extent(known: BoolArray) -> tuple[int, int]:
-    """Rows and columns between the first known ones and the last."""
-    rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
-    return int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1

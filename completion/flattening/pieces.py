@@ -16,7 +16,7 @@ Labels = NDArray[np.int64]
 _FLAT = 1 / 30  # of the step that pays for its border: less is none
 _EVIDENCE = 1.0  # nats a cell of border, up to which two pieces are one
 _MOST_PIECES = 250
-_RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 1.5 ** np.arange(1, 30)])
+_RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 2.0 ** np.arange(1, 200)])
 CROSSED = np.pi / 4
 """Length of a border for each pair of neighbouring cells that it crosses, on the mean of all directions."""
 
@@ -49,7 +49,7 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
             least = np.full(len(area), np.inf)
             np.minimum.at(least, first, price)
             np.minimum.at(least, second, price)
-            alike = (price <= least[first]) & (price <= least[second]) & (price < most)
+            alike = ((price <= least[first]) | (price <= least[second])) & (price < most)
             if not alike.any():
                 break
             n, onto = joined(first[alike], second[alike], len(area))
