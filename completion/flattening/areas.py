@@ -18,8 +18,10 @@ PIECE = 2.0  # nats for a piece
 _EQUAL = (
     4.5  # nats by which another area is more probably level with the plane than not, before it is measured
 )
-_APART = 0.25  # of its border: an area that shares no more of it with the plane is apart from it
+_LARGE = 0.2  # of the largest area: smaller ones are not the plane
+_APART = 0.05  # of its border: an area that shares no more of it with the plane is apart from it
 _MISPLACED = 0.1  # of the ripple's sd
+_KNOWN = 0.3  # of the ripple's sd: levels that are known less well say nothing
 _NEAR = 0.5  # of the ripple's sd: how far the mean of the plane may lie from zero
 _RIM = 3  # cells beside a border that are not as high as their area: the border slopes, or is a cell off
 _LEAST_RIM = 8  # cells of border
@@ -81,8 +83,8 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
 def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> list[Join]:
     """Areas apart from the plane that are level with it, the most probable first.
 
-    Those that border on it are not asked: the step there is evident. What rims leave of misplaced borders is
-    a systematic error of a tenth of the ripple.
+    Those that border on it are not asked, since the step there is evident, nor those of which little is left
+    without rims. What rims leave of misplaced borders is a systematic error of a tenth of the ripple.
     """
     border = _borders(areas)
     around, joins = border.sum(axis=1), list[Join]()
@@ -185,14 +187,13 @@ def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: floa
     together, sums = level @ size, level @ total
     near = (sums / np.maximum(together, 1) / (_NEAR * ripple_m)) ** 2
     score = np.log(np.maximum(together, 1e-9)) - near / 2
-    score[size == 0] = -np.inf
-    best = np.flatnonzero(score >= score.max() - 1e-9)
-    return int(best[np.argmax(size[best])])
+    score[size < _LARGE * size.max()] = -np.inf
+    return int(np.argmax(score))
 
 
 def _above_level(levels: Levels, one: Labels, other: Labels, ripple_m: float) -> FloatArray:
     """Nats by which areas are more probably as high over others as the ripple than level with them."""
     step = levels.height_m[other] - levels.height_m[one]
     variance = levels.variance_between(one, other) + (_MISPLACED * ripple_m) ** 2
-    out: FloatArray = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
-    return out
+    above = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
+    return np.where(variance <= (_KNOWN * ripple_m) ** 2, above, np.inf)

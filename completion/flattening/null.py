@@ -10,10 +10,10 @@ from scipy import fft, ndimage
 
 from completion.flattening.canvas import MARGIN
 from completion.flattening.separation import Separation, separate
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
-_WALLS = 4  # without relief
-_SIDES = (96, 160)  # cells: least and most of each
+_WALLS = (4, 8)  # without relief, least and most
+_SIDE, _CELLS = 160, 50_000  # the longest side of one; cells of all
 _TAIL = 5  # regions of each that make the tail
 _LEAST_SCALE = 1.0  # nats: half a chi-square of one freedom falls no faster
 _CLEAR = 10.0  # nats: what is as evident as this is left out of the error from which walls are drawn
@@ -46,17 +46,18 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     far beyond theirs is judged by the exponential tail of the largest.
     """
     white = _white_noise(parts)
-    side = int(np.clip(np.sqrt(parts.known.sum()), *_SIDES))
-    shape, wide = (side, side), (fft.next_fast_len(side + MARGIN, real=True),) * 2
+    shape = tuple(min(_SIDE, n) for n in _extent(parts.known))
+    wide = tuple(fft.next_fast_len(n + MARGIN, real=True) for n in shape)
+    n_walls = int(np.clip(_CELLS // (shape[0] * shape[1]), *_WALLS))
     gain = np.sqrt(parts.ripple.spectrum.on(wide, fall=0))
     evidence = list[float]()
-    for _ in range(_WALLS):
+    for _ in range(n_walls):
         noise = rng.choice(white, wide) * rng.choice([-1.0, 1.0], wide)
         heights = fft.irfft2(fft.rfft2(noise) * gain, s=wide)[: shape[0], : shape[1]]
         found = separate(heights - heights.mean(), np.ones(shape, np.bool_)).candidates
         evidence += [one.evidence for one in found]
-    n_cells = _WALLS * shape[0] * shape[1]
-    largest = np.sort(evidence)[::-1][: _TAIL * _WALLS + 1]
+    n_cells = n_walls * shape[0] * shape[1]
+    largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
         return Null(0.0, 1 / n_cells, _LEAST_SCALE)
     start = float(largest[-1])
@@ -77,3 +78,9 @@ def _white_noise(parts: Separation) -> FloatArray:
     white = white - white.mean()
     unit: FloatArray = white / max(float(white.std()), 1e-30)
     return unit
+
+
+def _extent(known: BoolArray) -> tuple[int, int]:
+    """Rows and columns between the first known ones and the last."""
+    rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
+    return int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1

@@ -14,7 +14,7 @@ from scenes.checks import FloatArray
 Labels = NDArray[np.int64]
 
 _FLAT = 1 / 30  # of the step that pays for its border: less is none
-_EVIDENCE = 1.0  # nats a cell of border, up to which two pieces are one
+_EVIDENCE = 0.5  # nats a cell of border, up to which two pieces are one
 _MOST_PIECES = 250
 _RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 2.0 ** np.arange(1, 200)])
 CROSSED = np.pi / 4
@@ -46,17 +46,31 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
                 * (step / np.maximum(soft[first], soft[second])) ** 2
             )
             price = square / 2 / (_EVIDENCE * border + 1)
-            least = np.full(len(area), np.inf)
-            np.minimum.at(least, first, price)
-            np.minimum.at(least, second, price)
-            alike = ((price <= least[first]) | (price <= least[second])) & (price < most)
-            if not alike.any():
+            pair = _best_of_both(first, second, price, len(area))
+            pair = pair[price[pair] < most]
+            if not len(pair):
                 break
-            n, onto = joined(first[alike], second[alike], len(area))
+            onto = np.arange(len(area))
+            onto[second[pair]] = first[pair]
+            left, onto = np.unique(onto, return_inverse=True)
             soft = np.bincount(onto, soft * area) / np.bincount(onto, area)
-            area, total, now = np.bincount(onto, area).astype(np.float64), np.bincount(onto, total), onto[now]
-            first, second, border = _together(onto[first], onto[second], border, n)
+            area, total, now = (
+                np.bincount(onto, area).astype(np.float64),
+                np.bincount(onto, total).astype(np.float64),
+                onto[now],
+            )
+            first, second, border = _together(onto[first], onto[second], border, len(left))
     return now[labels]
+
+
+def _best_of_both(first: Labels, second: Labels, price: FloatArray, n: int) -> Labels:
+    """Those pairs (k,) that are the cheapest of both their pieces: no piece is in two."""
+    rank = np.empty(len(price), np.int64)
+    rank[np.argsort(price, kind="stable")] = np.arange(len(price))
+    least = np.full(n, len(price))
+    np.minimum.at(least, first, rank)
+    np.minimum.at(least, second, rank)
+    return np.flatnonzero((rank == least[first]) & (rank == least[second]))
 
 
 def flat_zones(field: FloatArray, most: float) -> Labels:

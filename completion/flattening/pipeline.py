@@ -21,6 +21,7 @@ from scenes.checks import FloatArray, InputError, check_faces, check_points, che
 from scenes.surfaces.catalogue import Plane
 
 _LEAST_SIDE, _LEAST_CELLS = 24, 1000  # cells: of fewer no ripple is learned
+_LEAST = 4  # cells: errors of fewer are no relief, however evident
 _CLEAN = 0.25  # of the ripple's sd: how well the level of relief is known from which ripple is taken
 _USUAL = 2.0  # times the ripple's sd: relief that varies by more has a shape of its own
 
@@ -71,7 +72,9 @@ def flatten_heights(
 
     # 2. Keep what a wall without relief would hardly show; all else is the plane.
     kept = tuple(
-        one for one, q in zip(parts.candidates, p, strict=True) if one.stands_out and q <= options.level
+        one
+        for one, q in zip(parts.candidates, p, strict=True)
+        if one.stands_out and one.n_cells >= _LEAST and q <= options.level
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
     error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)

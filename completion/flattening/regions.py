@@ -11,8 +11,6 @@ from completion.flattening.areas import PIECE, PRICE, Areas
 from completion.flattening.pieces import Labels, borders_of, joined
 from scenes.checks import BoolArray
 
-_LEAST_CELLS = 4  # fewer have no shape: errors of single cells are no relief
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
@@ -59,4 +57,4 @@ def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Cand
     for join in areas.joins:
         count = int(seen[list(join.pieces)].sum())
         found.append(Candidate(join.pieces, join.evidence, join.height_m, join.sd_m, count, False))
-    return [candidate for candidate in found if candidate.n_cells >= _LEAST_CELLS]
+    return [candidate for candidate in found if candidate.n_cells]
