@@ -10,6 +10,7 @@ from scenes.checks import BoolArray, FloatArray
 
 MARGIN = 48  # cells at least, between one side and the other
 _OUTLIER = 4.5  # sd of the differences of neighbours
+_SPIKE = 6.0  # times their middle size
 
 
 def extend(field: FloatArray, *, fades: bool) -> FloatArray:
@@ -75,3 +76,20 @@ def without_jumps(heights: FloatArray) -> FloatArray:
     found[0, 0] = heights.mean() * np.sqrt(heights.size)
     out: FloatArray = fft.idctn(found, norm="ortho")
     return out
+
+
+def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
+    """Known cells (rows, columns) far from all their neighbours but one: mixed pixels, no surface."""
+    wide = np.pad(np.where(known, heights, np.nan), 1, constant_values=np.nan)
+    rows, columns = heights.shape
+    away = np.stack(
+        [
+            np.abs(wide[1 + a : 1 + a + rows, 1 + b : 1 + b + columns] - heights)
+            for a in (-1, 0, 1)
+            for b in (-1, 0, 1)
+            if a or b
+        ]
+    )
+    usual = float(np.nanmedian(away[:, known])) if known.any() else 0.0
+    near = np.sum(away <= _SPIKE * usual, axis=0)
+    return known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)

@@ -10,10 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 from completion.flattening.ripple import Ripple
 from scenes.checks import FloatArray
+from texture.engine.compiled import compiled
 
 Labels = NDArray[np.int64]
 
-_FLAT = 1 / 30  # of the step that pays for its border: less is none
+_FLAT = 1 / 15  # of the step that pays for its border: less is none
 _EVIDENCE = 0.5  # nats a cell of border, up to which two pieces are one
 _MOST_PIECES = 250
 _RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 2.0 ** np.arange(1, 200)])
@@ -46,12 +47,11 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
                 * (step / np.maximum(soft[first], soft[second])) ** 2
             )
             price = square / 2 / (_EVIDENCE * border + 1)
-            pair = _best_of_both(first, second, price, len(area))
-            pair = pair[price[pair] < most]
-            if not len(pair):
+            cheap = np.flatnonzero(price < most)
+            if not len(cheap):
                 break
             onto = np.arange(len(area))
-            onto[second[pair]] = first[pair]
+            _merge(first, second, cheap[np.argsort(price[cheap], kind="stable")], area, onto)
             left, onto = np.unique(onto, return_inverse=True)
             soft = np.bincount(onto, soft * area) / np.bincount(onto, area)
             area, total, now = (
@@ -63,14 +63,17 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
     return now[labels]
 
 
-def _best_of_both(first: Labels, second: Labels, price: FloatArray, n: int) -> Labels:
-    """Those pairs (k,) that are the cheapest of both their pieces: no piece is in two."""
-    rank = np.empty(len(price), np.int64)
-    rank[np.argsort(price, kind="stable")] = np.arange(len(price))
-    least = np.full(n, len(price))
-    np.minimum.at(least, first, rank)
-    np.minimum.at(least, second, rank)
-    return np.flatnonzero((rank == least[first]) & (rank == least[second]))
+@compiled
+def _merge(first: Labels, second: Labels, order: Labels, area: FloatArray, onto: Labels) -> None:
+    """Let pieces go to larger neighbours, by pairs in order; none that goes takes others, or goes on."""
+    takes = np.zeros(len(area), np.bool_)
+    for pair in order:
+        big, small = first[pair], second[pair]
+        if area[small] > area[big]:
+            big, small = small, big
+        if onto[big] == big and onto[small] == small and not takes[small]:
+            onto[small] = big
+            takes[big] = True
 
 
 def flat_zones(field: FloatArray, most: float) -> Labels:

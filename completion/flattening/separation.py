@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.flattening.areas import Areas, join_pieces
-from completion.flattening.canvas import extend, fill_gaps, without_jumps
+from completion.flattening.canvas import extend, fill_gaps, find_spikes, without_jumps
 from completion.flattening.pieces import Labels, cut_pieces
 from completion.flattening.regions import Candidate, find_candidates
 from completion.flattening.ripple import Ripple
@@ -66,7 +66,9 @@ class Separation:
 def separate(heights: FloatArray, known: BoolArray) -> Separation:
     """Separate heights (rows, columns) over a plane, metres, into levels and ripple."""
     rows, columns = heights.shape
-    # 1. Continue the heights beyond the border and through gaps, so that they are periodic.
+    # 1. Leave out what is no surface; continue the heights beyond the border and through gaps, so that they
+    #    are periodic.
+    known = known & ~find_spikes(heights, known)
     smooth = fill_gaps(heights, known)
     even = without_jumps(smooth)
     wide = extend(smooth, fades=True)
