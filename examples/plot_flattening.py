@@ -21,8 +21,8 @@ from matplotlib import pyplot as plt
 from benchmarks.flattening.study import score
 from benchmarks.flattening.walls import make_wall
 from completion.boundary.range_mesh import mesh_range_image
-from completion.flattening.crossings import new_crossings
 from completion.flattening.flat import RegionKind
+from completion.flattening.meshes.crossings import new_crossings
 from completion.flattening.pipeline import flatten_heights, flatten_mesh
 from completion.observe.observation import observe
 from completion.segmentation.pipeline import segment

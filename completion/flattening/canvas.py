@@ -40,7 +40,7 @@ def _mirrored(index: FloatArray, n: int) -> FloatArray:
 
 
 def fill_gaps(heights: FloatArray, known: BoolArray) -> FloatArray:
-    """Heights with the unknown cells filled smoothly: from the finest scale at which something is known."""
+    """Heights (rows, columns) with gaps filled smoothly: from the finest scale at which something is known."""
     values, weights = np.where(known, heights, 0.0), known.astype(np.float64)
     filled, left = values.copy(), ~known
     scale = 1.0
@@ -90,6 +90,9 @@ def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
             if a or b
         ]
     )
-    usual = float(np.nanmedian(away[:, known])) if known.any() else 0.0
+    differ = away[:, known]
+    differ = differ[differ > 0]  # exactly flat cells say nothing of the noise
+    usual = float(np.median(differ)) if len(differ) else 0.0
     near = np.sum(away <= _SPIKE * usual, axis=0)
-    return known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
+    found: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
+    return found

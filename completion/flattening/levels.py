@@ -49,12 +49,12 @@ class Levels:
         return cls(np.asarray(level, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
 
     def variance_between(self, one: Labels, other: Labels) -> FloatArray:
-        """Variance of the steps from some areas to others, m^2."""
+        """Variance (n,) of the steps from some areas (n,) to others (n,), m^2."""
         both = self.covariance[one, one] + self.covariance[other, other] - 2 * self.covariance[one, other]
         return np.maximum(both, 1e-30)
 
     def against(self, one: Labels, other: Labels) -> FloatArray:
-        """Evidence against some areas being level with others: half the chi-square, nats."""
+        """Evidence (n,) against some areas (n,) being level with others (n,): half the chi-square, nats."""
         out: FloatArray = (
             (self.height_m[one] - self.height_m[other]) ** 2 / self.variance_between(one, other) / 2
         )

@@ -18,6 +18,7 @@ _TAIL = 5  # regions of each that make the tail
 _LEAST_SCALE = 1.0  # nats: half a chi-square of one freedom falls no faster
 _CLEAR = 10.0  # nats: what is as evident as this is left out of the error from which walls are drawn
 _RIM = 3  # cells around it too
+_EXACT = 1e-3  # of the sd: a smaller middle error is none
 _FARTHEST = 5.0  # sd: what is farther is no noise
 
 
@@ -77,7 +78,9 @@ def _white_noise(parts: Separation) -> FloatArray:
     error = parts.ripple.continued(parts.heights - parts.levels(evident), parts.known)
     white = parts.ripple.whitened(error)[used]
     white = white - np.median(white)
-    sd = max(1.4826 * float(np.median(np.abs(white))), 1e-30)
+    sd = 1.4826 * float(np.median(np.abs(white)))
+    if sd <= _EXACT * float(white.std()):  # most cells are exactly flat
+        sd = max(float(white.std()), 1e-30)
     unit: FloatArray = np.clip(white / sd, -_FARTHEST, _FARTHEST)
     return unit
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.fitting.result import SurfaceFit
-from completion.flattening.chart_grid import ChartGrid, grid_of
 from completion.flattening.flat import FlatHeights, FlatSurface, FlattenedMesh, Region, RegionKind
-from completion.flattening.movement import hold_back, move_creases, move_onto
+from completion.flattening.meshes.chart_grid import ChartGrid, grid_of
+from completion.flattening.meshes.movement import hold_back, move_creases, move_onto
 from completion.flattening.null import learn_null
 from completion.flattening.options import FlatteningOptions
 from completion.flattening.regions import Candidate
@@ -102,7 +102,9 @@ def flatten_heights(
     ]
     noise_sd = float(np.sqrt(parts.ripple.noise_power()))
     mean = float(np.mean(heights[plane])) if plane.any() else 0.0
-    return FlatHeights(flat, label, ripple, tuple(regions), ripple_sd, noise_sd, mean)
+    return FlatHeights(
+        flat, label, ripple, tuple(regions), ripple_sd_m=ripple_sd, noise_sd_m=noise_sd, plane_m=mean
+    )
 
 
 def flatten_mesh(
@@ -169,13 +171,13 @@ def flatten_mesh(
         found = flatten_heights(grid.heights, grid.cell_m, options, seed)
         surfaces.append(
             FlatSurface(
-                label,
-                found.regions,
-                found.ripple_sd_m,
-                found.noise_sd_m,
-                found.plane_m,
-                grid.cell_m,
-                found.reason,
+                label=label,
+                regions=found.regions,
+                ripple_sd_m=found.ripple_sd_m,
+                noise_sd_m=found.noise_sd_m,
+                plane_m=found.plane_m,
+                cell_m=grid.cell_m,
+                reason=found.reason,
             )
         )
         if found.reason:
@@ -207,10 +209,21 @@ def _heights_of(
 
 def _region(one: Candidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> Region:
     """A candidate as a region."""
-    return Region(kind, p, one.evidence, one.height_m, one.sd_m, one.n_cells * cell_m**2, clear)
+    return Region(
+        kind, p, one.evidence, one.height_m, one.sd_m, area_m2=one.n_cells * cell_m**2, is_cleared=clear
+    )
 
 
 def _untouched(heights: FloatArray, reason: str) -> FlatHeights:
     """Nothing done."""
     label = np.where(np.isfinite(heights), 0, -1).astype(np.int32)
-    return FlatHeights(heights, label, np.zeros_like(heights), (), 0.0, 0.0, 0.0, reason)
+    return FlatHeights(
+        heights,
+        label,
+        np.zeros_like(heights),
+        regions=(),
+        ripple_sd_m=0.0,
+        noise_sd_m=0.0,
+        plane_m=0.0,
+        reason=reason,
+    )

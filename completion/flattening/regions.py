@@ -53,8 +53,14 @@ def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Cand
         evidence = square / 2 - PRICE * border - PIECE * len(owners)
         sd = float(np.sqrt(weight @ covariance @ weight))
         count = int(seen[members].sum())
-        found.append(Candidate(tuple(members.tolist()), evidence, float(weight @ step), sd, count, True))
+        found.append(
+            Candidate(
+                tuple(members.tolist()), evidence, float(weight @ step), sd, n_cells=count, stands_out=True
+            )
+        )
     for join in areas.joins:
         count = int(seen[list(join.pieces)].sum())
-        found.append(Candidate(join.pieces, join.evidence, join.height_m, join.sd_m, count, False))
+        found.append(
+            Candidate(join.pieces, join.evidence, join.height_m, join.sd_m, n_cells=count, stands_out=False)
+        )
     return [candidate for candidate in found if candidate.n_cells]

@@ -41,12 +41,12 @@ class Ripple:
         return cls(spectrum, spectrum.on(shape), np.ones(shape))
 
     def filtered(self, field: FloatArray, gain: FloatArray) -> FloatArray:
-        """A field with each wave multiplied by a gain."""
+        """A field (rows, columns) with each wave multiplied by a gain."""
         out: FloatArray = fft.irfft2(fft.rfft2(field) * gain, s=field.shape)
         return out
 
     def whitened(self, field: FloatArray) -> FloatArray:
-        """A field in which ripple is white noise of unit sd."""
+        """A field (rows, columns) in which ripple is white noise of unit sd."""
         return self.filtered(field, 1 / np.sqrt(self.power)) / self.strength
 
     def noise_power(self) -> float:
@@ -54,7 +54,7 @@ class Ripple:
         return float(np.quantile(self.spectrum.power, 0.5))
 
     def smoothed(self, field: FloatArray) -> FloatArray:
-        """What of a field is ripple and not noise, by the share of it in each wave (Wiener's filter)."""
+        """What of a field (rows, columns) is ripple, by its share in each wave (Wiener's filter)."""
         return self.filtered(field, np.maximum(1 - self.noise_power() / self.power, 0))
 
     def step_energy(self) -> float:
@@ -65,7 +65,7 @@ class Ripple:
         return 0.5 * (_step_energy(along_columns) + _step_energy(self.power[:, 0]))
 
     def continued(self, error: FloatArray, known: BoolArray) -> FloatArray:
-        """An error with what is not known as it is most probable given what is (conjugate gradients)."""
+        """An error (rows, columns), most probable where it is not known (conjugate gradients)."""
         filled = error.copy()
         inverse = 1 / self.power
         rest = np.where(known, 0.0, -self.filtered(filled, inverse))
@@ -82,7 +82,7 @@ class Ripple:
         return filled
 
     def uneven(self, error: FloatArray, known: BoolArray) -> Ripple:
-        """The ripple, with its strength from place to place in a field of error."""
+        """The ripple, with its strength from place to place in a field of error (rows, columns)."""
         size = np.abs(self.filtered(error, 1 / np.sqrt(self.power)))
         size = np.where(known, np.sqrt(np.minimum(size, _OUTLIER * np.median(size[known]))), 0.0)
         share = ndimage.uniform_filter(known.astype(np.float64), _NEIGHBOURHOOD, mode="wrap")

@@ -96,4 +96,4 @@ def separate(heights: FloatArray, known: BoolArray) -> Separation:
     pieces = cut_pieces(steps, ripple)
     areas = join_pieces(filled, pieces, ripple, seen)
     candidates = find_candidates(pieces, areas, seen)
-    return Separation(filled, seen, pieces, areas, ripple, tuple(candidates))
+    return Separation(filled, seen, pieces, areas, ripple=ripple, candidates=tuple(candidates))

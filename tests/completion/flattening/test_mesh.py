@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from completion.flattening.crossings import new_crossings
 from completion.flattening.flat import RegionKind
-from completion.flattening.movement import hold_back
+from completion.flattening.meshes.crossings import new_crossings
+from completion.flattening.meshes.movement import hold_back
 from completion.flattening.options import FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from scenes.checks import InputError

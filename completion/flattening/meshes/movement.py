@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.flattening.crossings import new_crossings
+from completion.flattening.meshes.crossings import new_crossings
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Plane
 
@@ -67,7 +67,7 @@ def move_creases(
 def hold_back(
     before: FloatArray, after: FloatArray, faces: NDArray[np.int32]
 ) -> tuple[FloatArray, BoolArray]:
-    """Vertices after a movement in which no face turns over or crosses another anew, and which stayed.
+    """Vertices (n, 3) after a movement in which no face turns over or crosses anew; (n,) which stayed.
 
     The vertices of a face that would are left where they were, until there is none.
     """
