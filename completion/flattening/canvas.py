@@ -10,6 +10,7 @@ from scenes.checks import BoolArray, FloatArray
 
 MARGIN = 48  # cells at least, between one side and the other
 _OUTLIER = 4.5  # sd of the differences of neighbours
+_ENOUGH = 0.05  # of the cells around one that must be known to fill it
 _SPIKE = 6.0  # times their middle size
 
 
@@ -40,14 +41,15 @@ def _mirrored(index: FloatArray, n: int) -> FloatArray:
 
 
 def fill_gaps(heights: FloatArray, known: BoolArray) -> FloatArray:
-    """Heights (rows, columns) with gaps filled smoothly: from the finest scale at which something is known."""
+    """Heights (rows, columns) with gaps filled smoothly, from the finest scale that reaches them."""
     values, weights = np.where(known, heights, 0.0), known.astype(np.float64)
+    enough = min(_ENOUGH, 0.5 * float(weights.mean()))  # at the coarsest scale it is the mean everywhere
     filled, left = values.copy(), ~known
     scale = 1.0
     while left.any():
-        total = ndimage.gaussian_filter(values, scale, mode="nearest", truncate=3)
-        weight = ndimage.gaussian_filter(weights, scale, mode="nearest", truncate=3)
-        reached = left & (weight > 0.05)
+        total = ndimage.gaussian_filter(values, scale, mode="reflect", truncate=3)
+        weight = ndimage.gaussian_filter(weights, scale, mode="reflect", truncate=3)
+        reached = left & (weight > enough)
         filled[reached] = total[reached] / weight[reached]
         left &= ~reached
         scale *= 2
@@ -92,7 +94,8 @@ def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
     )
     differ = away[:, known]
     differ = differ[differ > 0]  # exactly flat cells say nothing of the noise
-    usual = float(np.median(differ)) if len(differ) else 0.0
-    near = np.sum(away <= _SPIKE * usual, axis=0)
+    if not len(differ):
+        return np.zeros_like(known)
+    near = np.sum(away <= _SPIKE * np.median(differ), axis=0)
     found: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
     return found

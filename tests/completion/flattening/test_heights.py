@@ -89,6 +89,14 @@ def test_gaps_stay_gaps_and_cost_little(flat) -> None:
     assert (out.kept == flat.kept)[np.isfinite(holed)].mean() > 0.997
 
 
+def test_a_strip_askew_in_its_frame_is_flattened_too() -> None:
+    strip = np.full((300, 300), np.nan)
+    for row in range(300):
+        strip[row, row : row + 6] = ripple(0)[row % SHAPE[0], 10:16][: 300 - row]
+    out = flatten_heights(strip, CELL)
+    assert np.array_equal(np.isnan(out.heights), np.isnan(strip))
+
+
 def test_level_of_the_test_decides() -> None:
     weak = ripple(0) + 0.3 * (panelled(0) - ripple(0))
     flat = flatten_heights(weak, CELL)
