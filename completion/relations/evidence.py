@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""Evidence for a relation: how many times likelier its misfit is than among unrelated surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit
+from completion.relations.engine.constraint import LENGTH, RADIUS
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.placement import place
+from completion.relations.engine.relation import Relation
+from completion.relations.engine.wald import WaldTest
+from completion.relations.options import RelationOptions
+from scenes.checks import FloatArray
+
+_ASIDE = np.radians(10.0)  # from a relation, within which directions lie that have nothing to do with it
+_SHARE = 0.05  # of the size of all, and of a radius, within which lengths do
+
+
+def size_of(fits: Sequence[SurfaceFit]) -> float:
+    """How far apart the surfaces' own points are, metres; for one surface its radius, or a metre."""
+    points = np.array([_point(fit) for fit in fits])
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    radii = [float(getattr(fit.surface, "radius", 0.0)) for fit in fits]
+    return max([size, *radii]) or 1.0
+
+
+def log_evidence(
+    relation: Relation, test: WaldTest, estimate: Estimate, options: RelationOptions, size_m: float
+) -> float:
+    """Logarithm of how many times likelier the misfit is if the relation holds.
+
+    Against surfaces that lie anywhere near it: directions within 10 deg of it to either side, lengths within
+    a twentieth of the size of all, radii of themselves; values that are round by chance anywhere between two
+    round ones.
+    """
+    volume = sum(
+        float(np.log(_extent(relation, test.constraint.rows[k], estimate, options, size_m)))
+        for k in test.rows
+    )
+    return test.log_density + volume
+
+
+def _extent(
+    relation: Relation, what: int, estimate: Estimate, options: RelationOptions, size_m: float
+) -> float:
+    """How wide the values lie that an equation of this kind has among unrelated surfaces."""
+    if relation.kind in ("angle", "half_angle"):
+        return float(np.radians(options.round_angle_deg))
+    if relation.kind in ("radius", "distance") and options.round_length_m is not None:
+        return options.round_length_m
+    if what == RADIUS:
+        radii = [estimate.at[number].radius for number in relation.surfaces]
+        return 2 * _SHARE * max(radii)
+    return 2 * _SHARE * size_m if what == LENGTH else float(2 * _ASIDE)
+
+
+def _point(fit: SurfaceFit) -> FloatArray:
+    return place(fit.surface, np.zeros(len(fit.covariance))).point

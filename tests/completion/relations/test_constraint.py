@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""Equations of relations: derivatives, values, and what surfaces cannot have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from completion.relations.engine.constraint import Frame, constrain
+from completion.relations.engine.placement import moved, place
+from completion.relations.engine.relation import Relation
+from scenes.checks import InputError
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+
+RNG = np.random.default_rng(7)
+
+
+def unit(*vector: float):
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+PLANE = Plane((0.3, -0.2, 0.1), unit(0.2, 0.1, 1), unit(1, 0, -0.2))
+OTHER = Plane((0.1, 0.4, 2.0), unit(-0.2, -0.13, -1), unit(1, 0, -0.2))
+THIRD = Plane((0.1, 0.4, 3.5), unit(0.2, 0.12, 1.02), unit(1, 0, -0.2))
+UPRIGHT = Plane((2.0, 0.4, 0.0), unit(1, 0.1, 0.05), unit(0, 0.5, -1))
+PIPE = Cylinder((0.5, 0.1, 0.2), unit(0.2, 0.1, 1.1), 0.3)
+TUBE = Cylinder((0.9, 0.4, 0.4), unit(0.2, 0.12, 1), 0.2)
+LYING = Cylinder((0.2, 0.2, 0.15), unit(1, 0.1, -0.1), 0.1)
+CONE = Cone((0.5, 0.12, 0.9), unit(0.2, 0.1, 1), 0.3, 0.4)
+BALL = Sphere((0.1, 0.2, 0.3), 0.25)
+UP = unit(0.05, 0.02, 1)
+
+CASES = [
+    (Relation(kind="parallel", surfaces=(0, 1)), [PLANE, OTHER]),
+    (Relation(kind="parallel", surfaces=(0, 1)), [PLANE, PIPE]),
+    (Relation(kind="perpendicular", surfaces=(0, 1)), [PLANE, UPRIGHT]),
+    (Relation(kind="perpendicular", surfaces=(0, 1)), [CONE, LYING]),
+    (Relation(kind="angle", surfaces=(0, 1), value=1.4), [PLANE, UPRIGHT]),
+    (Relation(kind="coplanar", surfaces=(0, 1)), [PLANE, OTHER]),
+    (Relation(kind="coaxial", surfaces=(0, 1)), [PIPE, CONE]),
+    (Relation(kind="distance", surfaces=(0, 1), value=1.8), [PLANE, OTHER]),
+    (Relation(kind="distance", surfaces=(0, 1), value=0.4), [PIPE, TUBE]),
+    (Relation(kind="distance", surfaces=(0, 1), value=0.2), [LYING, PLANE]),
+    (Relation(kind="equal_distance", surfaces=(0, 1, 1, 2)), [PLANE, OTHER, THIRD]),
+    (Relation(kind="radius", surfaces=(0,), value=0.31), [PIPE]),
+    (Relation(kind="radius", surfaces=(0,), value=0.31), [BALL]),
+    (Relation(kind="equal_radius", surfaces=(0, 1)), [PIPE, TUBE]),
+    (Relation(kind="half_angle", surfaces=(0,), value=0.5), [CONE]),
+    (Relation(kind="axis_in_plane", surfaces=(0, 1)), [PLANE, LYING]),
+    (Relation(kind="vertical", surfaces=(0,)), [UPRIGHT]),
+    (Relation(kind="vertical", surfaces=(0,)), [PIPE]),
+    (Relation(kind="horizontal", surfaces=(0,)), [OTHER]),
+    (Relation(kind="horizontal", surfaces=(0,)), [LYING]),
+]
+
+
+def size(surface) -> int:
+    return {Plane: 3, Sphere: 4, Cylinder: 5, Cone: 6}[type(surface)]
+
+
+def placed(surfaces, changes):
+    return {n: place(surface, changes[n]) for n, surface in enumerate(surfaces)}
+
+
+@pytest.mark.parametrize(
+    ("relation", "surfaces"), CASES, ids=[f"{n}-{c[0].kind}" for n, c in enumerate(CASES)]
+)
+def test_derivatives_are_those_of_finite_differences(relation, surfaces):
+    changes = [1e-2 * RNG.normal(size=size(surface)) for surface in surfaces]
+    frame = Frame(tuple(place(surface, np.zeros(size(surface))) for surface in surfaces), UP)
+    found = constrain(relation, placed(surfaces, changes), frame)
+    for number, surface in enumerate(surfaces):
+        for k in range(size(surface)):
+            step = 1e-6 * np.eye(size(surface))[k]
+            values = []
+            for sign in (1, -1):
+                some = [*changes]
+                some[number] = changes[number] + sign * step
+                values.append(constrain(relation, placed(surfaces, some), frame).value)
+            np.testing.assert_allclose(found.blocks[number][:, k], (values[0] - values[1]) / 2e-6, atol=1e-8)
+    assert found.value.shape == (len(found.rows),)
+
+
+@pytest.mark.parametrize("surface", [PLANE, PIPE, CONE, BALL])
+def test_a_moved_surface_is_where_it_was_placed(surface):
+    change = 1e-2 * RNG.normal(size=size(surface))
+    there, again = place(surface, change), place(moved(surface, change), np.zeros(size(surface)))
+    np.testing.assert_allclose(there.direction, again.direction, atol=1e-14)
+    np.testing.assert_allclose(there.point, again.point, atol=1e-14)
+    assert (there.radius, there.half_angle) == pytest.approx((again.radius, again.half_angle), abs=1e-14)
+    assert moved(surface, 0 * change) is surface
+
+
+def test_what_holds_is_zero():
+    flat, above = Plane((0, 0, 1), (0, 0, 1), (1, 0, 0)), Plane((5, 2, 3), (0, 0, -1), (0, 1, 0))
+    pipe, cone = Cylinder((1, 2, 9), (0, 0, 1), 0.5), Cone((1, 2, 1), (0, 0, -1), 0.5, 0.3)
+    lying, ball = Cylinder((0, 0, 1), (1, 0, 0), 0.5), Sphere((0, 0, 0), 0.5)
+    surfaces = [flat, above, pipe, cone, lying, ball]
+    at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
+    frame = Frame(tuple(at.values()), np.array([0, 0, 1.0]))
+    for kind, numbers, value in [
+        ("parallel", (0, 1), None),
+        ("parallel", (0, 2), None),
+        ("perpendicular", (0, 4), None),
+        ("angle", (2, 4), np.pi / 2),
+        ("coaxial", (2, 3), None),
+        ("distance", (0, 1), 2.0),
+        ("distance", (1, 4), 2.0),
+        ("equal_radius", (2, 4), None),
+        ("equal_radius", (4, 5), None),
+        ("radius", (5,), 0.5),
+        ("half_angle", (3,), 0.3),
+        ("axis_in_plane", (0, 4), None),
+        ("horizontal", (1,), None),
+        ("vertical", (3,), None),
+        ("horizontal", (4,), None),
+    ]:
+        found = constrain(Relation(kind=kind, surfaces=numbers, value=value), at, frame)
+        np.testing.assert_allclose(found.value, 0, atol=1e-15, err_msg=f"{kind} {numbers}")
+
+
+def test_what_surfaces_cannot_have_is_refused():
+    surfaces = [PLANE, PIPE, BALL, CONE]
+    at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
+    for kind, numbers, value, words in [
+        ("parallel", (0, 2), None, "a sphere has no direction: it cannot be parallel"),
+        ("vertical", (2,), None, "a sphere has no direction: it cannot be vertical"),
+        ("half_angle", (1,), 0.3, "only a cone has a half angle"),
+        ("radius", (0,), 0.3, "only spheres and cylinders have one radius"),
+        ("equal_radius", (1, 3), None, "only spheres and cylinders have one radius"),
+        ("angle", (0, 1), 0.0, "an angle of 0 deg is the relation parallel"),
+        ("coplanar", (0, 1), None, "coplanar relates two planes"),
+        ("coaxial", (0, 1), None, "coaxial relates two axes"),
+        ("axis_in_plane", (1, 0), None, "axis in plane relates a plane and then an axis"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            constrain(Relation(kind=kind, surfaces=numbers, value=value), at, Frame(tuple(at.values()), UP))
+    with pytest.raises(InputError, match="vertical needs to know which way is up"):
+        constrain(Relation(kind="vertical", surfaces=(0,)), at, Frame(tuple(at.values())))
+    elliptic = EllipticCylinder((0, 0, 0), (0, 0, 1), (0.5, 0.4))
+    with pytest.raises(InputError, match="EllipticCylinder: relations are known of planes"):
+        place(elliptic, np.zeros(7))
+    with pytest.raises(InputError, match="EllipticCylinder: relations are known of planes"):
+        moved(elliptic, np.ones(7))
+
+
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [
+        ("a relation is one of parallel, .*; got 'near'", {"kind": "near", "surfaces": (0, 1)}),
+        ("parallel is a relation of 2 surfaces, got 3", {"kind": "parallel", "surfaces": (0, 1, 2)}),
+        ("parallel relates different surfaces", {"kind": "parallel", "surfaces": (1, 1)}),
+        ("equal_distance relates different", {"kind": "equal_distance", "surfaces": (0, 1, 1, 0)}),
+        ("angle needs a value, got None", {"kind": "angle", "surfaces": (0, 1)}),
+        ("parallel has no value, got 1", {"kind": "parallel", "surfaces": (0, 1), "value": 1.0}),
+        ("must be a number from 0, got nan", {"kind": "radius", "surfaces": (0,), "value": float("nan")}),
+        ("must be a number from 0, got -1", {"kind": "radius", "surfaces": (0,), "value": -1.0}),
+    ],
+)
+def test_a_relation_that_is_none_is_refused(words, given):
+    with pytest.raises(InputError, match=words):
+        Relation(**given)
