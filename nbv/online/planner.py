@@ -321,7 +321,7 @@ def next_view(
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(
-        boundary, targets, free, sensor=sensor, required_cosine=_wanted_cosine(requirement, gain),
+        boundary, targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
         expected=expected, n_most=gain.max_targets, n_threads=n_threads,
     )  # fmt: skip
     if best is None:
@@ -331,7 +331,7 @@ def next_view(
     return Decision(view=best)
 
 
-def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
+def wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
     """Cosine at which a predicted view counts: the required one, with the margin."""
     angle = np.arccos(requirement.min_cosine) - np.radians(gain.angle_margin_deg)
     return float(np.cos(max(angle, 0.0)))
