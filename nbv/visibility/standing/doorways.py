@@ -27,7 +27,8 @@ def part_at_doorways(columns: Columns, floor: BoolArray, caster: RayCaster) -> N
     """Number (k,) the parts of a storey's floor spans (n,) between doorways, from 1; 0 for doorways.
 
     What counts is the plan 1.9 m above the floor. A doorway is where the headroom is lower than on both
-    sides over no more than a wall's thickness, or the plan half as wide as on both sides.
+    sides over no more than a wall's thickness, or the plan half as wide as on both sides. Where floor was
+    not seen nothing is taken to stand but what is seen to.
     """
     plan = _Plan(columns, floor)
     air = plan.air(caster)
@@ -53,7 +54,13 @@ class _Plan:
         headroom = np.zeros(columns.shape)
         room = np.minimum(columns.top, eye + _MOST_HEADROOM_M) - (eye - _EYE_M)
         headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], _MOST_HEADROOM_M)
-        self.headroom: FloatArray = headroom
+        self.headroom: FloatArray = self._over_unseen(headroom) if columns.is_partial else headroom
+
+    def _over_unseen(self, headroom: FloatArray) -> FloatArray:
+        """Return the headroom, where floor was not seen that of the nearest cell: no wall stands there."""
+        unseen = (np.diff(self.columns.start) == 0).reshape(headroom.shape) & ~np.isnan(self.height)
+        nearest = ndimage.distance_transform_edt(headroom == 0, return_distances=False, return_indices=True)
+        return np.where(unseen, headroom[tuple(nearest)], headroom)
 
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""

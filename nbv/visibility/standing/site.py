@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import STEP_M, Platform, find_floors
 from nbv.visibility.standing.partition import find_rooms
@@ -154,7 +155,9 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
     spacing, widened = lattice_spacing(asked, options, turns=turns)
-    found = room_positions(scene.mesh, rooms, chosen, options=options, spacing_m=spacing)
+    clear = Clearance.of(scene.mesh, options.clearance_m)
+    bounds = np.asarray(scene.mesh.bounds())
+    found = room_positions(bounds, rooms, chosen, options=options, spacing_m=spacing, clear=clear)
     if not len(found.positions):
         level = sum(room.floor_m2 for room in rooms.rooms)
         n_rooms = count(len(rooms.rooms), "room")
