@@ -146,12 +146,11 @@ def complete(
             steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
             for one in surfaces
         ]
-        adjacency = find_adjacency(surfaces, boundaries, seen)
+        up = world_from_reference.matrix[2, :3]
+        adjacency = find_adjacency(surfaces, boundaries, seen, up)
 
         # 6. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
         # probable. Where several claim a place, the most probable one has it.
-        up = world_from_reference.matrix[2, :3]
-
         def extended(index: int) -> Patch | None:
             said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
             if not said.actions and not is_chosen(

@@ -19,7 +19,7 @@ from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.stated import StatedRelation
-from completion.uncertainty.pipeline import StatedFit
+from completion.uncertainty.pipeline import StatedFits
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
@@ -84,7 +84,7 @@ class RelatedSurfaces:
 
 def relate_surfaces(
     edited: Sequence[EditedSurface],
-    stated: Sequence[StatedFit],
+    stated: StatedFits,
     observations: Sequence[Observation],
     options: RelationOptions | None,
     given: Sequence[StatedRelation[Anchor]] = (),
@@ -100,8 +100,10 @@ def relate_surfaces(
 
     Parameters
     ----------
-    edited, stated : sequence of EditedSurface, of StatedFit
-        The surfaces (n,), working frame, and how well each is known (n,).
+    edited : sequence of EditedSurface
+        The surfaces (n,), working frame.
+    stated : StatedFits
+        How well they are known.
     observations : sequence of Observation
         The scans.
     options : RelationOptions, optional
@@ -116,7 +118,7 @@ def relate_surfaces(
     InputError
         A person names a place where nothing was measured, or a relation that the surfaces there cannot have.
     """
-    told = [one.total for one in stated]
+    told = [stated.total(k) for k in range(len(edited))]
     if options is None:
         return RelatedSurfaces(tuple(edited), tuple(told))
     named = [[surface_at(edited, anchor, one.source, observations, world_from_reference)
@@ -125,17 +127,16 @@ def relate_surfaces(
     least = float(np.clip(LEAST_SHARE * largest, LEAST_LEAST, MOST_LEAST))
     large = {
         k
-        for k, (one, own) in enumerate(zip(edited, stated, strict=True))
-        if one.surface.n_pixels >= least and _is_settled(own.total)
+        for k, (one, own) in enumerate(zip(edited, told, strict=True))
+        if one.surface.n_pixels >= least and _is_settled(own)
     }
     numbers = sorted(large.union(*named))
     if not numbers:
         return RelatedSurfaces(tuple(edited), tuple(told))
     place = {number: k for k, number in enumerate(numbers)}
     relations = [one.of([place[number] for number in some]) for one, some in zip(given, named, strict=True)]
-    some = [stated[number] for number in numbers]
-    doubt = Doubt([one.freedom for one in some], [one.shared for one in some])
-    graph = infer([one.fit for one in some], relations, options, doubt=doubt)
+    doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth_of(numbers))
+    graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
     is_moved = [far <= _MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Uncertainty on one page: from a surface's fit to a covariance that holds, and what sensors share."""
+"""Uncertainty on one page: from fits to covariances that hold, what surfaces share included."""
 
 from __future__ import annotations
 
@@ -11,55 +11,60 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.uncertainty.residual_modes import N_SHAPES, ResidualModes, find_modes, pooled_bend
+from completion.uncertainty.image_field import ImageField, fit_field, mean_field
+from completion.uncertainty.residual_modes import ResidualModes, find_modes
 from completion.uncertainty.sensor_errors import shift_by_sensors
 from scenes.checks import FloatArray
 
 _LEAST_PIXELS = 1_500  # of a surface in a scan, from which on it tells anything of smooth errors
-_MOST_SCANS = 16  # of a surface, those that measured most of it, which tell its bend
-_GAIN = 8.0
-"""How many times as much of a smooth error lies in offset and tilt as in each shape of second order.
-
-With it true right angles and parallels of twenty rooms are rejected at 5 % in .02 to .04 of the cases before
-five sensors, of twenty other rooms in .00 to .05 (`python -m benchmarks.completion.relations calibration`).
-"""
-_FREEDOM = 6.0  # that the scan's bend counts for beside the three of a surface's own (Smyth 2004)
+_MOST_SCANS = 8  # of a surface, those that measured most of it, which tell what smooth errors do to it
+_MOST_FIELDS = 32  # scans whose own smooth errors are estimated: those that measured most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StatedFit:
-    """A surface's fit, and how well it is known.
+class StatedFits:
+    """How well n surfaces are known, jointly.
 
     Attributes
     ----------
-    fit : SurfaceFit
-        Its covariance holds the noise, and smooth errors that are the surface's own.
-    freedom : float
-        Degrees of freedom that the scale of that is known with; inf where errors are independent.
-    shared : (k, m) float
-        What errors of the sensors, which all surfaces share, do to its parameters; one deviation of each.
+    fits : tuple of SurfaceFit
+        Their covariances hold the noise, and what errors alike in blocks of pixels add.
+    smooth : (p, p) float
+        Covariance of all p parameters, surface by surface, by smooth and by systematic errors of the scans.
+    freedom : tuple of float
+        Degrees of freedom (n,) that the scale of each covariance is known with; inf where errors are
+        independent.
     """
 
-    fit: SurfaceFit
-    freedom: float
-    shared: FloatArray
+    fits: tuple[SurfaceFit, ...]
+    smooth: FloatArray
+    freedom: tuple[float, ...]
 
-    @property
-    def total(self) -> SurfaceFit:
-        """The fit with the covariance of all errors."""
-        return replace(self.fit, covariance=self.fit.covariance + self.shared @ self.shared.T)
+    def total(self, number: int) -> SurfaceFit:
+        """Return a surface's fit with the covariance of all errors."""
+        own, fit = self._columns([number]), self.fits[number]
+        return replace(fit, covariance=fit.covariance + self.smooth[np.ix_(own, own)])
+
+    def smooth_of(self, numbers: Sequence[int]) -> FloatArray:
+        """Return the part (q, q) of `smooth` that is of some surfaces, in their order."""
+        own = self._columns(numbers)
+        return np.asarray(self.smooth[np.ix_(own, own)])
+
+    def _columns(self, numbers: Sequence[int]) -> list[int]:
+        first = np.cumsum([0, *(len(fit.covariance) for fit in self.fits)])
+        return [k for number in numbers for k in range(first[number], first[number + 1])]
 
 
 def state_fits(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float
-) -> list[StatedFit]:
-    """Return the fits of surfaces with covariances that hold where neighbouring pixels err alike.
+) -> StatedFits:
+    """Return how well surfaces are known, where neighbouring pixels err alike.
 
-    To the variance of a fit's parameters, which knows errors as long as blocks of pixels, those are added
-    that are as long as the surface and leave only residual modes: as large as in its scan, pooled over all
-    surfaces, moderated by its own. Variances are pooled after Smyth (2004), Linear models and empirical Bayes
-    methods; the share of a variance that was estimated gives its degrees of freedom (Satterthwaite 1946).
-    Where the relief of an uneven surface says more than that, it stays as it is.
+    To the variance of each fit, which knows errors as long as blocks of pixels, those are added that are as
+    long as the surface or longer. They come of a smooth random field over each scan's image, as large and as
+    long as residuals beyond the fits show it, and of the sensors' systematic errors, which leave no residual.
+    Both move neighbouring surfaces alike. The share of a variance that was estimated gives its degrees of
+    freedom (Satterthwaite 1946).
 
     Parameters
     ----------
@@ -73,17 +78,25 @@ def state_fits(
     # 1. Modes: what each surface's residuals say of smooth errors, in the scans that saw most of it.
     modes = [_modes_of(one, observations, flatness_m) for one in surfaces]
 
-    # 2. Pool: the bend of each scan, by those of its surfaces that are large enough to tell.
-    telling = [{scan: one for scan, one in own.items() if one.n >= _LEAST_PIXELS} for own in modes]
-    scans = sorted({scan for own in telling for scan in own})
-    bends = {scan: pooled_bend([own[scan] for own in telling if scan in own]) for scan in scans}
+    # 2. Fields: the smooth errors of each scan, by all its surfaces.
+    fields = _fields_of(modes)
+    typical = mean_field(list(fields.values()))
 
-    # 3. State: the covariance of each surface, by its own modes and those of its scans; and what the sensors'
-    #    systematic errors, which leave no residual, do to it.
-    return [
-        StatedFit(*_with_smooth(one, own, bends), shared=shift_by_sensors(one, observations))
-        for one, own in zip(surfaces, modes, strict=True)
+    # 3. Spread: what these do to each surface, scan by scan, so that surfaces of a scan share them.
+    smooth = _Joint([len(one.fit.covariance) for one in surfaces])
+    for scan in sorted({scan for own in modes for scan in own}):
+        field = fields.get(scan, typical)
+        smooth.add({k: _shift(own, scan, field) for k, own in enumerate(modes) if scan in own})
+    estimated = smooth.covariance.copy()
+
+    # 4. Systematic errors of the sensors, which leave no residual.
+    smooth.add({k: shift_by_sensors(one, observations) for k, one in enumerate(surfaces)})
+
+    freedom = [
+        _freedom(one.fit, smooth.own(estimated, k), [fields.get(scan, typical) for scan in modes[k]])
+        for k, one in enumerate(surfaces)
     ]
+    return StatedFits(tuple(one.fit for one in surfaces), smooth.covariance, tuple(freedom))
 
 
 def _modes_of(
@@ -97,38 +110,49 @@ def _modes_of(
     return {scan: own for scan, own in sorted(found.items()) if own is not None}
 
 
-def _with_smooth(
-    surface: MergedSurface, modes: dict[int, ResidualModes], bends: dict[int, float]
-) -> tuple[SurfaceFit, float]:
-    """The fit of a surface with what its smooth errors add, each scan's by the weight of its pixels.
+def _fields_of(modes: Sequence[dict[int, ResidualModes]]) -> dict[int, ImageField]:
+    """The field of each scan, by its surfaces that are large enough to tell; of those that measured most."""
+    telling: dict[int, list[ResidualModes]] = {}
+    for own in modes:
+        for scan, one in own.items():
+            if one.n >= _LEAST_PIXELS:
+                telling.setdefault(scan, []).append(one)
+    size = {scan: sum(one.n for one in some) for scan, some in telling.items()}
+    chosen = sorted(telling, key=lambda scan: (-size[scan], scan))[:_MOST_FIELDS]
+    return {scan: fit_field(telling[scan]) for scan in sorted(chosen)}
 
-    And the degrees of freedom of that.
-    """
-    fit = surface.fit
-    seen = sum(one.n for one in modes.values())
-    if not seen:
-        return fit, np.inf
-    typical = float(np.mean(list(bends.values()))) if bends else 0.0
+
+def _shift(modes: dict[int, ResidualModes], scan: int, field: ImageField) -> FloatArray:
+    """What the field of a scan does to a surface's parameters (k, b), which other scans hold as well."""
     information = np.sum([one.information for one in modes.values()], axis=0)
-    alike = np.sum(
-        [
-            one.information * _GAIN * one.n * _moderated(one, bends.get(scan, typical))
-            for scan, one in modes.items()
-        ],
-        axis=0,
-    )
-    inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True) * (seen / surface.n_pixels)
-    smooth = inverse @ alike @ inverse * (surface.n_pixels / seen)
-    relief = float(np.sum(information * fit.covariance))  # of each a trace, in independent deviations
-    share, independent = float(np.sum(information * smooth)), len(information) * fit.inflation
-    if relief >= share + independent or share <= 0:
-        return fit, np.inf
-    freedom = (_FREEDOM + N_SHAPES) * ((share + independent) / share) ** 2
-    return replace(fit, covariance=inverse * fit.inflation + smooth), freedom
+    return np.asarray(np.linalg.pinv(information, rcond=1e-14, hermitian=True) @ field.shifts(modes[scan]))
 
 
-def _moderated(one: ResidualModes, bend: float) -> float:
-    """The bend of a surface: that of its scan, and its own where it is large enough to have one."""
-    if one.n < _LEAST_PIXELS:
-        return bend
-    return (_FREEDOM * bend + N_SHAPES * max(one.bend, 0.0)) / (_FREEDOM + N_SHAPES)
+def _freedom(fit: SurfaceFit, smooth: FloatArray, fields: Sequence[ImageField]) -> float:
+    """Degrees of freedom of a covariance, of which the `smooth` part was estimated."""
+    share = np.linalg.lstsq(fit.covariance + smooth, smooth, rcond=None)[0]
+    part = float(np.trace(share)) / len(share)
+    if not fields or part <= 0:
+        return np.inf
+    return float(min(one.freedom for one in fields)) / part**2
+
+
+class _Joint:
+    """The covariance of all parameters of all surfaces, which grows error by error."""
+
+    def __init__(self, sizes: Sequence[int]) -> None:
+        self._first = np.cumsum([0, *sizes])
+        self.covariance = np.zeros((self._first[-1],) * 2)
+
+    def add(self, shifts: dict[int, FloatArray]) -> None:
+        """Add errors that several surfaces share: what each does to the parameters (k, e) of each."""
+        if not shifts:
+            return
+        where = np.concatenate([np.arange(self._first[k], self._first[k + 1]) for k in shifts])
+        every = np.concatenate(list(shifts.values()))
+        self.covariance[np.ix_(where, where)] += every @ every.T
+
+    def own(self, covariance: FloatArray, number: int) -> FloatArray:
+        """The part of a surface."""
+        own = slice(self._first[number], self._first[number + 1])
+        return np.asarray(covariance[own, own])

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Residual modes: how far a scan's surfaces are bent, by the smoothest shapes that their fits leave over.
+"""Residual modes: what a surface's residuals in one scan say of errors as long as the surface.
 
 A fit takes on the smoothest part of an error that is alike over a surface, its offset and tilt, and no
-residual shows it. The next smooth shapes, of second order over the surface, show how large such errors are.
-Let Q be the fit's columns and then those of second order, whitened and orthonormal. The components z = Q'r of
-the residuals beyond the fit have the variance s2 where errors are independent, and s2 + n tau2 where a smooth
-field of mean square tau2 lies over the n pixels.
+residual shows it. The next smooth shapes, of second and third order over the surface, show how large such
+errors are. Let Q be the fit's columns and then those shapes, whitened and orthonormal over the n pixels. The
+components z = Q'r of the residuals beyond the fit have the variance s2 where errors are independent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,38 +21,52 @@ from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
-N_SHAPES = 3  # of second order over a surface
+N_SHAPES = 7  # of second and third order over a surface
 _CHUNK = 1 << 17  # pixels at a time
 _LEAST_COSINE = 0.05  # of incidence, below which a beam tells nothing of a surface
-_N_SAMPLE = 4_000  # pixels that tell where a surface was measured
+_N_FRAME = 4_000  # pixels that tell where a surface was measured
+_N_SAMPLE = 400  # pixels over which smooth fields are integrated
 _SINGULAR = 1e-10  # of a column's own mean square
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidualModes:
-    """What the residuals of a surface in one scan say of smooth errors.
+    """What the residuals of a surface in one scan say, and a sample of its pixels.
 
     Attributes
     ----------
-    beyond : (3,) float
+    beyond : (7,) float
         Components of the whitened residuals along the smooth shapes beyond the fit.
     square : float
         Mean square of the whitened residuals, s2.
     n : int
         How many pixels.
-    information : (k, k) float
-        Of the fit's parameters, by these pixels as if their errors were independent.
+    factor : (k, k) float
+        R with R R' the information of the fit's parameters, errors taken as independent.
+    shapes : (m, k + 7) float
+        Q at a sample of m pixels.
+    places : (m, 2) float
+        Those pixels in the image, x to the right and y down from its middle, in half longer sides.
+    gain : (m,) float
+        What an error along the ray of the range's own deviation makes of the whitened residual there.
     """
 
     beyond: FloatArray
     square: float
     n: int
-    information: FloatArray
+    factor: FloatArray
+    shapes: FloatArray
+    places: FloatArray
+    gain: FloatArray
 
     @property
-    def bend(self) -> float:
-        """The mean square of its smooth error, whitened, as these components tell it; may be negative."""
-        return float(np.mean(np.square(self.beyond)) - self.square) / self.n
+    def information(self) -> FloatArray:
+        """Of the fit's parameters (k, k), by these pixels as if their errors were independent."""
+        return np.asarray(self.factor @ self.factor.T)
+
+    def taken_on(self, fields: FloatArray) -> FloatArray:
+        """Components (k + 7, f) along Q of errors along the rays, (m, f), in deviations of the range."""
+        return np.asarray(self.shapes.T @ (fields * self.gain[:, None]) * (self.n / len(self.gain)))
 
 
 def find_modes(
@@ -65,28 +77,15 @@ def find_modes(
     A sample of them would not do: what is left of the noise in a component falls with their number. None
     where the pixels do not tell the shapes apart.
     """
-    surface, size = fit.surface, len(fit.covariance)
-    sample = seen.points_at(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
-    places = _places(surface, sample)
-    centre, width = places.mean(axis=0), np.maximum(places.std(axis=0), 1e-9)
-    moments, total = np.zeros((size + N_SHAPES + 1,) * 2), 0
+    size = len(fit.covariance)
+    sample = seen.points_at(pixels[:: max(1, len(pixels) // _N_FRAME)])
+    frame = _Whitened(fit, seen, flatness_m, *_frame_of(_places(fit.surface, sample)))
+    moments, n = np.zeros((size + N_SHAPES + 1,) * 2), 0
     for first in range(0, len(pixels), _CHUNK):
-        own = pixels[first : first + _CHUNK]
-        points = seen.points_at(own)
-        cosine = np.abs(np.einsum("ij,ij->i", surface.normal(points), seen.rays_at(own)))
-        kept = cosine > _LEAST_COSINE
-        own, points = own[kept], points[kept]
-        sigma = np.sqrt(np.square(seen.sigma_at(own) * cosine[kept]) + flatness_m**2 + 1e-30)
-        shapes = _second_order(surface, points, centre, width)
-        columns = np.column_stack([fit.gradient(points), shapes, surface.distance(points)]) / sigma[:, None]
+        columns, _, _ = frame.columns(pixels[first : first + _CHUNK])
         moments += columns.T @ columns
-        total += len(own)
+        n += len(columns)
         trim()
-    return _modes_of(moments, total, size)
-
-
-def _modes_of(moments: FloatArray, n: int, size: int) -> ResidualModes | None:
-    """From the sums of products of the fit's columns, those beyond and the residual, in this order."""
     diagonal = np.diag(moments)
     freedom = n - size - N_SHAPES
     if freedom < 1 or not (diagonal[:-1] > 0).all():
@@ -95,21 +94,59 @@ def _modes_of(moments: FloatArray, n: int, size: int) -> ResidualModes | None:
     unit = moments[:-1, :-1] / np.outer(scale, scale)
     if np.linalg.eigvalsh(unit)[0] < _SINGULAR:
         return None
-    along = solve_triangular(cholesky(unit, lower=True), moments[:-1, -1] / scale, lower=True)
-    square = max(float(diagonal[-1] - along @ along), 0.0) / freedom
-    return ResidualModes(np.asarray(along[size:]), square, n, moments[:size, :size])
+    lower = cholesky(unit, lower=True)
+    along = solve_triangular(lower, moments[:-1, -1] / scale, lower=True)
+    some, kept, gain = frame.columns(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
+    return ResidualModes(
+        beyond=np.asarray(along[size:]),
+        square=max(float(diagonal[-1] - along @ along), 0.0) / freedom,
+        n=n,
+        factor=(lower * scale[:, None])[:size, :size],
+        shapes=np.asarray(solve_triangular(lower, (some[:, :-1] / scale).T, lower=True).T),
+        places=_in_image(kept, seen.scan.shape),
+        gain=gain,
+    )
 
 
-def _second_order(surface: Surface, points: FloatArray, centre: FloatArray, width: FloatArray) -> FloatArray:
-    """The shapes (n, 3) at points (n, 3): u2, uv, v2 of a plane; cos 2t, sin 2t, h2 of a cylinder."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whitened:
+    """The columns of a surface's fit, of the shapes beyond, and its residuals, in deviations."""
+
+    fit: SurfaceFit
+    seen: Observation
+    flatness_m: float
+    centre: FloatArray
+    width: FloatArray
+
+    def columns(self, pixels: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
+        """The columns (n, k + 8) at flat pixels, without those that graze; which are left, and their gain."""
+        surface, points = self.fit.surface, self.seen.points_at(pixels)
+        cosine = np.abs(np.einsum("ij,ij->i", surface.normal(points), self.seen.rays_at(pixels)))
+        kept = cosine > _LEAST_COSINE
+        pixels, points = pixels[kept], points[kept]
+        along = self.seen.sigma_at(pixels) * cosine[kept]
+        sigma = np.sqrt(np.square(along) + self.flatness_m**2 + 1e-30)
+        shapes = _shapes(surface, points, self.centre, self.width)
+        columns = np.column_stack([self.fit.gradient(points), shapes, surface.distance(points)])
+        return columns / sigma[:, None], pixels, along / sigma
+
+
+def _frame_of(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The middle (d,) of places (n, d), and how wide they are spread."""
+    return places.mean(axis=0), np.maximum(places.std(axis=0), 1e-9)
+
+
+def _shapes(surface: Surface, points: FloatArray, centre: FloatArray, width: FloatArray) -> FloatArray:
+    """Shapes of second and third order (n, 7): of a plane's u, v, or of a cylinder's angle and height."""
     places = (_places(surface, points) - centre) / width
     if isinstance(surface, Plane):
         u, v = places.T
-        return np.column_stack([u * u, u * v, v * v])
+        return np.column_stack([u * u, u * v, v * v, u**3, u * u * v, u * v * v, v**3])
     assert isinstance(surface, Cylinder)
     x, y = axis_frame(surface.direction)[:2] @ (points - surface.point).T
-    twice = 2 * np.arctan2(y, x)
-    return np.column_stack([np.cos(twice), np.sin(twice), places[:, 0] ** 2])
+    turn, h = np.arctan2(y, x), places[:, 0]
+    two, three = (np.stack([np.cos(n * turn), np.sin(n * turn)]) for n in (2, 3))
+    return np.column_stack([*two, h * h, *three, *(h * two)])
 
 
 def _places(surface: Surface, points: FloatArray) -> FloatArray:
@@ -122,21 +159,7 @@ def _places(surface: Surface, points: FloatArray) -> FloatArray:
     raise TypeError(f"no smooth shapes are known over a {type(surface).__name__}")
 
 
-def pooled_bend(modes: Sequence[ResidualModes]) -> float:
-    """Return the mean square of a scan's smooth errors, whitened, from those of its surfaces; at least 0.
-
-    A surface that is bent by itself, or is none, says little of the scan: none counts for more than three
-    times the mean (Huber's proposal, the mean of such as are chi-square kept).
-    """
-    if not modes:
-        return 0.0
-    bends = np.array([one.bend for one in modes])
-    mean = max(float(bends.mean()), 0.0)
-    for _ in range(_N_ROUNDS):
-        mean = max(_KEPT * float(np.minimum(bends, _MOST * mean).mean()), 0.0)
-    return mean
-
-
-_MOST = 3.0  # times the mean
-_KEPT = 1.022  # the mean of a chi-square of three freedoms over that of one cut off at three times its mean
-_N_ROUNDS = 20
+def _in_image(pixels: IntArray, shape: tuple[int, int]) -> FloatArray:
+    """Places (n, 2) of flat pixels, from the middle of the image, in half longer sides."""
+    row, column = np.divmod(pixels, shape[1])
+    return np.column_stack([column - shape[1] / 2, row - shape[0] / 2]) / (max(shape) / 2)

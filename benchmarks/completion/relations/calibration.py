@@ -10,14 +10,17 @@ import numpy as np
 
 from benchmarks.completion.relations.sensors import SENSORS, SensorErrors
 from benchmarks.completion.relations.true_fits import true_fits, true_relations
+from benchmarks.completion.scenes.cases import Case
 from benchmarks.completion.scenes.rooms import random_case
+from benchmarks.completion.scenes.stations import CAMERA
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import observe
 from completion.relations.engine.estimate import NO_DOUBT, Doubt, Estimate
 from completion.relations.engine.relation import Relation
 from completion.relations.engine.wald import wald_test
-from completion.uncertainty.pipeline import StatedFit, state_fits
+from completion.uncertainty.pipeline import StatedFits, state_fits
 from nbv.scanning.effects.effects import Effects
+from nbv.scanning.view import View
 
 LEVELS = (0.05, 0.001)
 
@@ -37,7 +40,7 @@ def calibration_table(seeds: Sequence[int], sensors: Sequence[SensorErrors] = SE
 
 def rejected(seed: int, sensor: SensorErrors) -> dict[str, list[float]]:
     """Return the p of each true parallel and right angle of a room, by covariances of three kinds."""
-    case = random_case(seed)
+    case = _by_camera(random_case(seed)) if sensor.is_camera else random_case(seed)
     scans = [sensor.applied(scan, 10 * seed + k) for k, scan in enumerate(case.scans(Effects(), 0))]
     seen = [observe(scan, case.views[0].world_from_sensor) for scan in scans]
     fits = true_fits(case, seen)
@@ -48,13 +51,21 @@ def rejected(seed: int, sensor: SensorErrors) -> dict[str, list[float]]:
     return {
         "independent": _values(relations, independent, NO_DOUBT),
         "blocks": _values(relations, alone, NO_DOUBT),
-        "stated": _values(relations, [one.fit for one in stated], doubt_of(stated)),
+        "stated": _values(relations, stated.fits, doubt_of(stated)),
     }
 
 
-def doubt_of(stated: Sequence[StatedFit]) -> Doubt:
+def _by_camera(case: Case) -> Case:
+    """The case, seen from the same places by cameras alone."""
+    views = tuple(
+        view if view.sensor.kind == "pinhole" else View(view.world_from_sensor, CAMERA) for view in case.views
+    )
+    return replace(case, views=views)
+
+
+def doubt_of(stated: StatedFits) -> Doubt:
     """Return what is doubtful of some fits."""
-    return Doubt([one.freedom for one in stated], [one.shared for one in stated])
+    return Doubt(stated.freedom, stated.smooth)
 
 
 def _values(relations: Sequence[Relation], fits: Sequence[SurfaceFit], doubt: Doubt) -> list[float]:

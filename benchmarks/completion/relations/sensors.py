@@ -33,12 +33,15 @@ class SensorErrors:
         Factor of the smooth field at ranges (n,), metres.
     field : callable
         A smooth field (rows, columns) of unit mean square, by a generator and the image's shape.
+    is_camera : bool
+        Whether only cameras err so, not scanners.
     """
 
     name: str
     noise: Callable[[FloatArray], FloatArray]
     smooth: Callable[[FloatArray], FloatArray]
     field: Callable[[np.random.Generator, tuple[int, int]], FloatArray]
+    is_camera: bool = False
 
     def applied(self, scan: RangeImage, seed: int) -> RangeImage:
         """Return a scan without errors with these; it is for who uses it to find out how large they are."""
@@ -80,12 +83,15 @@ def _by_square(size: float) -> Callable[[FloatArray], FloatArray]:
     return lambda ranges: size * np.square(ranges)
 
 
+def _camera(name: str, field: Callable[[np.random.Generator, tuple[int, int]], FloatArray]) -> SensorErrors:
+    noise, smooth = _by_square(_NOISE_PER_M), _by_square(DISPARITY_PER_M)
+    return SensorErrors(name, noise, smooth, field, is_camera=True)
+
+
 SENSORS: tuple[SensorErrors, ...] = (
     SensorErrors("2 mm", _always(2e-3), _always(0.0), no_field),
     SensorErrors("10 mm", _always(1e-2), _always(0.0), no_field),
     SensorErrors("2 mm, 1.5 mm smooth", _always(2e-3), _always(1.5e-3), random_field),
-    SensorErrors("depth camera, smooth", _by_square(_NOISE_PER_M), _by_square(DISPARITY_PER_M), random_field),
-    SensorErrors(
-        "depth camera, polynomial", _by_square(_NOISE_PER_M), _by_square(DISPARITY_PER_M), polynomial_field
-    ),
+    _camera("depth camera, smooth", random_field),
+    _camera("depth camera, polynomial", polynomial_field),
 )

@@ -46,13 +46,13 @@ class Doubt:
     freedom : sequence of float
         Degrees of freedom (n,) from which the scale of each covariance was estimated; inf where it is known.
         Empty: all are known.
-    shared : sequence of (k, m) float
-        What each of m errors that surfaces share does to the k parameters of each of n fits, one standard
-        deviation of it. Empty: they share none.
+    shared : (p, p) float, optional
+        Covariance of all p parameters, fit by fit, by errors that are not in the fits' own covariances and
+        that several may share.
     """
 
     freedom: Sequence[float] = ()
-    shared: Sequence[FloatArray] = ()
+    shared: FloatArray | None = None
 
 
 NO_DOUBT = Doubt()
@@ -105,9 +105,8 @@ class Estimate:
         self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._prior = block_diag(np.zeros((0, 0)), *(fit.covariance for fit in fits))
         self._prior += _ROUNDING**2 * np.eye(len(self._prior))
-        if doubt.shared:
-            shift = np.concatenate(doubt.shared)
-            self._prior = self._prior + shift @ shift.T
+        if doubt.shared is not None:
+            self._prior = self._prior + doubt.shared
         self.prior_sd = np.sqrt(np.diag(self._prior))
         self.x = np.zeros(self._first[-1])
         self.covariance = self._prior.copy()

@@ -272,8 +272,9 @@ def test_errors_that_walls_share_do_not_part_them():
         for fit in fits
     ]
     stated = [Relation(kind="parallel", surfaces=(0, 1))]
-    alike = impose(fits, stated, doubt=Doubt(shared=lean))
-    apart = impose(fits, stated, doubt=Doubt(shared=[lean[0], np.zeros((3, 1))]))
+    both, one = np.concatenate(lean), np.concatenate([lean[0], np.zeros((3, 1))])
+    alike = impose(fits, stated, doubt=Doubt(shared=both @ both.T))
+    apart = impose(fits, stated, doubt=Doubt(shared=one @ one.T))
     assert only(alike).p == pytest.approx(only(impose(fits, stated)).p, rel=0.05)
     assert only(apart).p > only(alike).p
     assert np.sqrt(np.diag(alike.fits[0].covariance)[1:]).max() == pytest.approx(np.radians(1.0), rel=0.01)

@@ -12,8 +12,9 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.refitting import refit_each
+from completion.uncertainty.image_field import LENGTHS, bumps, fit_field
 from completion.uncertainty.pipeline import state_fits
-from completion.uncertainty.residual_modes import ResidualModes, find_modes, pooled_bend
+from completion.uncertainty.residual_modes import ResidualModes, find_modes
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -53,11 +54,13 @@ def misfits(seeds: range, bend_m: float) -> np.ndarray:
     found = []
     for seed in seeds:
         surfaces, seen = corner_seen(seed, bend_m)
-        for stated, true in zip(state_fits(surfaces, seen, 0.0), CORNER, strict=True):
-            plane = stated.fit.surface
+        stated = state_fits(surfaces, seen, 0.0)
+        for number, true in enumerate(CORNER):
+            fit = stated.total(number)
+            plane = fit.surface
             across = np.stack([plane.u_direction, plane.v_direction])
             slopes = -across @ (true.normal_direction / (true.normal_direction @ plane.normal_direction))
-            found.extend(slopes / np.sqrt(np.diag(stated.fit.covariance)[1:]))
+            found.extend(slopes / np.sqrt(np.diag(fit.covariance)[1:]))
     return np.array(found)
 
 
@@ -68,28 +71,68 @@ def test_noise_alone_is_stated_as_it_is():
 
 def test_smooth_errors_are_stated_though_no_block_shows_them():
     bent = misfits(range(12), 0.004)
-    assert 0.25 < np.sqrt(np.mean(bent**2)) < 1.5
+    assert 0.25 < np.sqrt(np.mean(bent**2)) < 2.0  # three surfaces tell little of a bend over the image
     surfaces, seen = corner_seen(0, 0.004)
-    before, after = surfaces[0].fit, state_fits(surfaces, seen, 0.0)[0]
-    assert after.fit.covariance[1, 1] > 4 * before.covariance[1, 1]
-    assert after.freedom == pytest.approx(9.0, rel=0.3)
-    assert after.total.covariance[1, 1] == pytest.approx(after.fit.covariance[1, 1])  # no known sensor
+    stated = state_fits(surfaces, seen, 0.0)
+    assert stated.total(0).covariance[1, 1] > 4 * surfaces[0].fit.covariance[1, 1]
+    assert 1 < min(stated.freedom) < 100
 
 
-def test_relief_that_says_more_stays():
-    surfaces, seen = corner_seen(1)
-    uneven = replace(surfaces[0].fit, covariance=surfaces[0].fit.covariance * 1e6)
-    stated = state_fits([replace(surfaces[0], fit=uneven)], seen, 0.0)[0]
-    assert stated.fit is uneven
-    assert stated.freedom == np.inf
+def test_surfaces_of_a_scan_share_what_its_image_errs():
+    surfaces, seen = corner_seen(0, 0.004)
+    stated = state_fits(surfaces, seen, 0.0)
+    assert np.abs(stated.smooth[:3, 3:6]).max() > 0
+    values = np.linalg.eigvalsh(stated.smooth / np.sqrt(np.outer(*[np.diag(stated.smooth)] * 2)))
+    assert values.min() > -1e-9
+    np.testing.assert_array_equal(stated.smooth_of([2, 0])[:3, 3:], stated.smooth[6:9, :3])
 
 
-def test_one_bad_surface_does_not_speak_for_a_scan():
-    good = [ResidualModes(np.full(3, 2.0), 1.0, 3000, np.eye(3)) for _ in range(8)]
-    bad = ResidualModes(np.full(3, 200.0), 1.0, 3000, np.eye(3))
-    assert pooled_bend([]) == 0.0
-    assert pooled_bend(good) == pytest.approx(good[0].bend, rel=0.05)
-    assert pooled_bend([*good, bad]) < 2.5 * good[0].bend
+def test_a_field_is_found_as_large_and_as_long_as_it_is():
+    """From the components that fields of a known size and length leave in residuals of eight surfaces."""
+    rng = np.random.default_rng(3)
+    seen = [modes_of_square(rng, corner) for corner in np.mgrid[-1:0.6:3j, -0.7:0.2:3j].reshape(2, -1).T]
+    for length in (0.35, 1.0):
+        found = []
+        for _ in range(20):
+            drawn = rng.normal(size=bumps(seen[0].places, length).shape[1])
+            some = [
+                replace(
+                    one, beyond=0.8 * one.taken_on(bumps(one.places, length))[3:] @ drawn + rng.normal(size=7)
+                )
+                for one in seen
+            ]
+            field = fit_field(some)
+            found.append((sum(field.squares.values()), max(field.squares, key=field.squares.get)))
+        assert 0.3 < np.sqrt(np.median([one[0] for one in found])) / 0.8 < 2.5
+        assert np.median([one[1] for one in found]) == pytest.approx(length, rel=1.05)
+
+
+def modes_of_square(rng, corner) -> ResidualModes:
+    """Of a square of an image that a plane fills, 20,000 pixels."""
+    places = corner + rng.uniform(0, 0.4, (400, 2))
+    u, v = (5 * (places - corner - 0.2)).T
+    columns = np.column_stack([np.ones(400), u, v, u * u, u * v, v * v, u**3, u * u * v, u * v * v, v**3])
+    shapes = np.linalg.qr(columns)[0] * np.sqrt(400 / 20_000)
+    return ResidualModes(np.zeros(7), 1.0, 20_000, np.eye(3), shapes, places, np.ones(400))
+
+
+def test_noise_has_hardly_any_field_and_one_bad_surface_does_not_speak_for_all():
+    rng = np.random.default_rng(4)
+    seen = [modes_of_square(rng, corner) for corner in np.mgrid[-1:0.6:3j, -0.7:0.2:3j].reshape(2, -1).T]
+    plain = [replace(one, beyond=rng.normal(size=7)) for one in seen]
+    quiet = sum(fit_field(plain).squares.values())
+    assert quiet < 0.05  # what is longer than the image shows in none of them
+    assert fit_field([]).squares == {}
+    bad = replace(plain[0], beyond=plain[0].beyond + 200.0)
+    assert sum(fit_field([bad, *plain[1:]]).squares.values()) < 0.5 * sum(
+        fit_field([bad] * 9).squares.values()
+    )
+
+
+def test_bumps_add_up_to_one_everywhere():
+    places = np.random.default_rng(0).uniform(-1, 1, (200, 2))
+    for length in LENGTHS:
+        np.testing.assert_allclose(np.square(bumps(places, length)).sum(axis=1), 1.0, atol=0.05)
 
 
 def test_cylinders_have_modes_and_what_tells_none_has_none():
@@ -106,14 +149,22 @@ def test_cylinders_have_modes_and_what_tells_none_has_none():
     (fit,) = refit_each([post], [seen], [own], 0.0)
     modes = find_modes(fit, seen, pixels, 0.0)
     assert modes.information.shape == (5, 5)
+    assert modes.shapes.shape[1] == 12
     assert modes.square == pytest.approx(1.0, rel=0.1)
     assert np.square(modes.beyond).max() < 16
     assert find_modes(fit, seen, pixels[:7], 0.0) is None
 
 
-def test_rigid_motion_and_order_change_nothing():
+def test_order_changes_nothing():
     surfaces, seen = corner_seen(2, 0.002)
     forward = state_fits(surfaces, seen, 0.0)
-    backward = state_fits(surfaces[::-1], seen, 0.0)[::-1]
-    for one, two in zip(forward, backward, strict=True):
-        np.testing.assert_allclose(one.fit.covariance, two.fit.covariance, rtol=1e-12)
+    backward = state_fits(surfaces[::-1], seen, 0.0)
+    for number in range(3):
+        one, two = forward.total(number).covariance, backward.total(2 - number).covariance
+        np.testing.assert_allclose(one, two, rtol=1e-9)
+
+
+def test_nothing_is_stated_of_nothing():
+    stated = state_fits([], [], 0.0)
+    assert stated.fits == ()
+    assert stated.smooth.shape == (0, 0)
