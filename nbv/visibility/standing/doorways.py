@@ -55,13 +55,19 @@ class _Plan:
         headroom = np.zeros(columns.shape)
         room = np.minimum(columns.top, eye + _MOST_HEADROOM_M) - (eye - _EYE_M)
         headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], _MOST_HEADROOM_M)
-        self.headroom: FloatArray = self._over_unseen(headroom) if columns.is_partial else headroom
+        if columns.is_partial:
+            unseen = np.diff(columns.start) == 0
+            unseen[columns.cell[holds & np.isinf(columns.top)]] = True
+            headroom = self._over_unseen(headroom, unseen.reshape(columns.shape))
+        self.headroom: FloatArray = headroom
 
-    def _over_unseen(self, headroom: FloatArray) -> FloatArray:
-        """Return the headroom, where floor was not seen that of the nearest cell: no wall stands there."""
-        unseen = (np.diff(self.columns.start) == 0).reshape(headroom.shape) & ~np.isnan(self.height)
-        nearest = ndimage.distance_transform_edt(headroom == 0, return_distances=False, return_indices=True)
-        return np.where(unseen, headroom[tuple(nearest)], headroom)
+    def _over_unseen(self, headroom: FloatArray, unseen: BoolArray) -> FloatArray:
+        """Return the headroom, where floor or ceiling was not seen that of the nearest cell with both."""
+        known = (headroom > 0) & ~unseen
+        if not known.any():
+            return headroom
+        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        return np.where(unseen & ~np.isnan(self.height), headroom[tuple(nearest)], headroom)
 
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""
