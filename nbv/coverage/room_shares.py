@@ -49,5 +49,14 @@ def room_shares(coverage: Coverage, site: Site, caster: RayCaster) -> tuple[Room
         area = float(samples.areas[here].sum())
         shares = [float(samples.areas[here & part].sum()) / max(area, 1e-12) for part in (met, reachable)]
         errors = [share_error(samples, part, here) for part in (met, reachable)]
-        found.append(RoomShare(number, area, shares[0], errors[0], shares[1], errors[1]))
+        found.append(
+            RoomShare(
+                room=number,
+                surface_m2=area,
+                met=shares[0],
+                met_standard_error=errors[0],
+                reachable=shares[1],
+                reachable_standard_error=errors[1],
+            )
+        )
     return tuple(found)
