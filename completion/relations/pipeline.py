@@ -18,7 +18,7 @@ from completion.relations.proposals import STAGES, propose
 from completion.relations.tolerance import with_tolerance
 from scenes.checks import InputError
 
-_GROWTH = 0.1  # of the rank, after which all is solved together again
+_GROWTH = 0.2  # of the rank, after which all is solved together again
 _EVERY = 60  # equations, up to which that is done after each
 
 
