@@ -26,6 +26,8 @@ from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
+_GROWTH = 0.2  # of the rank, after which all is solved together again
+_EVERY = 60  # equations, up to which that is done after each
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
@@ -112,6 +114,7 @@ class Estimate:
         self.x = np.zeros(first[-1])
         self.covariance = self._prior.copy()
         self.imposed: list[Imposed] = []
+        self._n_solved = 0
         self.at = _Placements(self)
         self.frame = Frame(tuple(self.at[number] for number in range(len(fits))), up)
 
@@ -188,10 +191,16 @@ class Estimate:
         self.covariance -= gain @ by
         self.at.clear()
 
+    def settle(self) -> None:
+        """Solve, where so much was imposed since that derivatives may have changed."""
+        if self.rank > self._n_solved + (_GROWTH * self._n_solved if self._n_solved > _EVERY else 0):
+            self.solve()
+
     def solve(self) -> None:
         """Move the surfaces to where all that is imposed holds together, derivatives made anew there."""
         if not self.imposed:
             return
+        self._n_solved = self.rank
         for _ in range(_N_ROUNDS):
             jacobian, value, within = self.equations()
             gain, factor = self.factor(jacobian, within)
@@ -227,8 +236,11 @@ class Estimate:
         return gain, cho_factor(jacobian @ gain + np.diag(within))
 
     def anew(self) -> Estimate:
-        """Return the estimate from the same fits with nothing imposed."""
-        return Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
+        """Return the estimate from the same fits with nothing imposed, that begins where this one is."""
+        other = Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
+        other.x = self.x.copy()
+        other.at.clear()
+        return other
 
     def columns(self, number: int) -> slice:
         """Where the parameters of a surface are among all."""
