@@ -102,7 +102,7 @@ KINDS = (
     "scan-coverage",
     "study",
 )
-FEW = ("plan-nbv", "completion", "next-stations", "study")  # the others are put together of the same parts
+FEW = ("plan-nbv", "completion", "next-stations")  # the others are put together of the same parts
 ROOM = builtin_scene("two_occluders")
 CAMERA = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
 AROUND = SphericalSensor(width=240, height=90, name="around")

@@ -58,8 +58,10 @@ class FloorPlan:
         height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
 
         def draw(axes: Axes, theme: Theme) -> None:
-            lines = LineCollection(list(self.outline), colors=theme.ink, linewidths=1.6, capstyle="round")
-            axes.add_collection(lines)
+            lines = list(self.outline)
+            axes.add_collection(
+                LineCollection(lines, colors=theme.ink, linewidths=1.6, capstyle="round", zorder=2)
+            )
             for way in self.ways:
                 axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
             draw_zones(axes, theme, self.zones)

@@ -29,7 +29,10 @@ class Clearance:
         """Sample a mesh; its samples are at most two million, and then further apart."""
         spacing = max(clearance_m / _FINENESS, float(np.sqrt(mesh.face_areas().sum() / _MOST_SAMPLES)))
         samples = sample_surface(mesh, spacing)
-        return cls(clearance_m, cKDTree(samples.points))
+        tree = cKDTree(
+            samples.points, balanced_tree=False, compact_nodes=False
+        )  # built in a third of the time
+        return cls(clearance_m, tree)
 
     @classmethod
     def of_points(cls, points: FloatArray, clearance_m: float = CLEARANCE_M) -> Clearance:
