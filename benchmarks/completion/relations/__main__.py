@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.completion.relations.building import building_table
 from benchmarks.completion.relations.calibration import calibration_table
 from benchmarks.completion.relations.figure_study import cost_table, part_table, start_table
 from benchmarks.completion.relations.strips import off_square_table, strip_table
@@ -50,6 +51,13 @@ def part(parts: Annotated[int, typer.Option(min=1, help="How many parts a noise.
         for line in table:
             print(line, flush=True)
         print()
+
+
+@app.command()
+def building(stations: Annotated[int, typer.Option(min=1, help="In the largest rooms.")] = 8) -> None:
+    """The duplex from several stations: which true relations are found, and which false ones."""
+    for line in building_table(stations):
+        print(line, flush=True)
 
 
 @app.command()
