@@ -292,7 +292,7 @@ def fit(
     shared: Shared,
     points: Annotated[str, typer.Argument(metavar="POINTS", help="A file of points or scans; PATH#k.")],
     shape: Annotated[
-        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"],
+        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"],
         typer.Option("--shape", help="What to fit; auto chooses by evidence."),
     ] = "auto",
     metric: Annotated[

@@ -8,9 +8,9 @@ from scipy.special import chdtri
 
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 
-LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7}
+LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7, "torus": 7}
 _ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}
 _FLAT = 1e-9  # singular values below this part of the greatest count as zero
 _LEAST_RADIUS = 4.0  # times the residuals' rms
@@ -90,8 +90,9 @@ def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> N
 def check_layer(found: SurfaceFit) -> None:
     """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
     surface = found.surface
-    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder):
-        least = surface.radii[1] if isinstance(surface, EllipticCylinder) else surface.radius
+    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder | Torus):
+        radii = [surface.radii[1]] if isinstance(surface, EllipticCylinder) else [surface.radius]
+        least = min(radii + ([surface.tube_radius] if isinstance(surface, Torus) else []))
         if least < _LEAST_RADIUS * found.rms:
             raise FitError(
                 f"{undetermined(found.n, surface.kind)}: the radius {least:.3g} m is within the noise, "

@@ -31,7 +31,7 @@ def fit(
     ----------
     points : (n, 3) float
         Metres; anywhere: they are centred first.
-    shape : {"auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"}
+    shape : {"auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"}
         What to fit; "auto" lets the evidence decide, and raises where it does not.
     metric : {"euclidean", "taubin", "algebraic"}
         Orthogonal distances (the least-squares fit), or the closed forms, kept for comparison.
@@ -65,6 +65,8 @@ def fit(
     along = None if rays is None else _unit_rays(rays, len(cloud))
     selection = select(cloud, robust=robust) if shape == "auto" else None
     kind = shape if selection is None else selection.decided()
+    if metric != "euclidean" and kind == "torus":
+        raise FitError(f"a torus is no quadric: {metric!r} cannot fit it; use the euclidean metric")
     if metric != "euclidean" and kind != "plane":  # a plane's three metrics are one
         return fit_by_quadric(cloud, kind, metric)
     if selection is not None:

@@ -6,20 +6,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.degeneracy import check_layer
+from completion.fitting.oriented import N_NEIGHBOURS, oriented
 from completion.fitting.polish import Cloud, normal_equations, polished
 from completion.fitting.result import FitError, SurfaceFit
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Plane, Surface
 
 _N_SAMPLE = 1_500  # points that take part in the consensus
-_N_TREE = 50_000
 _N_ANNEALED = 20_000  # points that the scale is annealed on before two last rounds on all
-_N_NEIGHBOURS = 24
 _CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
 TUKEY = 4.685  # sigma
 _N_FINAL = 20
@@ -51,8 +49,8 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
     FitError
         Too few points, no consensus, or too few points left with a weight.
     """
-    if len(points) < _N_NEIGHBOURS:
-        raise FitError(f"a robust fit needs {_N_NEIGHBOURS} points, got {len(points)}")
+    if len(points) < N_NEIGHBOURS:
+        raise FitError(f"a robust fit needs {N_NEIGHBOURS} points, got {len(points)}")
     sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
     normals, sigma = oriented(sample, points)
     surface = start if start is not None else consensus_surface(sample, normals, shape, 3 * sigma)
@@ -78,18 +76,6 @@ def _settled(
     return surface, sigma, inliers
 
 
-def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-    """Normals (m, 3), without a side, of sample points by their neighbours, and the typical roughness."""
-    thinned = points[:: max(1, len(points) // _N_TREE)]
-    _, nearest = cKDTree(thinned).query(sample, k=min(_N_NEIGHBOURS, len(thinned)))
-    around = thinned[nearest]
-    around = around - around.mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", around, around) / (around.shape[1] - 3))
-    extent = float(np.sqrt(np.einsum("ij,ij->", sample - sample.mean(axis=0), sample - sample.mean(axis=0))))
-    roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0.0))))
-    return vectors[:, :, 0], max(roughness, 1e-9 * extent / np.sqrt(len(sample)))
-
-
 def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
     """Tukey's biweights (n,): (1 - (r / cut)^2)^2 within the cut, 0 beyond."""
     return np.asarray(np.maximum(1 - (residual / cut) ** 2, 0.0) ** 2, dtype=np.float64)
@@ -101,7 +87,10 @@ def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) 
     cloud = _weighted_cloud(points, weights, surface.kind)
     what = f"{len(cloud.points)} of {len(points)} points left with a weight determine no {surface.kind}"
     chart, _, _ = polished(chart_of(surface, cloud.centre, cloud.scale), cloud, what, 12)
-    moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    try:
+        moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    except InputError as error:
+        raise FitError(f"{what}: {error}") from error
     residual = np.abs(moved.distance(points))
     return moved, max(scale_within(residual[residual < cut * sigma], sigma), 1e-12 * cloud.scale)
 

@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from completion.fitting.pipeline import fit
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, surfaces_close
+from scenes.surfaces.catalogue import (
+    Cone,
+    Cylinder,
+    EllipticCylinder,
+    Plane,
+    Sphere,
+    Surface,
+    Torus,
+    surfaces_close,
+)
 from tests.helpers.strategies import poses, seeds
 
 SIGMA = 1e-3
@@ -18,6 +27,7 @@ SURFACES: dict[str, Surface] = {
     "cylinder": Cylinder((1, 2, 3), (0.3, 0.2, 1), 0.7),
     "cone": Cone((1, 2, 3), (0.3, 0.2, 1), 0.7, 0.5),
     "elliptic-cylinder": EllipticCylinder((1, 2, 3), (0.3, 0.2, 1), (0.7, 0.4)),
+    "torus": Torus((1, 2, 3), (0.3, 0.2, 1), 0.7, 0.4),
 }
 SHAPES = pytest.mark.parametrize("shape", SURFACES)
 law = settings(derandomize=True, deadline=None, max_examples=5)
@@ -39,6 +49,9 @@ def scaled(surface: Surface, factor: float) -> Surface:
     if isinstance(surface, Cone):
         radius = factor * surface.radius
         return Cone(factor * surface.point, surface.direction, radius, surface.half_angle)
+    if isinstance(surface, Torus):
+        radii = factor * surface.radius, factor * surface.tube_radius
+        return Torus(factor * surface.centre, surface.direction, *radii)
     assert isinstance(surface, EllipticCylinder)
     radii = (factor * surface.radii[0], factor * surface.radii[1])
     return EllipticCylinder(factor * surface.point, surface.direction, radii, surface.zero_direction)

@@ -36,6 +36,10 @@ def cloud(shape):
     elif shape == "sphere":
         slope = np.sqrt(1 - height**2)
         points = (0.6 + noise)[:, None] * np.column_stack([slope * level[:, 0], slope * level[:, 1], height])
+    elif shape == "torus":
+        tube = rng.uniform(-2, 1, N)
+        reach = 0.6 + (0.2 + noise) * np.cos(tube)
+        points = np.column_stack([level[:, :2] * reach[:, None], (0.2 + noise) * np.sin(tube)])
     elif shape == "elliptic-cylinder":
         angle = rng.uniform(-np.pi, np.pi, N)
         normal = np.column_stack([np.cos(angle) / 0.6, np.sin(angle) / 0.4])
@@ -54,7 +58,7 @@ def cloud(shape):
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clouds")
-    shapes = ("plane", "sphere", "cylinder", "elliptic-cylinder", "cone")
+    shapes = ("plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus")
     for shape in shapes:
         np.savetxt(folder / f"{shape}.xyz", cloud(shape), fmt="%.9f")
     return {shape: folder / f"{shape}.xyz" for shape in shapes}
@@ -65,6 +69,7 @@ EXPECTED = {
     "sphere": ["centre", "radius"],
     "cylinder": ["point", "direction", "radius"],
     "cone": ["point", "direction", "radius", "half_angle_deg"],
+    "torus": ["centre", "direction", "radius", "tube_radius"],
 }
 
 
@@ -181,7 +186,9 @@ def test_warnings_of_reading_are_told(files, tmp_path):
         ("1 2 3\n", ["bad.xyz", "1"]),
     ],
 )
-@pytest.mark.parametrize("shape", ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder", "auto"])
+@pytest.mark.parametrize(
+    "shape", ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder", "torus", "auto"]
+)
 def test_unusable_input_is_one_line_and_exit_code_1(tmp_path, text, words, shape):
     (tmp_path / "bad.xyz").write_text(text)
     result = run(tmp_path / "bad.xyz", "--shape", shape)
@@ -197,7 +204,7 @@ def test_missing_files_and_unknown_options(tmp_path):
     assert result.exit_code == 1
     assert "none.xyz: no such file" in result.stderr
     (tmp_path / "a.xyz").write_text("1 2 3\n")
-    assert run(tmp_path / "a.xyz", "--shape", "torus").exit_code == 2
+    assert run(tmp_path / "a.xyz", "--shape", "ellipsoid").exit_code == 2
     assert run(tmp_path / "a.xyz", "--metric", "manhattan").exit_code == 2
     assert run(tmp_path / "a.xyz", "-o", tmp_path).exit_code == 1
 
