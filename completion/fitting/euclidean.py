@@ -129,11 +129,13 @@ def fit_euclidean(
     chart, normal, converged = polished(chart, sample, what, n_steps, damped)
     if not converged:
         raise FitError(f"no convergence: {what}; the last radius is {chart.size() * cloud.scale:.3g} m")
+    is_turned = isinstance(chart, ConeChart) and chart.phi > 0
+    if isinstance(chart, ConeChart):
+        chart = chart.growing()
     if len(sample.points) < len(points):
         for _ in range(2):
             chart, normal = full_step(chart, cloud, what)
-    elif isinstance(chart, ConeChart) and chart.phi > 0:
-        chart = chart.growing()
+    elif is_turned:
         chart, normal = full_step(chart, cloud, what)
     found = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
     if damped:

@@ -126,3 +126,12 @@ def test_shallow_arcs_are_fitted_with_their_uncertainty(shape, ratio) -> None:
     found = fit(exact + 0.01 / ratio * rng.normal(size=(3000, 1)) * true.normal(exact), shape)
     error = found.surface.radius - ratio  # type: ignore[attr-defined]
     assert abs(error) < 4 * found.parameter_deviations()["radius"] < 0.01 * ratio
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cones_of_many_points_open_whichever_way_they_were_found(seed) -> None:
+    rng = np.random.default_rng(seed)
+    true = Cone(rng.normal(size=3), rng.normal(size=3), 1.0, 0.4)
+    points = true.from_uv(np.column_stack([rng.uniform(-0.8, 0.8, 45_000), rng.uniform(-0.5, 0.5, 45_000)]))
+    points += SIGMA * rng.normal(size=(len(points), 1)) * true.normal(points)
+    assert surfaces_close(fit(points, "cone").surface, true, angle=1e-3, length=1e-3)
