@@ -314,13 +314,31 @@ def fit(
             show_default="from the file",
         ),
     ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(
+            "--radius",
+            metavar="R",
+            help="Given, in metres, and held: of a sphere, cylinder, or a torus' circle.",
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            "--axis", metavar="X,Y,Z", help="A direction, given and held: of the axis, or a plane's normal."
+        ),
+    ] = None,
     units: UnitsOption = "m",
 ) -> None:
     """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
     stood = None if origin is None else parse_numbers(origin, 3, "--origin")
+    given = {"radius": radius, "axis": None if axis is None else parse_numbers(axis, 3, "--axis")}
     from nbv.commands.fit import run_fit
 
-    run_fit(shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, units=units)
+    run_fit(
+        shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, given=given,
+        units=units,
+    )  # fmt: skip
 
 
 @app.command(short_help="What a scene, a scan or another file holds.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.fitting.held import Held
 from completion.fitting.result import FitError
 from completion.fitting.revolution import torus_about
 from scenes.checks import FloatArray, InputError
@@ -30,14 +31,16 @@ _MINIMAL = {  # points in a set, sets drawn
 }
 
 
-def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, tolerance: float) -> Surface:
+def consensus_surface(
+    points: FloatArray, normals: FloatArray, shape: str, tolerance: float, held: Held | None = None
+) -> Surface:
     """Find the surface of one shape with the least truncated squared distance (MSAC), from minimal sets.
 
     Minimal sets of oriented points: one for a plane, two for a sphere or cylinder, three for a cone (its apex
     is where three tangent planes meet), four for a torus (its axis meets four normals); two for an elliptic
     cylinder's axis, and five points for its section. Points (n, 3) are in metres, some hundreds to thousands
     are enough; normals (n, 3) need no side: they count as lines. Beyond `tolerance`, metres, a point is an
-    outlier. The sets are drawn with a fixed seed.
+    outlier. The sets are drawn with a fixed seed; what is `held` is imposed on each.
 
     Raises
     ------
@@ -54,16 +57,25 @@ def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, toler
         if surface is None:
             continue
         n_spanned += 1
-        distance = np.minimum(np.abs(surface.distance(points[sample])), tolerance)
-        cost = float(distance @ distance)
-        if cost < least:
-            best, least = surface, cost
+        for near in _with_given(surface, points[drawn].mean(axis=0), held):
+            distance = np.minimum(np.abs(near.distance(points[sample])), tolerance)
+            cost = float(distance @ distance)
+            if cost < least:
+                best, least = near, cost
     if best is None:
         raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {_NAMES[shape]}")
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
     if n_agree < 0.2 * len(points):
         raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")
     return best
+
+
+def _with_given(surface: Surface, place: FloatArray, held: Held | None) -> list[Surface]:
+    """The surface, or those with the given values that are near it about a place (3,)."""
+    try:
+        return [surface] if held is None else list(held.imposed(surface, place))
+    except InputError:
+        return []
 
 
 def _spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:

@@ -105,7 +105,7 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
 
     The likelihood ratio against the plane, the fall of the sum of squares over the residuals' variance, is
     distributed as chi squared where the truth is a plane (Wilks 1938); a bend counts when noise on a plane
-    would show as much once in a thousand times.
+    would show as much once in a thousand times. Where the radius was given, that bends it.
 
     Raises
     ------
@@ -113,8 +113,9 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
         A plane explains them as well.
     """
     used = points if found.inliers is None else points[found.inliers]
-    n_more = len(found.covariance) - 3
-    if isinstance(found.surface, Plane) or found.degrees_of_freedom < 1 or not found.rms > 0:
+    n_more = max(found.n - found.degrees_of_freedom - 3, 1)
+    is_known = isinstance(found.surface, Plane) or "radius" in found.held
+    if is_known or found.degrees_of_freedom < 1 or not found.rms > 0:
         return
     sample = used[:: max(1, len(used) // _N_SAMPLE)]
     if len(sample) > 100 and _plane_residual(sample) > 2 * found.rms**2 * len(sample):

@@ -47,6 +47,9 @@ class SurfaceFit:
         Robust fits and fits along rays: which of all the points given took part.
     metric : str
         "euclidean", "taubin" or "algebraic".
+    held : tuple of str
+        Parameters that were given and held exactly: "direction" ("normal" of a plane), "radius". Their
+        variances and covariances are zero.
     """
 
     surface: Surface
@@ -57,11 +60,13 @@ class SurfaceFit:
     converged: bool = True
     inliers: BoolArray | None = None
     metric: str = "euclidean"
+    held: tuple[str, ...] = ()
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Points less parameters."""
-        return self.n - len(self.covariance)
+        """Points less parameters that were sought."""
+        n_held = sum(1 if name == "radius" else 2 for name in self.held)
+        return self.n - len(self.covariance) + n_held
 
     @property
     def covariance_independent(self) -> FloatArray:

@@ -8,8 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from completion.fitting.charts.axial_charts import chart_of
+from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.held_chart import HeldChart
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.degeneracy import check_layer
+from completion.fitting.held import Held
 from completion.fitting.oriented import N_NEIGHBOURS, oriented
 from completion.fitting.polish import Cloud, normal_equations, polished
 from completion.fitting.result import FitError, SurfaceFit
@@ -23,7 +26,9 @@ TUKEY = 4.685  # sigma
 _N_FINAL = 20
 
 
-def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> SurfaceFit:
+def fit_robust(
+    points: FloatArray, shape: str, start: Surface | None = None, held: Held | None = None
+) -> SurfaceFit:
     """Fit a shape to points of which up to about half are outliers.
 
     MSAC from minimal sets of oriented points (normals by local principal components), then iteratively
@@ -38,6 +43,8 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
         As for `fit`, "auto" excepted.
     start : Surface, optional
         Instead of the consensus.
+    held : Held, optional
+        Values that are given.
 
     Returns
     -------
@@ -53,23 +60,43 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
         raise FitError(f"a robust fit needs {N_NEIGHBOURS} points, got {len(points)}")
     sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
     normals, sigma = oriented(sample, points)
-    surface = start if start is not None else consensus_surface(sample, normals, shape, 3 * sigma)
+    surface = (
+        _held_start(start, held, sample)
+        if start is not None
+        else consensus_surface(sample, normals, shape, 3 * sigma, held)
+    )
     part = points[:: max(1, len(points) // _N_ANNEALED)]
     for cut in _CUTS:
-        surface, sigma = _reweighted(part, surface, cut, sigma)
-    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL)
+        surface, sigma = _reweighted(part, surface, cut, sigma, held)
+    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL, held)
     if len(part) < len(points):
-        surface, sigma, inliers = _settled(points, surface, sigma, 2)
-    return _robust_result(points, surface, sigma, inliers)
+        surface, sigma, inliers = _settled(points, surface, sigma, 2, held)
+    found = _robust_result(points, surface, sigma, inliers, held)
+    return found if held is None else held.marked(found)
+
+
+def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surface:
+    """The start with the given values, nearest to most points (n, 3)."""
+    if held is None:
+        return start
+    near = held.imposed(start, points.mean(axis=0))
+    return min(near, key=lambda surface: float(np.median(np.abs(surface.distance(points)))))
+
+
+def _chart(surface: Surface, cloud: Cloud, held: Held | None) -> Chart:
+    """The chart at a surface, with what is given held."""
+    if held is None:
+        return chart_of(surface, cloud.centre, cloud.scale)
+    return held.chart(surface, cloud.centre, cloud.scale)
 
 
 def _settled(
-    points: FloatArray, surface: Surface, sigma: float, n_rounds: int
+    points: FloatArray, surface: Surface, sigma: float, n_rounds: int, held: Held | None
 ) -> tuple[Surface, float, BoolArray]:
     """Reweigh at the last cut until the same points have a weight, at most so many times."""
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
     for _ in range(n_rounds):
-        surface, sigma = _reweighted(points, surface, TUKEY, sigma)
+        surface, sigma = _reweighted(points, surface, TUKEY, sigma, held)
         before, inliers = inliers, np.abs(surface.distance(points)) < TUKEY * sigma
         if (before == inliers).all():
             break
@@ -81,12 +108,14 @@ def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
     return np.asarray(np.maximum(1 - (residual / cut) ** 2, 0.0) ** 2, dtype=np.float64)
 
 
-def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) -> tuple[Surface, float]:
+def _reweighted(
+    points: FloatArray, surface: Surface, cut: float, sigma: float, held: Held | None
+) -> tuple[Surface, float]:
     """The surface after a weighted fit, and the scale of its residuals within the cut."""
     weights = tukey_weights(surface.distance(points), cut * sigma)
     cloud = _weighted_cloud(points, weights, surface.kind)
     what = f"{len(cloud.points)} of {len(points)} points left with a weight determine no {surface.kind}"
-    chart, _, _ = polished(chart_of(surface, cloud.centre, cloud.scale), cloud, what, 12)
+    chart, _, _ = polished(_chart(surface, cloud, held), cloud, what, 12)
     try:
         moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     except InputError as error:
@@ -120,20 +149,24 @@ def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud
     return Cloud(near, centre, scale or 1.0, weights[kept])
 
 
-def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray) -> SurfaceFit:
+def _robust_result(
+    points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray, held: Held | None
+) -> SurfaceFit:
     """The fit with the M-estimator's covariance."""
     kept = points[inliers]
     cloud = replace(_weighted_cloud(points, inliers.astype(np.float64), surface.kind), weights=None)
     if isinstance(surface, Plane):  # its chart's origin: the point nearest to the centroid
         height = float(surface.distance(cloud.centre[None])[0])
         surface = Plane(cloud.centre - height * surface.normal_direction, surface.normal_direction)
-    chart = chart_of(surface, cloud.centre, cloud.scale)
+    chart = _chart(surface, cloud, held)
     normal = normal_equations(chart, cloud)
     n, k = len(kept), chart.n_parameters
     residual = surface.distance(kept)
     variance = tukey_variance(residual, sigma, k)
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     covariance = variance * normal.inverse() * np.outer(units, units)
+    if isinstance(chart, HeldChart):
+        covariance = chart.widened(covariance)
     rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
     placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     found = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)

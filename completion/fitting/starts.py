@@ -17,7 +17,7 @@ import numpy as np
 from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
 from completion.fitting.charts.chart import Chart, SphereChart, axis_frame, turned_frame
 from completion.fitting.quadrics import moments
-from completion.fitting.revolution import torus_starts
+from completion.fitting.revolution import torus_about, torus_starts
 from scenes.checks import FloatArray
 
 _N_DIRECTIONS = 600
@@ -54,6 +54,19 @@ def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
         for axis in _best_axes(gram, "blunt", n_best):
             found.extend(_blunt_cones(gram, axis_frame(axis)))
     return found
+
+
+def starts_along(shape: str, unit: FloatArray, axis: FloatArray) -> list[Chart]:
+    """Charts to polish from about a unit axis (3,) of a given direction."""
+    gram = moments(unit, np.zeros(3)).gram() / len(unit)
+    frame = axis_frame(axis)
+    round_ones: list[Chart] = [*_cylinders(gram, frame)]
+    if shape == "torus":
+        places = [chart.origin for chart in round_ones] or [np.zeros(3)]
+        return [chart for place in places for chart in torus_about(unit, place, axis)]
+    if shape == "cone":
+        return [*_cones(gram, frame), *_blunt_cones(gram, frame)]
+    return _ellipses(gram, frame) if shape == "elliptic-cylinder" else round_ones
 
 
 def _spheres(gram: FloatArray) -> list[Chart]:

@@ -126,6 +126,41 @@ def test_elliptic_cylinder(files):
     )
 
 
+def test_given_values_are_held_and_told(files):
+    free = fitted(files["cylinder"], "--shape", "cylinder")
+    axis = ",".join(f"{number:.17g}" for number in free["parameters"]["direction"])
+    held = fitted(files["cylinder"], "--shape", "cylinder", "--radius", 0.6, "--axis", axis)
+    assert held["parameters"]["radius"] == 0.6
+    assert held["parameters"]["direction"] == free["parameters"]["direction"]
+    assert held["held"] == ["direction", "radius"]
+    assert free["held"] == []
+    assert (held["standard_deviation"]["radius"], held["standard_deviation"]["direction"]) == (0, 0)
+    assert 0 < held["standard_deviation"]["point"] < free["standard_deviation"]["point"]
+    assert held["options"]["radius"] == 0.6
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--shape", "auto", "--radius", 1], "name it in place of auto"),
+        (["--shape", "plane", "--radius", 1], "a plane has no one radius to be given"),
+        (["--shape", "sphere", "--axis", "0,0,1"], "a sphere has no axis to be given"),
+        (["--shape", "cylinder", "--radius", -1], "radius must be a positive number of metres, got -1"),
+        (["--shape", "cylinder", "--axis", "0,0,0"], "axis has length 0"),
+        (["--shape", "cylinder", "--radius", 1, "--metric", "taubin"], "held by Euclidean fits alone"),
+    ],
+)
+def test_what_cannot_be_given_is_one_line(files, words, message):
+    result = run(files["cylinder"], *words)
+    assert result.exit_code == 1
+    assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_an_axis_of_two_numbers_is_a_wrong_option(files):
+    assert run(files["cylinder"], "--shape", "cylinder", "--axis", "0,1").exit_code == 2
+
+
 @pytest.mark.parametrize("metric", ["euclidean", "taubin", "algebraic"])
 def test_metrics_are_told_apart(files, metric):
     held = fitted(files["elliptic-cylinder"], "--shape", "elliptic-cylinder", "--metric", metric)
