@@ -95,7 +95,7 @@ class Held:
         return found
 
     def chart(self, surface: Surface, centre: FloatArray, scale: float) -> HeldChart:
-        """The chart at a surface that has the given values; see `chart_of`."""
+        """The chart at a surface that has the given values, relative to `centre` (3,); see `chart_of`."""
         return HeldChart(chart_of(surface, centre, scale), self.free)
 
     def starts(self, charts: list[Chart]) -> list[Chart]:
