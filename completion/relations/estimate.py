@@ -55,7 +55,7 @@ class Estimate:
     Parameters
     ----------
     fits : sequence of SurfaceFit
-        Planes, spheres, cylinders and cones with finite covariances.
+        Planes, spheres, cylinders, cones and tori with finite covariances.
     up : (3,) float, optional
         Unit vector against gravity.
     sd : (3,) float
