@@ -9,11 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from completion.boundary.continuation import ALL_CUES, Cue
-from completion.edits.edit import Edit
+from completion.edits.edit import Anchor, Edit
 from completion.extension.choice import KINDS
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
+from completion.relations.options import BUILT, RelationOptions
+from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
 from completion.texturing.problem import TexturingOptions
@@ -54,6 +56,10 @@ class CompletionOptions:
         What is made use of; all that is known.
     edits : tuple of Edit
         What a person says of the surfaces.
+    relations : RelationOptions, optional
+        How exactly things are built, and which relations of surfaces are inferred; when None, none are.
+    stated_relations : tuple of StatedRelation
+        What a person says that surfaces are, or are not, to each other.
     segmentation, evidence, texturing : options
         Of the stages.
 
@@ -74,6 +80,8 @@ class CompletionOptions:
     max_sd_m: float = 0.02
     cues: tuple[Cue, ...] = ALL_CUES
     edits: tuple[Edit, ...] = ()
+    relations: RelationOptions | None = BUILT
+    stated_relations: tuple[StatedRelation[Anchor], ...] = ()
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
@@ -87,6 +95,8 @@ class CompletionOptions:
         for kind in self.only:
             if kind not in KINDS:
                 raise InputError(f"only must be some of {', '.join(KINDS)}, got {kind!r}")
+        if self.stated_relations and self.relations is None:
+            raise InputError("stated relations are imposed where relations are on; give relations=BUILT")
         lengths = ("sigma_m", "registration_m", "max_sd_m", "min_area_m2")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
 
@@ -128,4 +138,4 @@ class CompletionOptions:
         """Return the options with the tolerances that hold for so many scans, the edits apart."""
         held = self.tolerance(n_scans)
         evidence = replace(self.evidence, flatness_m=held.flatness_m, registration_m=held.registration_m)
-        return replace(self, edits=(), evidence=evidence)
+        return replace(self, edits=(), stated_relations=(), evidence=evidence)

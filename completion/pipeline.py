@@ -28,12 +28,14 @@ from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import Observation, observe
 from completion.options import CompletionOptions
+from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion
 from completion.result.verification import Verification, verify
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
+from completion.uncertainty.pipeline import state_fits
 from scenes.checks import InputError, check_kind, check_rng
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
@@ -124,23 +126,34 @@ def complete(
             lambda: merge(observations, regions, tolerance, across=across, keys=keys, spill=steps.spill),
         )
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
-        surfaces = [one.surface for one in edited]
+
+        # 4. Relate: say how well each surface is known, infer what they are to each other, and impose that.
+        known = state_fits([one.surface for one in edited], observations, tolerance.flatness_m)
+        related = relate_surfaces(
+            edited,
+            known,
+            observations,
+            options.relations if Cue.RELATIONS in options.cues else None,
+            options.stated_relations,
+            world_from_reference=world_from_reference,
+        )
+        surfaces = [one.surface for one in related.surfaces]
         numbered = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
         seen = Scans(tuple(observations), tuple(map(steps.keep, numbered)), tolerance, keys, steps.spill)
 
-        # 4. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
+        # 5. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [
             steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
             for one in surfaces
         ]
         adjacency = find_adjacency(surfaces, boundaries, seen)
 
-        # 5. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
+        # 6. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
         # probable. Where several claim a place, the most probable one has it.
         up = world_from_reference.matrix[2, :3]
 
         def extended(index: int) -> Patch | None:
-            said, encloses = edited[index].edits, bool(adjacency.encloses[index])
+            said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
             if not said.actions and not is_chosen(
                 surfaces[index].fit.surface, options.only, encloses=encloses, up=up
             ):
@@ -149,15 +162,22 @@ def complete(
                 index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up
             )
             patch = extend(
-                boundaries[index], extent, edited[index], scans=seen, number=index + 1, rules=options.rules()
+                boundaries[index],
+                extent,
+                related.surfaces[index],
+                related.stated[index],
+                scans=seen,
+                number=index + 1,
+                rules=options.rules(),
             )
             return patch if said.actions or patch.observed_m2 >= options.min_area_m2 else None
 
         every = steps.each("extend", extended, range(len(surfaces)))
         chosen, owners = numbered_anew(every, seen.owners)
+        relations = related.found and related.found.numbered([one is not None for one in every])
         patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
 
-        # 6. Texture: continue the colour of each surface over its inferred part.
+        # 7. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
 
         def textured(index: int) -> ChartTexture | None:
@@ -165,7 +185,7 @@ def complete(
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
-        # 7. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
+        # 8. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(one)) for one in observations]
         found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
     return Completion(
@@ -183,6 +203,7 @@ def complete(
         key_frames=keys,
         unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
+        relations=relations,
     )
 
 
@@ -217,7 +238,7 @@ def complete_first(
     journal: Journal = NO_JOURNAL,
 ) -> Completion:
     """Complete the first scan alone, without what a person says, and without texture."""
-    plain = replace(options, texture=False, edits=())
+    plain = replace(options, texture=False, edits=(), stated_relations=())
     return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
 
 

@@ -204,6 +204,14 @@ def complete(
             "--edits", metavar="FILE", help="Your say: completion.json with edits.", show_default=False
         ),
     ] = None,
+    relations: Annotated[
+        str,
+        typer.Option(
+            "--relations",
+            metavar="auto|off|FILE",
+            help="Square, parallel, in one plane: inferred; off; or with what a file states and forbids.",
+        ),
+    ] = "auto",
     texture: Annotated[
         Literal["exact", "budget"] | None,
         typer.Option("--texture", help="Search exactly, or quickly.", show_default="by how much is hidden"),
@@ -243,6 +251,7 @@ def complete(
         moves_scans=not keep_poses,
         texture=not no_texture,
         edits=edits,
+        relations=relations,
         exports=wanted,
         search=texture or "auto",
         cell_m=resolution,

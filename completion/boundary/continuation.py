@@ -23,6 +23,7 @@ class Cue(StrEnum):
     """Knowledge about surfaces that completion uses (Dell'Acqua & Fisher 2002)."""
 
     MERGING = "merging"  # parts that an occluder cut apart are one surface
+    RELATIONS = "relations"  # walls are parallel, at right angles, in one plane
     INTERSECTION = "intersection"  # it ends where it was seen to meet another surface
     COLLINEAR = "collinear"  # an edge seen on both sides of an occluder goes on between
     CONVERGENT = "convergent"  # an edge that vanishes behind an occluder goes on

@@ -77,7 +77,10 @@ def apply_edits(
     place = _Place(observations, world_from_reference.inverse(), flatness_m)
     edited = [EditedSurface(surface) for surface in surfaces]
     for edit in edits:
-        found = [_find(edited, anchor, edit, place) for anchor in edit.surfaces]
+        found = [
+            surface_at(edited, anchor, edit.source, observations, world_from_reference)
+            for anchor in edit.surfaces
+        ]
         numbers = list(dict.fromkeys(found))
         chosen = [edited[number] for number in numbers]
         rest = [one for number, one in enumerate(edited) if number not in numbers]
@@ -90,25 +93,25 @@ def apply_edits(
     return sorted(edited, key=lambda one: -one.surface.n_pixels)
 
 
-def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
-    """The measured point (3,) of a surface that lies deepest inside it, working frame."""
-    largest, _ = max(surface.pixels.held, key=lambda pair: len(pair[1]))
-    inside = np.pad(surface.pixels[largest].mask.astype(np.uint8), 1)
-    depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    return np.asarray(observations[largest].points_at(np.array([row * depth.shape[1] + column]))[0])
+def surface_at(
+    edited: Sequence[EditedSurface],
+    anchor: Anchor,
+    source: str,
+    observations: Sequence[Observation],
+    world_from_reference: Pose,
+) -> int:
+    """Return which surface was measured at an anchor, by its place among `edited`.
 
-
-def _find(edited: Sequence[EditedSurface], anchor: Anchor, edit: Edit, place: _Place) -> int:
-    """Index of the surface that was measured at an anchor."""
-    point = place.reference_from_world.apply(anchor.point)
+    Raises InputError, which begins with the `source` that names it: nothing, or one of another kind, was.
+    """
+    point = world_from_reference.inverse().apply(anchor.point)
     away = [
-        float(np.min(np.linalg.norm(one.surface.points(place.observations) - point, axis=1), initial=np.inf))
+        float(np.min(np.linalg.norm(one.surface.points(observations) - point, axis=1), initial=np.inf))
         for one in edited
     ]
     nearest = int(np.argmin(away)) if away else -1
     x, y, z = anchor.point
-    where = f"{edit.source}: {anchor.name} should be at ({x:.3f}, {y:.3f}, {z:.3f})"
+    where = f"{source}: {anchor.name} should be at ({x:.3f}, {y:.3f}, {z:.3f})"
     cure = "was it meant for other scans? start from the completion.json of these"
     if nearest < 0 or away[nearest] > _PICK_M:
         gap = f"the nearest surface was measured {away[nearest]:.2f} m away" if edited else "there is none"
@@ -117,6 +120,15 @@ def _find(edited: Sequence[EditedSurface], anchor: Anchor, edit: Edit, place: _P
     if anchor.kind not in (None, kind):
         raise InputError(f"{where} and be a {anchor.kind}, but there is a {kind}; {cure}")
     return nearest
+
+
+def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
+    """The measured point (3,) of a surface that lies deepest inside it, working frame."""
+    largest, _ = max(surface.pixels.held, key=lambda pair: len(pair[1]))
+    inside = np.pad(surface.pixels[largest].mask.astype(np.uint8), 1)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    return np.asarray(observations[largest].points_at(np.array([row * depth.shape[1] + column]))[0])
 
 
 def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> EditedSurface:

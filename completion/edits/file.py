@@ -57,7 +57,7 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
         held = read_json(file, dict)
         if not isinstance(held.get("edits"), list):
             raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
-        anchors = _anchors(held.get("surfaces", []))
+        anchors = anchors_of(held.get("surfaces", []))
         return tuple(
             _edit(one, anchors, f"{file}: edit {number}") for number, one in enumerate(held["edits"], start=1)
         )
@@ -77,8 +77,11 @@ def edit_record(edit: Edit) -> dict[str, Any]:
     return record
 
 
-def _anchors(surfaces: object) -> dict[int, Anchor]:
-    """The file's own surfaces by number."""
+def anchors_of(surfaces: object) -> dict[int, Anchor]:
+    """Return a file's own surfaces by number.
+
+    Raises InputError: they are not as `unseen complete` wrote them.
+    """
     if not isinstance(surfaces, list):
         raise InputError('its "surfaces" are no list; leave them as unseen complete wrote them')
     try:
@@ -112,7 +115,7 @@ def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
     try:
         return Edit(
             action=action,
-            surfaces=tuple(_anchor(name, anchors, source) for name in surfaces),
+            surfaces=tuple(named_anchor(name, anchors, source) for name in surfaces),
             cut=_cut(one),
             outline=_numbers(one["outline"]) if "outline" in one else None,
             source=source,
@@ -122,8 +125,11 @@ def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
         raise InputError(text if text.startswith(source) else f"{source}: {text}") from error
 
 
-def _anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> Anchor:
-    """The surface that an edit names by number, by point, or as `edit_record` does."""
+def named_anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> Anchor:
+    """Return the surface that is named by number, by point, or as `edit_record` does.
+
+    Raises InputError, with where it was said: a number that the file does not list, no such point.
+    """
     if isinstance(name, dict):
         return Anchor(_numbers(name.get("point")), _kind(name.get("kind")))
     if not isinstance(name, int) or isinstance(name, bool):

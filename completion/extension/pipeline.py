@@ -27,7 +27,7 @@ from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.extension.silence import silent_cells, trust
-from completion.merging.systematics import with_systematics
+from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -50,6 +50,7 @@ def extend(
     boundary: BoundaryPixels,
     extent: Extent,
     edited: EditedSurface,
+    stated: SurfaceFit,
     *,
     scans: Scans,
     number: int,
@@ -69,6 +70,8 @@ def extend(
         How far it may go, by what was measured.
     edited : EditedSurface
         The surface, working frame, and what a person says of it.
+    stated : SurfaceFit
+        Its fit with the covariance of all errors.
     scans : Scans
         All scans.
     number : int
@@ -131,7 +134,7 @@ def extend(
     provenance[filled & by_edit] = Provenance.USER
     return Patch(
         source=surface,
-        stated=with_systematics(surface, scans.observations),
+        stated=stated,
         limits=extent,
         grid=grid,
         evidence=evidence,

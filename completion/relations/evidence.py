@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.constraint import LENGTH, RADIUS
-from completion.relations.estimate import Estimate
+from completion.relations.engine.constraint import LENGTH, RADIUS
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.placement import place
+from completion.relations.engine.relation import Relation
+from completion.relations.engine.wald import WaldTest
 from completion.relations.options import RelationOptions
-from completion.relations.placement import place
-from completion.relations.relation import Relation
-from completion.relations.wald import WaldTest
 from scenes.checks import FloatArray
 
 _ASIDE = np.radians(10.0)  # from a relation, within which directions lie that have nothing to do with it

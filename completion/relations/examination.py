@@ -8,15 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.relations.constraint import ANGLE
-from completion.relations.estimate import Estimate
+from completion.relations.engine.constraint import ANGLE
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.relation import Relation, Status
+from completion.relations.engine.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
 from completion.relations.evidence import log_evidence
 from completion.relations.options import RelationOptions
-from completion.relations.relation import Relation, Status
-from completion.relations.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
 
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together
+_HARDLY = 0.05
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 
 
@@ -51,7 +52,8 @@ def examine(
         reason = f"{_misfit(test)} off, which is {np.sqrt(test.chi2):.1f} standard deviations"
         return replace(tested, status=Status.REJECTED, reason=reason)
     if not relation.is_given and evidence < LEAST_LOG_EVIDENCE:
-        reason = f"{_misfit(test)} off, but that well it may be met by chance"
+        word = "it hardly holds" if test.p < _HARDLY else "that well it may be met by chance"
+        reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
         return replace(tested, status=Status.UNDECIDED, reason=reason)
     accepted = replace(tested, status=Status.ACCEPTED)
     estimate.impose(accepted, test.rows)

@@ -6,12 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from completion.fitting.result import SurfaceFit
-from completion.relations.estimate import Estimate
-from completion.relations.placement import moved
-from completion.relations.relation import Relation, Status
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.placement import moved
+from completion.relations.engine.relation import Relation, Status
+from completion.relations.options import RelationOptions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +27,8 @@ class RelationGraph:
         How far each surface was moved, the greatest part of it, in the standard deviations of its fit.
     unknowns, rank : int
         Parameters of all surfaces, and how many of them the relations take away.
+    options : RelationOptions
+        How exactly things were taken to be built, and what was looked for.
     """
 
     fits: tuple[SurfaceFit, ...]
@@ -35,9 +36,10 @@ class RelationGraph:
     moved_sd: tuple[float, ...]
     unknowns: int
     rank: int
+    options: RelationOptions
 
     @classmethod
-    def of(cls, estimate: Estimate, relations: Sequence[Relation]) -> RelationGraph:
+    def of(cls, estimate: Estimate, relations: Sequence[Relation], options: RelationOptions) -> RelationGraph:
         """Return what the estimate came to."""
         fits, moves = [], []
         for number, fit in enumerate(estimate.fits):
@@ -45,8 +47,15 @@ class RelationGraph:
             fits.append(
                 replace(fit, surface=moved(fit.surface, change), covariance=estimate.covariance_of(number))
             )
-            moves.append(_in_deviations(change, fit))
-        return cls(tuple(fits), tuple(relations), tuple(moves), estimate.n_unknowns, estimate.rank)
+            moves.append(estimate.moved_sd(number))
+        return cls(
+            fits=tuple(fits),
+            relations=tuple(relations),
+            moved_sd=tuple(moves),
+            unknowns=estimate.n_unknowns,
+            rank=estimate.rank,
+            options=options,
+        )
 
     @property
     def free(self) -> int:
@@ -65,11 +74,3 @@ class RelationGraph:
     def __repr__(self) -> str:
         counts = ", ".join(f"{self.numbered(status)} {status.value}" for status in Status)
         return f"RelationGraph({len(self.fits)} surfaces, {counts}, {self.free} of {self.unknowns} free)"
-
-
-def _in_deviations(change: np.ndarray, fit: SurfaceFit) -> float:
-    """The greatest change along a principal direction of the covariance, in its deviations."""
-    scale = np.sqrt(np.diag(fit.covariance))
-    values, vectors = np.linalg.eigh(fit.covariance / np.outer(scale, scale))
-    along = vectors.T @ (change / scale)
-    return float(np.max(np.abs(along) / np.sqrt(np.maximum(values, np.finfo(np.float64).eps))))

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.estimate import Estimate
+from completion.relations.engine.estimate import NO_DOUBT, Doubt, Estimate
+from completion.relations.engine.relation import Relation, Status
+from completion.relations.engine.wald import with_only
 from completion.relations.evidence import size_of
 from completion.relations.examination import by_evidence, examine, settle_conflict, without_evidence, worst_of
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.proposals import STAGES, propose
-from completion.relations.relation import Relation, Status
-from completion.relations.wald import with_only
+from completion.relations.tolerance import with_tolerance
 from scenes.checks import InputError
 
 _GROWTH = 0.1  # of the rank, after which all is solved together again
@@ -26,6 +27,7 @@ def infer(
     given: Sequence[Relation] = (),
     options: RelationOptions = RelationOptions(),
     *,
+    doubt: Doubt = NO_DOUBT,
     proposes: bool = True,
 ) -> RelationGraph:
     """Infer the relations between surfaces, reject those that do not hold, and impose the rest.
@@ -41,6 +43,8 @@ def infer(
         What a person states, and what he forbids (`is_forbidden`): surfaces by their places in `fits`.
     options : RelationOptions
         How exactly things are built, which values are round.
+    doubt : Doubt
+        How well the covariances are known, and what errors the surfaces share.
     proposes : bool
         Whether relations are inferred; else only the given ones are tested and imposed (`impose`).
 
@@ -55,7 +59,9 @@ def infer(
             raise InputError(
                 f"{relation.kind} of surfaces {list(relation.surfaces)}: there are {len(fits)}, from 0"
             )
-    estimate = Estimate(fits, options.up, options.built_sd, options.freedom)
+    estimate = Estimate(fits, options.up, options.built_sd, doubt)
+    options = with_tolerance(options, propose(0, estimate, options), estimate)
+    estimate = Estimate(fits, options.up, options.built_sd, doubt)
     size_m, found = size_of(fits), list[Relation]()
     stated = [replace(one, is_given=True) for one in given if not one.is_forbidden]
     forbidden = {_key(one) for one in given if one.is_forbidden}
@@ -76,7 +82,7 @@ def infer(
                 tested = examine(relation, estimate, options, size_m, level)
                 if tested.conflicts and tested.is_given:
                     estimate, found, tested = _settled(tested, estimate, found)
-                found.append(tested)
+                found.append(_with_conflicts(tested, found))
                 if estimate.rank > n_solved + (_GROWTH * n_solved if n_solved > _EVERY else 0):
                     estimate.solve()
                     n_solved = estimate.rank
@@ -95,16 +101,18 @@ def infer(
         found = _changed(found, relation, status=Status.UNDECIDED, reason=reason)
     if weak:
         estimate = _again(found, estimate)
-    return RelationGraph.of(estimate, found)
+    return RelationGraph.of(estimate, found, options)
 
 
 def impose(
     fits: Sequence[SurfaceFit],
     relations: Sequence[Relation],
     options: RelationOptions = RelationOptions(),
+    *,
+    doubt: Doubt = NO_DOUBT,
 ) -> RelationGraph:
     """Test the relations that a person states, and impose those that hold; see `infer`."""
-    return infer(fits, relations, options, proposes=False)
+    return infer(fits, relations, options, doubt=doubt, proposes=False)
 
 
 def _settled(
@@ -121,6 +129,14 @@ def _settled(
     )
     estimate = _again([*found, accepted], estimate)
     return estimate, found, accepted
+
+
+def _with_conflicts(tested: Relation, found: Sequence[Relation]) -> Relation:
+    """The relation with its conflicts by their places among all found, not among those that are imposed."""
+    if not tested.conflicts:
+        return tested
+    accepted = [k for k, one in enumerate(found) if one.status is Status.ACCEPTED]
+    return replace(tested, conflicts=tuple(accepted[k] for k in tested.conflicts))
 
 
 def _changed(relations: Sequence[Relation], which: Relation, **changes: object) -> list[Relation]:

@@ -8,10 +8,10 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from completion.relations.estimate import Estimate
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.placement import Placement
+from completion.relations.engine.relation import Relation, RelationKind
 from completion.relations.options import RelationOptions
-from completion.relations.placement import Placement
-from completion.relations.relation import Relation, RelationKind
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
@@ -42,7 +42,7 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
         3: _radii,
         4: _distances,
     }
-    return list(makers[stage](estimate, options))
+    return [one for one in makers[stage](estimate, options) if one.kind in options.kinds]
 
 
 def direction_classes(estimate: Estimate) -> list[list[int]]:

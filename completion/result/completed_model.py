@@ -20,6 +20,7 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
+from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
@@ -29,11 +30,14 @@ from completion.result.outline import BoundarySegment, OutlineCells, outline_cel
 from completion.result.straightening import surface_polygon
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.mesh.thinning import thinned
 from scenes.pose import Pose
 from scenes.run.mapping import trim
+from scenes.run.spill import NoSpill, Spill, spill_of
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
+_MOST_SHOWN = 400_000  # triangles of what belongs to no surface, in pictures and views
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,21 +53,26 @@ class Effect:
 class DerivedSurface:
     """What follows from one completed surface; each property is computed when it is first read, and kept.
 
+    Of large models it is kept on disk.
+
     Attributes
     ----------
     patch : Patch
         The surface.
     inferred_cells : ChartMesh
         Its inferred cells as triangles, every cell by itself.
+    spill : Spill or NoSpill
+        Where it is kept.
     """
 
     patch: Patch
     inferred_cells: ChartMesh
+    spill: Spill | NoSpill
 
     @cached_property
     def observed(self) -> ChartMesh:
         """Measured cells as few triangles."""
-        return mesh_cells(self.patch.grid, self.patch.observed, (), merged=True)
+        return self.spill.keep(mesh_cells(self.patch.grid, self.patch.observed, (), merged=True))
 
     @cached_property
     def hypothesised(self) -> ChartMesh:
@@ -80,17 +89,18 @@ class DerivedSurface:
         return {why: self._inferred(patch.hypothesised & (patch.provenance == why)) for why in reasons}
 
     def _inferred(self, cells: BoolArray) -> ChartMesh:
-        return mesh_cells(self.patch.grid, cells, self.patch.limits.cuts, self.patch.trims, merged=True)
+        patch = self.patch
+        return self.spill.keep(mesh_cells(patch.grid, cells, patch.limits.cuts, patch.trims, merged=True))
 
     @cached_property
     def outline(self) -> OutlineCells:
         """What is known of each cell if it lies on the outline."""
-        return outline_cells(self.patch)
+        return self.spill.keep(outline_cells(self.patch))
 
     @cached_property
     def boundary(self) -> tuple[BoundarySegment, ...]:
         """The outline of the measured and inferred cells."""
-        return tuple(trace_boundary(self.patch.grid, self.outline))
+        return self.spill.keep(tuple(trace_boundary(self.patch.grid, self.outline)))
 
     @cached_property
     def openings(self) -> tuple[Opening, ...]:
@@ -142,6 +152,7 @@ class DerivedModel:
     surfaces: tuple[DerivedSurface, ...]  # one for each completed surface
     textures: tuple[ChartTexture | None, ...]  # as of `Completion`
     world_from_reference: Pose  # as of `Completion`
+    spill: Spill | NoSpill  # where it is kept
 
     @cached_property
     def scans(self) -> tuple[RangeImage, ...]:
@@ -165,7 +176,8 @@ class DerivedModel:
             trim()
             for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
                 uv = self.texture_coordinates(index, mesh)
-                found.append(TexturedMesh(index + 1, why, mesh, uv, int(self.atlas.page[index])))
+                page = int(self.atlas.page[index])
+                found.append(self.spill.keep(TexturedMesh(index + 1, why, mesh, uv, page)))
         return tuple(found)
 
     def hypothesised_parts(self) -> Iterator[LabelledPoints]:
@@ -193,7 +205,15 @@ class DerivedModel:
 
         And k, which is 1 but where there are very many.
         """
-        return remainder(self.observations, self.owners)
+        return self.spill.keep(remainder(self.observations, self.owners))
+
+    @cached_property
+    def thin_remainder(self) -> LabelledPoints:
+        """The same with so few triangles that pictures and views show them, provenance and all."""
+        rest, _ = self.remainder
+        vertices, faces, kept = thinned(rest.vertices, rest.faces, _MOST_SHOWN)
+        of_vertices = {name: getattr(rest, name)[kept] for name in rest.of_vertices if name != "vertices"}
+        return self.spill.keep(LabelledPoints(vertices, faces.astype(np.int32), **of_vertices))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,12 +234,22 @@ class CompletedModel:
     registration: Registration
     flatness_m: float
     choice: Choice
+    relations: FoundRelations | None
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        surfaces = tuple(map(DerivedSurface, self.patches, self.inferred))
+        spill = spill_of(sum(seen.scan.ranges.size for seen in self.observations))
+        surfaces = tuple(
+            DerivedSurface(patch, mesh, spill)
+            for patch, mesh in zip(self.patches, self.inferred, strict=True)
+        )
         derived = DerivedModel(
-            self.observations, self.owners, surfaces, self.textures, self.world_from_reference
+            observations=self.observations,
+            owners=self.owners,
+            surfaces=surfaces,
+            textures=self.textures,
+            world_from_reference=self.world_from_reference,
+            spill=spill,
         )
         object.__setattr__(self, "derived", derived)
 
@@ -251,7 +281,7 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed)
+        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

@@ -65,6 +65,8 @@ class Completion(CompletedModel):
         How far real surfaces were taken to stray from their ideal form, metres.
     choice : Choice
         Which surfaces were wanted.
+    relations : FoundRelations, optional
+        What its surfaces are to each other, working frame; None where nobody asked.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

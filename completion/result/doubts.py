@@ -12,6 +12,8 @@ from completion.evidence.registration.scan_pair import ScanPair
 from completion.extension.patch import Patch
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
+from completion.relations.engine.relation import Status, kind_text
+from completion.relations.surfaces import FoundRelations
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them
@@ -26,6 +28,7 @@ def doubts_of(
     patches: Sequence[Patch],
     registration: Registration,
     unconfirmed: Unconfirmed,
+    relations: FoundRelations | None,
 ) -> tuple[str, ...]:
     """Return what was left out of the scans or assumed, with each scan's name, and what came out doubtful.
 
@@ -40,6 +43,7 @@ def doubts_of(
         if patch.source.fit.rms >= _ROUGH_M and (times := _times_noise(patch, observations)) >= _TIMES
     ]
     told += _of_poses(registration)
+    told += _of_relations(relations)
     if unconfirmed.n_regions:
         told.append(
             f"{unconfirmed.n_regions} regions of single frames ({unconfirmed.n_pixels} pixels) are of no "
@@ -47,6 +51,34 @@ def doubts_of(
             "kept as measured"
         )
     return (*told, *([_rough_text(rough)] if rough else []))
+
+
+def _of_relations(found: FoundRelations | None) -> list[str]:
+    """What a person stated that does not hold, and surfaces that relations would turn too far."""
+    if found is None:
+        return []
+    told = [
+        f"it was stated that {kind_text(one.kind)} holds of {_numbered(one.surfaces, found.numbers)}, but it "
+        f"was rejected: {one.reason}"
+        for one in found.graph.relations
+        if one.is_given and one.status is Status.REJECTED
+    ]
+    worst = int(np.argmax(found.graph.moved_sd)) if found.graph.moved_sd else 0
+    if found.graph.moved_sd and found.graph.moved_sd[worst] > _SURE:
+        told.append(
+            f"relations move {_numbered([worst], found.numbers)} by {found.graph.moved_sd[worst]:.1f} of its "
+            "standard deviations: it is less well known than is stated, or a relation is wrong "
+            "(--relations off)"
+        )
+    return told
+
+
+def _numbered(places: Sequence[int], numbers: Sequence[int]) -> str:
+    """Surfaces in words."""
+    names = [
+        f"surface {numbers[place]}" if numbers[place] else "a surface without number" for place in places
+    ]
+    return " and ".join(names)
 
 
 def _of_poses(registration: Registration) -> list[str]:

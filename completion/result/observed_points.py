@@ -60,11 +60,7 @@ def remainder(
     Where these would be more than two million, it is made of every k-th row and column. Returns k as well.
     `owners`, (rows, columns) for each scan, as for `observed_parts`.
     """
-    n_free = sum(
-        int(np.count_nonzero((owner == 0) & seen.valid))
-        for seen, owner in zip(observations, owners, strict=True)
-    )
-    trim()
+    n_free = sum(map(_n_free, observations, owners))
     stride = max(1, int(np.ceil(np.sqrt(2 * n_free / _MOST_FACES))))
     parts = []
     for seen, owner in zip(observations, owners, strict=True):
@@ -73,6 +69,12 @@ def remainder(
             parts.append(band.points.part(first | second | third))
             trim()
     return joined(parts), stride
+
+
+def _n_free(seen: Observation, owner: NDArray[np.int32]) -> int:
+    """How many measured pixels belong to no surface."""
+    trim()
+    return int(np.count_nonzero((owner == 0) & seen.valid))
 
 
 def _bands(seen: Observation, owner: NDArray[np.int32], stride: int) -> Iterator[_Band]:

@@ -12,6 +12,8 @@ import numpy as np
 from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
 from completion.fitting.result import surface_parameters
+from completion.relations.record import freedom_record, relation_records
+from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
@@ -80,7 +82,8 @@ def display_mesh(
 ) -> LabelledMesh:
     """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
-    Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
+    Of what belongs to no surface it holds no more than pictures show. Inferred area is shown if
+    `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
     corners, colours, labels, face_image, corner_uv = [], [], [], [], []
     atlas = completion.derived.atlas
@@ -95,7 +98,7 @@ def display_mesh(
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
-    rest, _ = completion.derived.remainder
+    rest = completion.derived.thin_remainder
     corners.append(rest.vertices[rest.faces])
     colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
     labels.append(np.zeros(len(rest.faces), np.int32))
@@ -157,6 +160,8 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "remainder_step": completion.derived.remainder[1],
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    if completion.relations is not None:
+        record |= _relations_record(completion, completion.relations)
     if len(completion.observations) > 1:
         record["poses"] = _poses_record(completion)
     if len(completion.key_frames) < len(completion.observations):
@@ -166,6 +171,25 @@ def completion_record(completion: CompletedModel, verification: Verification | N
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record
+
+
+def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict[str, Any]:
+    """What surfaces are to each other; those without a number are named by their own point, world frame."""
+    world, graph = completion.world_from_reference, found.graph
+    names = [
+        number or {"point": world.apply(fit.surface.point).tolist(), "kind": fit.surface.kind}  # type: ignore[attr-defined]
+        for number, fit in zip(found.numbers, graph.fits, strict=True)
+    ]
+    moved = [
+        {"surface": name, "moved_sd": moved, "off_m": off, "is_moved": is_moved}
+        for name, moved, off, is_moved in zip(names, graph.moved_sd, found.off_m, found.is_moved, strict=True)
+    ]
+    return {
+        "relations": relation_records(graph, found.before, names),
+        "degrees_of_freedom": freedom_record(graph),
+        "built_within": {"angle_deg": graph.options.tolerance_deg, "length_m": graph.options.tolerance_m},
+        "moved_by_relations": moved,
+    }
 
 
 def _poses_record(completion: CompletedModel) -> dict[str, Any]:
@@ -223,7 +247,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
                 "area_m2": opening.area_m2,
                 "seen_share": opening.seen_share,
                 "provenance": "user" if opening.declared else "inferred",
-                "points": world.apply(opening.points).tolist(),
+                "points": world.apply(opening.points),
             }
             for opening in surface.openings
         ],
@@ -232,7 +256,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
                 "kind": segment.kind,
                 "provenance": segment.provenance,
                 "confidence": segment.confidence,
-                "points": world.apply(segment.points).tolist(),
+                "points": world.apply(segment.points),
             }
             for segment in surface.boundary
         ],

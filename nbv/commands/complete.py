@@ -15,6 +15,9 @@ from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
+from completion.relations.engine.relation import Status
+from completion.relations.options import BUILT
+from completion.relations.stated import read_scan_relations
 from completion.result.completion import Completion, write_model
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
@@ -30,8 +33,8 @@ from scenes.files.scan_request import ScanRequest, read_request
 class CompleteRequest:
     """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
-    `search` is that of textures, `edits` a file, `exports` the formats ("obj", "e57") beside those that are
-    always written, `scheduler` who works; results do not depend on it.
+    `search` is that of textures, `edits` a file, `relations` "auto", "off" or a file, `exports` the formats
+    ("obj", "e57") beside those that are always written, `scheduler` who works; results do not depend on it.
     """
 
     mode: Mode
@@ -41,6 +44,7 @@ class CompleteRequest:
     moves_scans: bool = True
     texture: bool
     edits: str | None
+    relations: str = "auto"
     exports: tuple[str, ...] = ()
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
@@ -66,19 +70,32 @@ class CompleteRequest:
             evidence=EvidenceOptions(cell_m=self.cell_m),
             texturing=TexturingOptions(search=self.search),
             edits=() if self.edits is None else read_edits(self.edits),
+            relations=None if self.relations == "off" else BUILT,
+            stated_relations=tuple(one for file in self.stated for one in read_scan_relations(file)),
         )
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """The file of relations that a person states, if there is one."""
+        return () if self.relations in ("auto", "off") else (self.relations,)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files with a person's say."""
+        return (*((self.edits,) if self.edits else ()), *self.stated)
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
         own = {name: value for name, value in asdict(self).items() if name != "scheduler"}
-        return {**own, "edits": None if self.edits is None else Path(self.edits).name}
+        edits = None if self.edits is None else Path(self.edits).name
+        return {**own, "edits": edits, "relations": Path(self.relations).name}
 
 
 def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> None:
     """Complete the scans of `request` and write model, record and report."""
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
-        run.read([*request.inputs, *([how.edits] if how.edits else [])])
+        run.read([*request.inputs, *how.files])
         given = read_request(request)
         scans = given.scans
         run.warn(given.doubts)
@@ -152,8 +169,17 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "flatness_m": completion.flatness_m,
         "left_out": completion.choice.n_left_out,
         "edits": len(completion.edits),
+        **_relations_of(completion),
         **_poses_of(completion),
     }
+
+
+def _relations_of(completion: Completion) -> dict[str, Any]:
+    """Return how many relations came to which status; nothing where none were looked for."""
+    if completion.relations is None:
+        return {}
+    graph = completion.relations.graph
+    return {"relations": {status.value: graph.numbered(status) for status in Status}}
 
 
 def _poses_of(completion: Completion) -> dict[str, Any]:
@@ -179,7 +205,7 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     ]
     if completion.choice.n_left_out:
         lines.append(f"left as measured: {count(completion.choice.n_left_out, 'other surface')}")
-    lines += _lines_of_poses(completion)
+    lines += [*_lines_of_relations(completion), *_lines_of_poses(completion)]
     if verification is not None:
         confirmed, refuted, hidden = (
             square_metres(verification.area_m2(finding))
@@ -190,6 +216,16 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
             f"do not see {hidden} m2"
         )
     return lines + _lines_of_edits(completion)
+
+
+def _lines_of_relations(completion: Completion) -> list[str]:
+    """How many relations hold, and how many do not."""
+    if completion.relations is None or not completion.relations.graph.relations:
+        return []
+    graph = completion.relations.graph
+    holding = sum(one.holds for one in graph.relations)
+    others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
+    return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

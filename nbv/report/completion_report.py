@@ -11,6 +11,7 @@ from typing import Any
 from completion.evidence.registration.registration import Registration
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
+from nbv.report.blocks.relation_blocks import relation_section
 from nbv.report.blocks.scan_tables import scans_table
 from nbv.report.page.page import (
     Bar,
@@ -31,6 +32,7 @@ from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
 from nbv.report.pictures.picture import picture_of, range_colours, segment_pixels, surface_colour
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
+from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
 from scenes.scan.thumbnail import standing
 
@@ -66,6 +68,7 @@ def completion_page(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
+            *relation_sections(completion),
             *pose_sections(completion.registration),
             *edit_sections(completion),
             *verification_sections(first_scan),
@@ -126,6 +129,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
             picture_of(segments, f"{name}Surfaces", "Coloured as in the table below; grey belongs to none.")
         )
         blocks.append(Gallery(tuple(pictures), columns=len(pictures)))
+        trim()
     if len(pairs) > _MOST_SCANS:
         blocks.append(
             Text(
@@ -204,6 +208,15 @@ def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
 
 
 _AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
+
+
+def relation_sections(completion: Completion) -> tuple[Section, ...]:
+    """Return a section with the relations of the surfaces; none without."""
+    found = completion.relations
+    if found is None:
+        return ()
+    stayed = sum(not moved for moved in found.is_moved)
+    return relation_section(found.graph, found.before, found.numbers, stayed=stayed)
 
 
 def pose_sections(registration: Registration) -> tuple[Section, ...]:

@@ -98,8 +98,35 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_json(path: str | os.PathLike[str], value: object) -> None:
-    """Write `value` as JSON to `path` atomically; see `json_text`."""
-    write_text(path, json_text(value))
+    """Write `value` as JSON to `path` atomically, the same text as of `json_text`.
+
+    What a mapping holds is written one after the other, and so are the items of its sequences: long documents
+    are never text as a whole, and arrays in them are numbers only then.
+    """
+    if not isinstance(value, Mapping) or not value:
+        write_text(path, json_text(value))
+        return
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(_json_parts(value))
+
+
+def _json_parts(value: Mapping[Any, Any]) -> Iterator[str]:
+    """The text of a mapping that is not empty, in parts."""
+    for number, (key, item) in enumerate(value.items()):
+        yield ",\n" if number else "{\n"
+        yield f"  {json.dumps(str(key), ensure_ascii=False)}: "
+        if not isinstance(item, list | tuple) or not item:
+            yield _indented(item, 2)
+            continue
+        for index, one in enumerate(item):
+            yield (",\n" if index else "[\n") + 4 * " " + _indented(one, 4)
+        yield "\n  ]"
+    yield "\n}\n"
+
+
+def _indented(value: object, n_spaces: int) -> str:
+    """JSON whose lines, but the first, begin so far to the right."""
+    return json_text(value).rstrip("\n").replace("\n", "\n" + n_spaces * " ")
 
 
 def json_text(value: object, indent: int | None = 2) -> str:

@@ -20,6 +20,8 @@ from scenes.run.mapping import allocate, is_mapped, trim
 
 _LEAST = 512  # bytes of an array that is worth a place in a file; what names the place takes a hundred
 _STEP = 64  # bytes between the beginnings of small arrays; those of many pages begin with one
+IN_MEMORY = 1 << 21
+"""Pixels of all scans of a run, up to which all is kept in memory."""
 _FILE = 1 << 26  # bytes; larger arrays have a file of their own
 _PLAIN = frozenset({bool, int, float, str, type(None)})
 _Value = TypeVar("_Value")
@@ -112,3 +114,8 @@ class NoSpill:
 
 
 NO_SPILL = NoSpill()
+
+
+def spill_of(n_pixels: int) -> Spill | NoSpill:
+    """Return where to keep what is made of scans of so many pixels in all: of few in memory."""
+    return Spill() if n_pixels > IN_MEMORY else NO_SPILL

@@ -12,12 +12,11 @@ from typing import TypeVar
 from scenes.run.journal import Journal
 from scenes.run.mapping import trim
 from scenes.run.memory import require, threads
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
+from scenes.run.spill import IN_MEMORY, NoSpill, Spill, spill_of
 
 Progress = Callable[[str, int, int], None]
 """Is called with a stage's name, steps done and steps in all."""
-_IN_MEMORY = 1 << 21  # pixels of all scans, up to which all is kept there
-_BYTES_KEPT = 350  # of each of them, to the end: regions, surfaces, textures
+_BYTES_KEPT = 350  # of each pixel that is kept in memory, to the end: regions, surfaces, textures
 _BYTES_A_PIXEL = 400  # of the largest scan, for a thread: texturing a surface that fills it
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
@@ -42,9 +41,9 @@ class Steps:
         cls, sizes: Sequence[int], n_threads: int | None, progress: Progress | None, journal: Journal
     ) -> Iterator[Steps]:
         """As many threads as the memory allows for scans of so many pixels each; refuse more than fit."""
-        spill = Spill() if sum(sizes) > _IN_MEMORY else NO_SPILL
+        spill = spill_of(sum(sizes))
         require(
-            _BYTES_KEPT * min(sum(sizes), _IN_MEMORY),
+            _BYTES_KEPT * min(sum(sizes), IN_MEMORY),
             f"completing {len(sizes)} scans of {sum(sizes):,} pixels",
             "complete fewer of them at once, smaller ones, or give more memory",
         )

@@ -63,7 +63,7 @@ def upright(scans: Sequence[RangeImage], up: SignedAxis, *, of_points: bool) -> 
     """
     if up != "auto":
         return _turn_to_z(axis_direction(up)), ""
-    seen = [scan for scan in scans if scan.valid.any()]
+    seen = [scan for scan in scans if _has_returns(scan)]
     if of_points:
         return _of_points(seen)
     cameras = [scan for scan in seen if isinstance(scan.projection, PinholeProjection)]
@@ -79,6 +79,12 @@ def axis_direction(up: str) -> FloatArray:
         raise InputError(f"up must be auto, {', '.join(AXES)}, got {up!r}")
     sign = -1.0 if up.startswith("-") else 1.0
     return np.asarray(sign * np.eye(3)["xyz".index(up[-1])])
+
+
+def _has_returns(scan: RangeImage) -> bool:
+    found = bool(scan.valid.any())
+    scan.release()
+    return found
 
 
 def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:

@@ -27,7 +27,8 @@ from scenes.checks import InputError
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
-from scenes.run import mapping, steps
+from scenes.run import mapping, spill
+from scenes.run.atomic import json_text
 from scenes.scan import pixels
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -182,7 +183,7 @@ def test_files_say_what_is_inferred(chair, tmp_path):
     assert (measured.vertex_properties["provenance"] == 0).all()
     assert len(measured.vertices) == example("chair_before_wall").valid.sum()
     record = json.loads((tmp_path / "completion.json").read_text())
-    assert record == json.loads(json.dumps(completion_record(chair)))
+    assert record == json.loads(json_text(completion_record(chair)))
     assert record["mode"] == "standard"
     for surface in record["surfaces"]:
         assert {
@@ -301,7 +302,7 @@ def test_bad_arguments_are_refused():
 
 @pytest.mark.parametrize("cues", [("merging", "colinear"), "merging"])
 def test_cues_that_there_are_not_are_refused(cues):
-    with pytest.raises(InputError, match=r"cues must be some of merging, intersection, .*, got '"):
+    with pytest.raises(InputError, match=r"cues must be some of merging, relations, intersection, .*, got '"):
         CompletionOptions(cues=cues)
 
 
@@ -334,7 +335,7 @@ def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):
     scans = [example("chair_before_wall", "gaussian-2mm", side) for side in (100, 90)]
     options = CompletionOptions(registration_m=0.001)
     complete(scans, options, rng=0).save(tmp_path / "memory")
-    monkeypatch.setattr(steps, "_IN_MEMORY", 0)
+    monkeypatch.setattr(spill, "IN_MEMORY", 0)
     for module in (mapping, pixels):
         monkeypatch.setattr(module, "LARGE", 1_000)
     monkeypatch.setattr(mapping, "_PAUSE_S", 0.0)

@@ -16,9 +16,10 @@ from completion.observe.triple import Triple
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
+_LEVEL = 1e-6  # |cosine| below which a ray does not meet a plane
 _MAX_CONDITION = 1e12
 
 
@@ -100,60 +101,121 @@ def _add_rays(
     vector: FloatArray,
     sums: FloatArray,
 ) -> None:
-    """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many."""
-    terms = np.zeros(5)
-    for i in range(labels.size):
-        label = labels[i] - 1
+    """Add up, by label, the normal equations of the rays and their squares: weighted, plain, and how many.
+
+    Neighbours mostly have one label: its sums are at hand along such a run.
+    """
+    last = 0
+    while last < labels.size:
+        first, label = last, labels[last] - 1
+        while last < labels.size and labels[last] - 1 == label:
+            last += 1
         if label < 0 or charts[label, 0] < 0.0:
             continue
-        row, column = pixels[i] // ranges.shape[1], pixels[i] % ranges.shape[1]
-        measured = ranges[row, column]
-        ex, ey, ez = ray_at(rays, row, column)
-        dx = charts[label, 4] * ex + charts[label, 5] * ey + charts[label, 6] * ez
-        dy = charts[label, 7] * ex + charts[label, 8] * ey + charts[label, 9] * ez
-        dz = charts[label, 10] * ex + charts[label, 11] * ey + charts[label, 12] * ez
-        ox, oy, oz = charts[label, 1], charts[label, 2], charts[label, 3]
-        if charts[label, 0] == 0.0:
-            if abs(dz) < 1e-6:
-                continue
-            reach = -oz / dz
-            slope = dz
-            u, v = ox + reach * dx, oy + reach * dy
+        some, chart, own = pixels[first:last], charts[label], (matrix[label], vector[label], sums[label])
+        if chart[0] == 0.0:
+            _add_to_plane(some, chart, ranges, rays, noise, flat, own)
         else:
-            radius = abs(charts[label, 13])
-            across = dx * dx + dy * dy
-            middle = -(ox * dx + oy * dy) / max(across, 1e-18)
-            fx, fy = ox + middle * dx, oy + middle * dy
-            depth = radius * radius - fx * fx - fy * fy
-            if depth <= 0.0 or across < 1e-12:
-                continue
-            half = np.sqrt(depth / across)
-            reach = middle - half if charts[label, 13] > 0 else middle + half
-            u, v, z = (ox + reach * dx) / radius, (oy + reach * dy) / radius, oz + reach * dz
-            slope = u * dx + v * dy
-            if abs(slope) < least:
-                continue
+            _add_to_cylinder(some, chart, ranges, rays, noise, flat, least, own)
+
+
+@inlined
+def _add_to_plane(
+    pixels: NDArray[np.int32],
+    chart: FloatArray,
+    ranges: FloatArray,
+    rays: Rays,
+    noise: Noise,
+    flat: float,
+    own: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Add the rays of some pixels to a plane's sums: offset, and the slopes along its two axes."""
+    matrix, vector, sums = own
+    cost, square, count = sums[0], sums[1], sums[2]
+    v0, v1, v2 = vector[0], vector[1], vector[2]
+    m00, m10, m11 = matrix[0, 0], matrix[1, 0], matrix[1, 1]
+    m20, m21, m22 = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    row, columns = -1, ranges.shape[1]
+    for pixel in pixels:
+        column = pixel - row * columns
+        if not 0 <= column < columns:
+            row, column = pixel // columns, pixel % columns
+        dx, dy, dz = _turned(chart, ray_at(rays, row, column))
+        if abs(dz) < _LEVEL:
+            continue
+        reach, measured = -chart[3] / dz, ranges[row, column]
+        u, v = chart[1] + reach * dx, chart[2] + reach * dy
+        error, sigma = measured - reach, deviation_at(noise, measured)
+        weight = 1.0 / (sigma * sigma * dz * dz + flat * flat + 1e-30)
+        gap = error * dz
+        cost += weight * gap * gap
+        square += gap * gap
+        count += 1.0
+        wu, wv = weight * u, weight * v
+        v0 += weight * gap
+        v1 += wu * gap
+        v2 += wv * gap
+        m00 += weight
+        m10 += wu
+        m11 += wu * u
+        m20 += wv
+        m21 += wv * u
+        m22 += wv * v
+    sums[0], sums[1], sums[2] = cost, square, count
+    vector[0], vector[1], vector[2] = v0, v1, v2
+    matrix[0, 0], matrix[1, 0], matrix[1, 1] = m00, m10, m11
+    matrix[2, 0], matrix[2, 1], matrix[2, 2] = m20, m21, m22
+
+
+@inlined
+def _add_to_cylinder(
+    pixels: NDArray[np.int32],
+    chart: FloatArray,
+    ranges: FloatArray,
+    rays: Rays,
+    noise: Noise,
+    flat: float,
+    least: float,
+    own: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Add the rays of some pixels to a cylinder's sums: axis across, its slopes, and the radius."""
+    (matrix, vector, sums), terms, columns = own, np.zeros(5), ranges.shape[1]
+    ox, oy, oz, radius = chart[1], chart[2], chart[3], abs(chart[13])
+    for pixel in pixels:
+        row, column = pixel // columns, pixel % columns
+        dx, dy, dz = _turned(chart, ray_at(rays, row, column))
+        measured, across = ranges[row, column], dx * dx + dy * dy
+        middle = -(ox * dx + oy * dy) / max(across, 1e-18)
+        fx, fy = ox + middle * dx, oy + middle * dy
+        depth = radius * radius - fx * fx - fy * fy
+        if depth <= 0.0 or across < 1e-12:
+            continue
+        half = np.sqrt(depth / across)
+        reach = middle - half if chart[13] > 0 else middle + half
+        u, v, z = (ox + reach * dx) / radius, (oy + reach * dy) / radius, oz + reach * dz
+        slope = u * dx + v * dy
+        if abs(slope) < least:
+            continue
         error, sigma = measured - reach, deviation_at(noise, measured)
         weight = 1.0 / (sigma * sigma * slope * slope + flat * flat + 1e-30)
         gap = error * slope
-        sums[label, 0] += weight * gap * gap
-        sums[label, 1] += gap * gap
-        sums[label, 2] += 1.0
-        if charts[label, 0] == 0.0:
-            wu, wv = weight * u, weight * v
-            vector[label, 0] += weight * gap
-            vector[label, 1] += wu * gap
-            vector[label, 2] += wv * gap
-            matrix[label, 0, 0] += weight
-            matrix[label, 1, 0] += wu
-            matrix[label, 1, 1] += wu * u
-            matrix[label, 2, 0] += wv
-            matrix[label, 2, 1] += wv * u
-            matrix[label, 2, 2] += wv * v
-            continue
+        sums[0] += weight * gap * gap
+        sums[1] += gap * gap
+        sums[2] += 1.0
         terms[0], terms[1], terms[2], terms[3], terms[4] = u, v, z * u, z * v, 1.0
         for a in range(5):
             weighted = weight * terms[a]
-            vector[label, a] += weighted * gap
+            vector[a] += weighted * gap
             for b in range(a + 1):
-                matrix[label, a, b] += weighted * terms[b]
+                matrix[a, b] += weighted * terms[b]
+
+
+@inlined
+def _turned(chart: FloatArray, ray: Triple) -> Triple:
+    """A ray in the frame of a surface."""
+    x, y, z = ray
+    return (
+        chart[4] * x + chart[5] * y + chart[6] * z,
+        chart[7] * x + chart[8] * y + chart[9] * z,
+        chart[10] * x + chart[11] * y + chart[12] * z,
+    )

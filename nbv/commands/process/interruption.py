@@ -32,8 +32,11 @@ def interruptible(command: str) -> Iterator[None]:
         handlers = {number: signal.signal(number, _raise) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
-    except KeyboardInterrupt as error:
-        number = error.number if isinstance(error, Interruption) else int(signal.SIGINT)
+    except (KeyboardInterrupt, SystemError) as error:
+        cause = _keyboard_interrupt(error)
+        if cause is None:
+            raise
+        number = cause.number if isinstance(cause, Interruption) else int(signal.SIGINT)
         name = signal.Signals(number).name
         handlers.clear()  # the process ends, and what else comes must not disturb that
         typer.echo(f"unseen {command}: ended by {name}; every file is whole: run it again to go on", err=True)
@@ -41,6 +44,13 @@ def interruptible(command: str) -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def _keyboard_interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
+    """What interrupted, though native code that called back into Python made a SystemError of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _raise(number: int, _frame: FrameType | None) -> None:

@@ -23,7 +23,6 @@ from nbv.report.viewer.layers import (
     Numbers,
     confidence_channel,
     deviation_channel,
-    thinned,
 )
 from nbv.report.viewer.markers import opening_lines, view_markers
 from nbv.report.viewer.scan_channels import (
@@ -39,7 +38,6 @@ from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 _PIECES = 40_000  # into which recognised surface is cut, about
-_MOST_FACES = 400_000  # of what belongs to no surface
 _HIDES = 0.02  # share of another surface's inferred cells that an occluder hides
 _GREY = 0.72
 _NO_SURFACE = 0
@@ -146,18 +144,17 @@ def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> 
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest, _ = completion.derived.remainder
-    vertices = completion.world_from_reference.apply(rest.vertices)
-    vertices, faces, kept = thinned(vertices, rest.faces, _MOST_FACES)
+    rest = completion.derived.thin_remainder
+    faces = rest.faces
     n = len(faces)
     return _Pieces(
-        corners=vertices[faces],
+        corners=completion.world_from_reference.apply(rest.vertices)[faces],
         number=_NO_SURFACE,
         is_inferred=False,
         provenance=np.zeros(n, np.int64),
-        sd=rest.sd[kept][faces].mean(axis=1) if n else np.zeros(0),
+        sd=rest.sd[faces].mean(axis=1) if n else np.zeros(0),
         confidence=np.ones(n),
-        colour=(rest.colour[kept][faces] / 255.0).astype(np.float32),
+        colour=(rest.colour[faces] / 255.0).astype(np.float32),
         uv=np.zeros((n, 3, 2)),
         image=-1,
     )

@@ -17,6 +17,7 @@ from nbv.report.viewer.layers import Category, Numbers, Sightings, count_channel
 from nbv.scans.scan_map import with_known_noise
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)
@@ -38,8 +39,10 @@ def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sighting
     unit = np.divide(normals, length[:, None], out=np.zeros_like(normals), where=length[:, None] > 0)
     zero = np.zeros(len(corners), np.int32)
     samples = SurfaceSamples(corners.mean(axis=1), unit, length / 2, zero, zero)
-    found = [measured_samples(with_known_noise(scan), samples) for scan in scans] if len(corners) else []
-    numbered = [(number, *one) for number, one in enumerate(found, start=1)]
+    numbered = []
+    for number, scan in enumerate(scans if len(corners) else (), start=1):
+        numbered.append((number, *measured_samples(with_known_noise(scan), samples)))
+        trim()
     seen = VisibilityHistory.of(numbered, np.zeros(len(corners), np.int64), ())
     return Sightings(seen.start, seen.view, np.degrees(np.arccos(np.clip(seen.cosine, 0, 1))))
 

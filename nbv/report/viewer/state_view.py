@@ -20,7 +20,6 @@ from nbv.report.viewer.layers import (
     Numbers,
     confidence_channel,
     deviation_channel,
-    thinned,
 )
 from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
 from nbv.report.viewer.scan_channels import INFERRED, provenance_categories, quality_channels, scan_sightings
@@ -32,6 +31,7 @@ from nbv.scans.state_mesh import INFERRED as STATE_INFERRED
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
+from scenes.mesh.thinning import thinned
 from scenes.pose import Pose
 
 _CATEGORIES = (

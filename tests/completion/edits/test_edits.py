@@ -189,7 +189,8 @@ def test_a_split_surface_is_two_that_end_at_the_cut_and_merging_them_gives_the_w
 def test_merged_surfaces_are_one_fit_to_both_masks(room):
     scan = example("two_occluders", pixels=120)
     one, other = room.patches[4], room.patches[8]
-    found = edited(scan, Edit(action="merge", surfaces=(room.anchor(5), room.anchor(9))))  # parallel, apart
+    merging = Edit(action="merge", surfaces=(room.anchor(5), room.anchor(9)))  # parallel, apart
+    found = edited(scan, merging, relations=None)
     assert len(found.patches) == len(room.patches) - 1
     (joined,) = (patch for patch in found.patches if patch.verdict.is_joined)
     mask = one.source.pixels[0].mask | other.source.pixels[0].mask

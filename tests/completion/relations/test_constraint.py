@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from completion.relations.constraint import Frame, constrain
-from completion.relations.placement import moved, place
-from completion.relations.relation import Relation
+from completion.relations.engine.constraint import Frame, constrain
+from completion.relations.engine.placement import moved, place
+from completion.relations.engine.relation import Relation
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 

@@ -11,12 +11,13 @@ import pytest
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
-from completion.relations.constraint import Frame, constrain
+from completion.relations.engine.constraint import Frame, constrain
+from completion.relations.engine.estimate import Doubt
+from completion.relations.engine.placement import place
+from completion.relations.engine.relation import Relation, Status
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import impose, infer
-from completion.relations.placement import place
-from completion.relations.relation import Relation, Status
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane, Torus
@@ -259,8 +260,25 @@ def test_scale_changes_no_status(part, graph):
 def test_freedom_of_the_covariances_widens_the_test():
     fits = walls(1, (0.0, 3.0), turns_deg=(0.0, 0.13))
     stated = [Relation(kind="parallel", surfaces=(0, 1))]
-    known, few = (only(impose(fits, stated, RelationOptions(freedom=nu))).p for nu in (np.inf, 5.0))
+    known, few = (only(impose(fits, stated, doubt=Doubt(freedom=[np.inf, nu]))).p for nu in (np.inf, 5.0))
     assert few > known
+
+
+def test_errors_that_walls_share_do_not_part_them():
+    """A scanner that leans turns both walls alike: each is in doubt, what they are to each other is not."""
+    fits = walls(1, (0.0, 3.0))
+    turned = np.cross([0, 0, np.radians(1.0)], fits[0].surface.normal_direction)
+    lean = [
+        -np.array([[0.0], [fit.surface.u_direction @ turned], [fit.surface.v_direction @ turned]])
+        for fit in fits
+    ]
+    stated = [Relation(kind="parallel", surfaces=(0, 1))]
+    both, one = np.concatenate(lean), np.concatenate([lean[0], np.zeros((3, 1))])
+    alike = impose(fits, stated, doubt=Doubt(shared=both @ both.T))
+    apart = impose(fits, stated, doubt=Doubt(shared=one @ one.T))
+    assert only(alike).p == pytest.approx(only(impose(fits, stated)).p, rel=0.05)
+    assert only(apart).p > only(alike).p
+    assert np.sqrt(np.diag(alike.fits[0].covariance)[1:]).max() == pytest.approx(np.radians(1.0), rel=0.01)
 
 
 def test_bad_input_is_named():
@@ -277,7 +295,6 @@ def test_bad_input_is_named():
         ("level", 0.0),
         ("round_angle_deg", 91.0),
         ("round_length_m", 0.0),
-        ("freedom", 0.0),
     ]:
         with pytest.raises(InputError, match=name):
             RelationOptions(**{name: value})

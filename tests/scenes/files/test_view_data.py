@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from nbv.report.viewer.byte_packing import Packer, by_appearance, countdown
 from nbv.report.viewer.encoding import decoded_header, encoded
-from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Numbers, thinned
+from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Numbers
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance
+from scenes.mesh.thinning import thinned
 from tests.helpers.view_examples import EVIL, UTM, known_view
 
 GREY = Category("grey", (0.5, 0.5, 0.5))

@@ -15,16 +15,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import block_diag, csr_array
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.constraint import Constraint, Frame, constrain
-from completion.relations.placement import Placement, place
-from completion.relations.relation import Relation
+from completion.relations.engine.constraint import Constraint, Frame, constrain
+from completion.relations.engine.placement import Placement, place
+from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
+_ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
 
@@ -34,6 +35,27 @@ class Imposed:
 
     relation: Relation
     rows: list[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doubt:
+    """What is doubtful of the covariances of n fits.
+
+    Attributes
+    ----------
+    freedom : sequence of float
+        Degrees of freedom (n,) from which the scale of each covariance was estimated; inf where it is known.
+        Empty: all are known.
+    shared : (p, p) float, optional
+        Covariance of all p parameters, fit by fit, by errors that are not in the fits' own covariances and
+        that several may share.
+    """
+
+    freedom: Sequence[float] = ()
+    shared: FloatArray | None = None
+
+
+NO_DOUBT = Doubt()
 
 
 class _Placements(dict[int, Placement]):
@@ -61,8 +83,8 @@ class Estimate:
     sd : (3,) float
         How far things are built off what they are meant to be: angles in radians, lengths and radii in
         metres. Zeros: relations hold exactly.
-    freedom : float
-        Degrees of freedom from which the covariances' scale was estimated; inf where it is known.
+    doubt : Doubt
+        How well the covariances are known, and what errors the surfaces share.
 
     Raises
     ------
@@ -71,21 +93,23 @@ class Estimate:
     """
 
     def __init__(
-        self, fits: Sequence[SurfaceFit], up: FloatArray | None, sd: FloatArray, freedom: float = np.inf
+        self, fits: Sequence[SurfaceFit], up: FloatArray | None, sd: FloatArray, doubt: Doubt = NO_DOUBT
     ) -> None:
         for number, fit in enumerate(fits):
             if not np.isfinite(fit.covariance).all():
                 raise InputError(
                     f"surface {number}: its covariance is not finite: too few points for relations"
                 )
-        self.fits, self.freedom, self._built_sd = fits, freedom, sd
+        self.fits, self._doubt, self._built_sd = fits, doubt, sd
         sizes = [len(fit.covariance) for fit in fits]
         self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        blocks = [fit.covariance for fit in fits] or [np.zeros((0, 0))]
-        self._prior = csr_array(block_diag(blocks, format="csr"))
-        self.prior_sd = np.sqrt(self._prior.diagonal())
+        self._prior = block_diag(np.zeros((0, 0)), *(fit.covariance for fit in fits))
+        self._prior += _ROUNDING**2 * np.eye(len(self._prior))
+        if doubt.shared is not None:
+            self._prior = self._prior + doubt.shared
+        self.prior_sd = np.sqrt(np.diag(self._prior))
         self.x = np.zeros(self._first[-1])
-        self.covariance = self._prior.toarray()
+        self.covariance = self._prior.copy()
         self.imposed: list[Imposed] = []
         self.at = _Placements(self)
         self.frame = Frame(tuple(self.at[number] for number in range(len(fits))), up)
@@ -114,18 +138,12 @@ class Estimate:
         return constrain(relation, self.at, self.frame)
 
     def variance(self, constraint: Constraint, *, prior: bool = False) -> FloatArray:
-        """Covariance (m, m) of the equations' values, by the fits alone where `prior`."""
+        """Covariance (m, m) of the equations' values, with nothing imposed where `prior`."""
         n = len(constraint.value)
         found = np.zeros((n, n))
         for one, block in constraint.blocks.items():
             for two, other in constraint.blocks.items():
-                if prior and one != two:
-                    continue
-                among = (
-                    self.fits[one].covariance
-                    if prior
-                    else self.covariance[self.columns(one), self.columns(two)]
-                )
+                among = (self._prior if prior else self.covariance)[self.columns(one), self.columns(two)]
                 found += block @ among @ other.T
         return found
 
@@ -136,12 +154,25 @@ class Estimate:
     @property
     def cost(self) -> float:
         """How far the surfaces were moved, squared, in standard deviations: x' Sigma^-1 x."""
-        return float(
-            sum(
-                self.change(number) @ np.linalg.solve(fit.covariance, self.change(number))
-                for number, fit in enumerate(self.fits)
-            )
+        unit = self.x / self.prior_sd
+        scaled = self._prior / np.outer(self.prior_sd, self.prior_sd)
+        return float(unit @ np.linalg.lstsq(scaled, unit, rcond=None)[0])
+
+    def freedom_of(self, surfaces: Sequence[int]) -> float:
+        """Degrees of freedom of a test of these surfaces: those of the least well known covariance."""
+        return (
+            min((self._doubt.freedom[one] for one in surfaces), default=np.inf)
+            if self._doubt.freedom
+            else np.inf
         )
+
+    def moved_sd(self, number: int) -> float:
+        """How far a surface was moved: the most along any principal direction, in deviations."""
+        own = self.columns(number)
+        scale, prior = self.prior_sd[own], self._prior[own, own]
+        values, vectors = np.linalg.eigh(prior / np.outer(scale, scale))
+        along = vectors.T @ (self.x[own] / scale)
+        return float(np.max(np.abs(along) / np.sqrt(np.maximum(values, np.finfo(np.float64).eps))))
 
     def impose(self, relation: Relation, rows: list[int]) -> None:
         """Impose some equations of a relation, and move the surfaces by one step."""
@@ -170,7 +201,7 @@ class Estimate:
                 break
         jacobian, _, within = self.equations()
         gain, factor = self.factor(jacobian, within)
-        self.covariance = self._prior.toarray() - gain @ cho_solve(factor, gain.T)
+        self.covariance = self._prior - gain @ cho_solve(factor, gain.T)
 
     def equations(self) -> tuple[csr_array, FloatArray, FloatArray]:
         """All equations that are imposed: their derivative (m, n), value (m,), variance as built (m,)."""
@@ -191,13 +222,12 @@ class Estimate:
 
     def factor(self, jacobian: csr_array, within: FloatArray) -> tuple[FloatArray, tuple[FloatArray, bool]]:
         """Sigma A' as (n, m), and the Cholesky factor of S."""
-        spread = (jacobian @ self._prior @ jacobian.T).toarray() + np.diag(within)
-        gain = (self._prior @ jacobian.T).toarray()
-        return gain, cho_factor(spread)
+        gain = np.asarray((jacobian @ self._prior).T)
+        return gain, cho_factor(jacobian @ gain + np.diag(within))
 
     def anew(self) -> Estimate:
         """Return the estimate from the same fits with nothing imposed."""
-        return Estimate(self.fits, self.frame.up, self._built_sd, self.freedom)
+        return Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
 
     def columns(self, number: int) -> slice:
         """Where the parameters of a surface are among all."""

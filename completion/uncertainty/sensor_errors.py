@@ -17,37 +17,37 @@ stated by the kind of sensor:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 
-_DISTORTION = 5.0
+_DISTORTION = 1.0
 """How many times `RangeNoise.bias` a triangulating camera's image is bent by, root mean square.
 
-Angles between the walls and floors of a dining room, five frames, that should be right or none are off by
-5 times as much as the noise and a distortion of one bias make probable (median); in two other rooms before
-other cameras by 5 and 5 times (`python -m benchmarks.completion.angles`).
+What is larger shows in residual modes (`residual_modes`): with these, angles between the walls and floors of
+four rooms before four cameras are off by as much as this makes probable (`python -m
+benchmarks.completion.angles`). Without, it took five times as much.
 """
 
+N_MODES = 10
+_N_CAMERA_MODES = 7
 _FOCAL = 0.005  # of the focal length
 _AXES = np.radians(0.02)
 _N_BEAMS = 2000  # of a surface that tell what its fit takes on
 
 
-def with_systematics(merged: MergedSurface, observations: Sequence[Observation]) -> SurfaceFit:
-    """Return a surface's fit with a covariance that its sensors' systematic errors are part of.
+def shift_by_sensors(merged: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
+    """Return what systematic errors do to a surface's fit: (k, 10), its parameters' change by each mode.
 
     Each error is a mode: a displacement of all measured points, as far as one standard deviation takes it.
     What the fit makes of it is by least squares over the surface's own beams, the same mode in all scans.
     """
     size = len(merged.fit.covariance)
-    moment, pull = np.zeros((size, size)), np.zeros((size, 0))
+    moment, pull = np.zeros((size, size)), np.zeros((size, N_MODES))
     for seen, pixels in merged.sampled_by(observations, _N_BEAMS):
         points = seen.points_at(pixels)
         gradient = merged.fit.gradient(points)
@@ -55,28 +55,26 @@ def with_systematics(merged: MergedSurface, observations: Sequence[Observation])
         along = np.einsum("mij,ij->im", displacements(seen, pixels), merged.fit.surface.normal(points))
         both = gradient.T * weight
         moment += both @ gradient
-        if along.shape[1]:
-            pull = both @ along + (pull if pull.shape[1] else 0.0)
+        pull += both @ along
         trim()
-    if not pull.shape[1]:
-        return merged.fit
-    shift = np.linalg.pinv(moment, rcond=1e-12, hermitian=True) @ pull
-    return replace(merged.fit, covariance=merged.fit.covariance + shift @ shift.T)
+    return np.asarray(np.linalg.pinv(moment, rcond=1e-12, hermitian=True) @ pull)
 
 
 def displacements(seen: Observation, pixels: IntArray) -> FloatArray:
-    """Return how far each mode of a scan's sensor moves the points of flat pixels: (modes, n, 3), metres."""
+    """Return how far each mode moves the points of flat pixels: (10, n, 3), metres.
+
+    Seven modes of triangulating cameras, then three of scanners; zeros where nothing is known of the sensor.
+    """
+    found = np.zeros((N_MODES, len(pixels), 3))
     if not seen.noise.is_known:
-        return np.zeros((0, len(pixels), 3))
-    pose, points = seen.scan.world_from_sensor, seen.points_at(pixels)
-    local = pose.inverse().apply(points)
+        return found
+    pose = seen.scan.world_from_sensor
+    local = pose.inverse().apply(seen.points_at(pixels))
     if seen.scan.projection.kind == "spherical":
-        moved = _of_scanner(local)
+        found[_N_CAMERA_MODES:] = _of_scanner(local)
     elif seen.noise.is_triangulated:
-        moved = _of_camera(seen, local)
-    else:
-        moved = np.zeros((0, *local.shape))
-    return np.asarray(np.einsum("ij,mnj->mni", pose.rotation, moved))
+        found[:_N_CAMERA_MODES] = _of_camera(seen, local)
+    return np.asarray(np.einsum("ij,mnj->mni", pose.rotation, found))
 
 
 def _of_camera(seen: Observation, points: FloatArray) -> FloatArray:

@@ -32,6 +32,11 @@ VALUED = ("angle", "distance", "radius", "half_angle")
 _N_SURFACES = {"radius": 1, "half_angle": 1, "vertical": 1, "horizontal": 1, "equal_distance": 4}
 
 
+def kind_text(kind: RelationKind) -> str:
+    """A kind of relation in words."""
+    return kind.replace("_", " ")
+
+
 class Status(Enum):
     """What became of a relation."""
 
@@ -73,7 +78,7 @@ class Relation:
     reason : str
         In words.
     conflicts : tuple of int
-        Numbers of accepted relations that it contradicts.
+        Accepted relations that it contradicts, by their places among all of the graph.
 
     Raises
     ------

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.relations.placement import Placement
-from completion.relations.relation import Relation
+from completion.relations.engine.placement import Placement
+from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 ANGLE, LENGTH, RADIUS = 0, 1, 2  # what a row is of

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, qr
-from scipy.stats import chi2 as chi2_law
-from scipy.stats import f as f_law
+from scipy.special import chdtrc, fdtrc
 
-from completion.relations.constraint import Constraint
-from completion.relations.estimate import Estimate
-from completion.relations.relation import Relation
+from completion.relations.engine.constraint import Constraint
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray
 
 _SAME = 1e-6  # of its own variance, to which what is accepted already determines an equation
@@ -72,7 +71,7 @@ def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
     square = float(value[rows] @ whitened)
     left = value[rest] - spread[np.ix_(rest, rows)] @ whitened
     _, log_volume = np.linalg.slogdet(2 * np.pi * inner)
-    p = probability(square, len(rows), estimate.freedom)
+    p = probability(square, len(rows), estimate.freedom_of(relation.surfaces))
     return WaldTest(
         rows,
         chi2=square,
@@ -96,7 +95,8 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
     for one in estimate.imposed:
         own = slice(first, first + len(one.rows))
         square = float(multiplier[own] @ np.linalg.solve(inverse[own, own], multiplier[own]))
-        found.append(probability(square, len(one.rows), estimate.freedom))
+        freedom = estimate.freedom_of(one.relation.surfaces)
+        found.append(probability(square, len(one.rows), freedom))
         first += len(one.rows)
     return found
 
@@ -104,8 +104,8 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
 def probability(square: float, rank: int, freedom: float) -> float:
     """Return the probability of a squared misfit that is at least so large, where a relation holds."""
     if np.isfinite(freedom):
-        return float(f_law.sf(square / rank, rank, freedom))
-    return float(chi2_law.sf(square, rank))
+        return float(fdtrc(rank, freedom, square / rank))
+    return float(chdtrc(rank, square))
 
 
 def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:

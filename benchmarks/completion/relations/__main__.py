@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+"""`python -m benchmarks.completion.relations calibration`: the tables of docs/relations.md."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from benchmarks.completion.relations.calibration import calibration_table
+from benchmarks.completion.relations.strips import off_square_table, strip_table
+
+app = typer.Typer(help="What relations between surfaces are worth.", no_args_is_help=True)
+
+_First = Annotated[int, typer.Option("--first", min=0, help="Seed of the first room.")]
+_Rooms = Annotated[int, typer.Option("--rooms", min=1, help="How many rooms.")]
+
+
+@app.callback()
+def main() -> None:
+    """What relations between surfaces are worth."""
+
+
+@app.command()
+def calibration(first: _First = 2000, rooms: _Rooms = 20) -> None:
+    """How often true relations are rejected, before five sensors."""
+    for line in calibration_table(range(first, first + rooms)):
+        print(line, flush=True)
+
+
+@app.command()
+def strips(first: _First = 100, rooms: _Rooms = 25) -> None:
+    """How far off a wall is beyond what was seen of it."""
+    for line in strip_table(range(first, first + rooms)):
+        print(line, flush=True)
+
+
+@app.command()
+def off_square(first: _First = 100, rooms: _Rooms = 25) -> None:
+    """Walls that are .3, 1 and 3 deg off square: how often that is overruled, and the harm."""
+    for line in off_square_table(range(first, first + rooms)):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    app()
