@@ -25,11 +25,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.fitting.pipeline import fit
-from completion.fitting.result import FitError, SurfaceFit
+from completion.fitting.result import FitError
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
-from completion.relations.options import RelationOptions
-from completion.relations.pipeline import infer
+from completion.parts.pipeline import MACHINED, related_faces
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere, Surface, Torus
 
@@ -148,10 +147,14 @@ def holds(relation: str, one: Surface, two: Surface, length: float, angle: float
     return sine < angle and offset < length
 
 
-def score_relations(part: Part, fits: Sequence[SurfaceFit], matched: Sequence[int]) -> FloatArray:
+def score_relations(part: Part, found: PartSegmentation, matched: Sequence[int]) -> FloatArray:
     """Of each relation (4, 4): true pairs, those of them found, pairs found, those of them false."""
     counts = np.zeros((4, 4))
-    graph = infer(list(fits), options=RelationOptions())
+    fits = list(found.fits)
+    graph, related = related_faces(found, MACHINED, ())
+    placed = [fit.surface for fit in fits]
+    for moved, number in zip(graph.fits, related, strict=True):
+        placed[number] = moved.surface
     for one, two in combinations(range(len(fits)), 2):
         true = [part.surfaces[matched[k]] if matched[k] >= 0 else None for k in (one, two)]
         if true[0] is None or true[1] is None or true[0].kind != fits[one].surface.kind:
@@ -161,8 +164,7 @@ def score_relations(part: Part, fits: Sequence[SurfaceFit], matched: Sequence[in
         for row, relation in enumerate(RELATIONS):
             size = part.diagonal
             is_true = holds(relation, true[0], true[1], _SAME * size, _SAME)
-            found = [graph.fits[k].surface for k in (one, two)]
-            is_found = holds(relation, found[0], found[1], _IMPOSED * size, _IMPOSED)
+            is_found = holds(relation, placed[one], placed[two], _IMPOSED * size, _IMPOSED)
             if is_true is not None and is_found is not None:
                 counts[row] += [is_true, is_true and is_found, is_found, is_found and not is_true]
     return counts
@@ -194,7 +196,7 @@ def evaluate(part: Part, noise: float, seed: int) -> Outcome:
     counts = [len(best), (best >= 0.5).sum(), (best >= 0.8).sum(), (plain >= 0.5).sum(), (plain >= 0.8).sum()]
     counts += [len(one), (one >= 0.5).sum(), (one >= 0.8).sum()]
     matched = [int(column.argmax()) if column.max() >= 0.5 else -1 for column in each.T]
-    relations = score_relations(part, found.fits, matched) if found.fits else np.zeros((4, 4))
+    relations = score_relations(part, found, matched) if found.fits else np.zeros((4, 4))
     return Outcome(np.array(counts, dtype=np.float64), best, relations, seconds, found)
 
 

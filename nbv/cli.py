@@ -350,6 +350,47 @@ def fit(
     )  # fmt: skip
 
 
+@app.command(short_help="A part as surfaces, and what these are to each other.")
+@with_shared
+def part(
+    shared: Shared,
+    shape: Annotated[str, typer.Argument(metavar="POINTS|MESH", help="A file of points, or a mesh.")],
+    relations: Annotated[
+        str,
+        typer.Option(
+            "--relations",
+            metavar="auto|off|FILE",
+            help="Parallel, coaxial, of one radius: inferred; off; or with what a file states and forbids.",
+        ),
+    ] = "auto",
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            "--noise",
+            metavar="M",
+            min=0,
+            help="Deviation of the points along the normal.",
+            show_default="estimated",
+        ),
+    ] = None,
+    ignore_labels: Annotated[
+        bool, typer.Option("--ignore-labels", help="Divide the points anew, whatever labels the file holds.")
+    ] = False,
+    units: UnitsOption = "m",
+) -> None:
+    """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
+
+    What these are to each other (parallel, coaxial, of one radius) is inferred, tested and imposed:
+    relations.json.
+    """
+    from nbv.commands.part import PartRequest, run_part
+
+    request = PartRequest(
+        shape=shape, relations=relations, noise_m=noise, ignores_labels=ignore_labels, units=units
+    )
+    run_part(shared, request)
+
+
 @app.command(short_help="What a scene, a scan or another file holds.")
 @with_shared
 def info(

@@ -20,7 +20,7 @@ from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface
 KINDS = ("plane", "sphere", "cylinder", "cone", "torus")
 N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
 _MOST_POINTS = 800  # that a surface is polished on
-_N_STEPS = 8
+_N_STEPS = 3  # of Gauss and Newton; what calls this repeats it
 _CUT = 4.685  # deviations, Tukey's
 _FAR = 1e4  # radii beyond so many extents of the points are planes
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.parts.division.faces import fitted, groups_of
+from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
 from completion.parts.division.thinning import checked_cloud
@@ -52,6 +53,12 @@ def segment_mesh(
     InputError
         A mesh without area, or a noise below zero.
     """
+    distinct, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
+        place = place.reshape(-1)
+        joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
+        found = segment_mesh(joined, noise_m=noise_m, progress=progress)
+        return replace(found, labels=found.labels[place])
     areas = mesh.face_areas()
     if not areas.sum() > 0:
         raise InputError(f"none of the {len(areas)} triangles has an area")
@@ -61,10 +68,7 @@ def segment_mesh(
         found = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
         labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
         labels[used] = found.labels
-        triangles: IntArray = np.median(labels[mesh.faces], axis=1).astype(np.int64)
-        corners = labels[mesh.faces]
-        alike = (corners == triangles[:, None]).sum(axis=1) >= 2
-        return replace(found, labels=labels, triangle_labels=np.where(alike, triangles, corners[:, 0]))
+        return replace(found, labels=labels, triangle_labels=_by_corners(mesh, found, labels))
     points, own = _sampled(mesh, areas)
     sag = _sag(mesh)
     turned, noise = mesh.face_normals()[own], max(sag, noise_m or 0.0)
@@ -78,6 +82,31 @@ def segment_mesh(
     labels = _of_vertices(mesh, triangles, areas, len(surfaces))
     groups = groups_of(points, fits, found.labels.astype(np.int64), max(sag, 1e-2 * found.spacing_m))
     return replace(found, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
+
+
+def _by_corners(mesh: LabelledMesh, found: PartSegmentation, labels: IntArray) -> IntArray:
+    """The face (m,) of each triangle: of those at its corners and beside, the one that it lies on best.
+
+    Corners on an edge belong to one of two faces; which the triangle is on, its other corners and its slope
+    tell.
+    """
+    n, tolerance = len(mesh.faces), max(found.noise_m, 1e-2 * found.spacing_m)
+    normals, middle = mesh.face_normals(), mesh.corners.mean(axis=1)
+    corners = labels[mesh.faces]
+    alike = (corners == corners[:, [1]]).sum(axis=1) >= 2
+    best = np.where(alike, corners[:, 1], corners[:, 0]).astype(np.int64)
+    least = np.full(n, np.inf)
+    for number, fit in enumerate(found.fits, start=1):
+        touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
+        touched[mesh.faces[(corners == number).any(axis=1)].ravel()] = True
+        near = np.flatnonzero(touched[mesh.faces].any(axis=1))
+        off = np.abs(fit.surface.distance(mesh.corners[near].reshape(-1, 3))).reshape(-1, 3) / tolerance
+        slope = np.einsum("ij,ij->i", fit.surface.normal(middle[near]), normals[near])
+        turn = np.arccos(np.clip(np.abs(slope), 0, 1)) / LEAST_ANGLE
+        cost = np.minimum(off**2, 2 * GAIN).sum(axis=1) + turn**2
+        better = (cost < least[near]) & (off.max(axis=1) <= CUT)
+        least[near[better]], best[near[better]] = cost[better], number
+    return best
 
 
 def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:

@@ -80,11 +80,12 @@ def _joined(about: Neighbourhoods, found: list[Grown], free: BoolArray) -> list[
     """
     tolerance, tried = about.tolerance_m, set[tuple[int, int]]()
     names = dict(enumerate(found))
-    while True:
-        owner = _owners(about, names)
-        pair = next((pair for pair in _beside(about, names, owner) if pair not in tried), None)
-        if pair is None:
-            break
+    owner = _owners(about, names)
+    waiting = _beside(about, names, owner)
+    while waiting:
+        pair = waiting.pop(0)
+        if pair in tried:
+            continue
         tried.add(pair)
         new = joint(about, np.flatnonzero(np.isin(owner, pair)))
         if new is None:
@@ -110,7 +111,9 @@ def _joined(about: Neighbourhoods, found: list[Grown], free: BoolArray) -> list[
         for number in gone:
             del names[number]
         names[max([*names, *(one for pair in tried for one in pair)]) + 1] = new
-    free[:] = _owners(about, names) < 0
+        owner = _owners(about, names)
+        waiting = _beside(about, names, owner)
+    free[:] = owner < 0
     return list(names.values())
 
 

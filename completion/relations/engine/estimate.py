@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from completion.fitting.result import SurfaceFit
@@ -25,6 +25,7 @@ from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
+_LOOSE = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)  # of an equation's variance: what it may be off
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
@@ -221,9 +222,21 @@ class Estimate:
         return jacobian, value, np.concatenate([self.built_within(part) for part in parts])
 
     def factor(self, jacobian: csr_array, within: FloatArray) -> tuple[FloatArray, tuple[FloatArray, bool]]:
-        """Sigma A' as (n, m), and the Cholesky factor of S."""
+        """Sigma A' as (n, m), and the Cholesky factor of S.
+
+        Equations that are told apart where they were tested may depend on one another where all of them hold.
+        Then each holds to as small a part of its own deviation as makes S positive definite.
+        """
         gain = np.asarray((jacobian @ self._prior).T)
-        return gain, cho_factor(jacobian @ gain + np.diag(within))
+        variance = np.asarray(jacobian @ gain + np.diag(within))
+        for share in _LOOSE:
+            try:
+                return gain, cho_factor(variance + np.diag(share * np.diag(variance)))
+            except LinAlgError:
+                continue
+        raise InputError(
+            f"the {len(variance)} equations of the relations depend on one another; state fewer of them"
+        )
 
     def anew(self) -> Estimate:
         """Return the estimate from the same fits with nothing imposed."""
