@@ -20,7 +20,8 @@ from scenes.mesh.thinning import thinned as thinned_mesh
 from scenes.scan.palette import surface_rgb
 
 _MOST_POINTS, _MOST_FACES = 30_000, 300_000  # that are shown
-_OVERLAP = 0.75  # sampling distances: half the side of a point's square
+_OVERLAP = 0.75  # of the distance to a neighbour: half the side of a point's square
+_N_APART = 3  # which neighbour, so that there are no gaps between points at random places
 _N_NEAR = 12
 _MOST_OFF = 0.99  # quantile of the distances at which the colour bar ends
 
@@ -106,7 +107,8 @@ def _normals(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
 
 def _squares(points: FloatArray, normals: FloatArray) -> LabelledMesh:
     """Two triangles a point (n, 3), across its normal (n, 3)."""
-    apart = cKDTree(points).query(points, k=2)[0][:, 1] if len(points) > 1 else np.ones(len(points))
+    near = min(_N_APART, len(points) - 1)
+    apart = cKDTree(points).query(points, k=near + 1)[0][:, near] if near else np.ones(len(points))
     half = _OVERLAP * float(np.median(apart)) if len(points) else 0.0
     least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     one = np.cross(normals, least)
