@@ -15,7 +15,6 @@ from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
 from completion.evidence.registration.pipeline import register
-from completion.evidence.registration.registration import Registration
 from completion.extension.adjacency import find_adjacency
 from completion.extension.choice import Choice, is_chosen, numbered_anew
 from completion.extension.claims import overlap_m2, settle_claims
@@ -31,7 +30,7 @@ from completion.options import CompletionOptions
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion
-from completion.result.verification import Verification, verify
+from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
@@ -146,12 +145,11 @@ def complete(
             steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
             for one in surfaces
         ]
-        adjacency = find_adjacency(surfaces, boundaries, seen)
+        up = world_from_reference.matrix[2, :3]
+        adjacency = find_adjacency(surfaces, boundaries, seen, up)
 
         # 6. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
         # probable. Where several claim a place, the most probable one has it.
-        up = world_from_reference.matrix[2, :3]
-
         def extended(index: int) -> Patch | None:
             said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
             if not said.actions and not is_chosen(
@@ -208,26 +206,22 @@ def complete(
 
 
 def verify_first(
+    completion: Completion,
     scans: Sequence[RangeImage],
     options: CompletionOptions,
-    registration: Registration,
     *,
     n_threads: int | None = None,
     journal: Journal = NO_JOURNAL,
 ) -> Verification:
-    """Complete the first scan alone and let the others confirm or refute what was inferred.
+    """Complete the first of `scans` alone; let the others confirm or refute what was inferred.
 
-    They stand where `registration` moved them, that of all scans together.
+    They are those of `completion`, that of all scans together, and stand where it moved them.
     """
     alone = complete_first(scans, options, n_threads=n_threads, journal=journal)
+    others = completion.registration.seen_from_first(completion.observations)[1:]
+    least = min(seen.pose_error_m for seen in others)
     evidence = replace(options.evidence, flatness_m=alone.flatness_m)
-    moves = [registration.moved_world(k, scans[0].world_from_sensor) for k in range(len(scans))]
-    others = [
-        scan.restated(world_from_sensor=move @ scan.world_from_sensor)
-        for scan, move in zip(scans[1:], moves[1:], strict=True)
-    ]
-    errors = options.pose_errors(registration.left_m)[1:]
-    return verify(alone, others, evidence, registration_m=errors, sigma_m=options.sigma_m)
+    return held_against(alone, others, evidence.tolerance(registration_m=least))
 
 
 def complete_first(

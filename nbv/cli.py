@@ -223,6 +223,10 @@ def complete(
             "--export", metavar="obj|e57", help="Also completed.obj or .e57; repeat it.", show_default=False
         ),
     ] = None,
+    observed: Annotated[
+        Literal["auto", "full"],
+        typer.Option("--observed", help="observed.ply: ten million points at most, or all."),
+    ] = "auto",
     scheduler: Scheduler = None,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
@@ -253,6 +257,7 @@ def complete(
         edits=edits,
         relations=relations,
         exports=wanted,
+        observed=observed,
         search=texture or "auto",
         cell_m=resolution,
         scheduler=scheduler,

@@ -11,6 +11,8 @@ import scipy  # its parts load when they are first used
 from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
 
 _LENGTH_TOLERANCE = 0.1
+_UP, _STEEP = np.array([0.0, 0.0, 1.0]), 1e-6  # of a sensor, and sines of angles to it that count as none
+_ROUNDING = 1e-12  # of a rotation
 _ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
 
 
@@ -96,7 +98,7 @@ class Pose:
             raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}{_scale_of(rotation)}")
         if np.linalg.det(rotation) < 0:
             raise InputError("pose is left-handed (determinant -1); it mirrors the scene")
-        if error > 1e-12:
+        if error > _ROUNDING:
             u, _, vt = np.linalg.svd(rotation)
             matrix[:3, :3] = u @ vt
         matrix[3] = [0, 0, 0, 1]
@@ -127,7 +129,7 @@ class Pose:
         forward = check_direction("target - eye", check_point("target", target) - position)
         upward = check_direction("up", up)
         right = np.cross(forward, upward)
-        if np.linalg.norm(right) < 1e-6:  # looking straight up or down: any right will do, take a fixed one
+        if np.linalg.norm(right) < _STEEP:  # looking straight up or down: any right will do, take a fixed one
             right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(upward)))])
         right /= np.linalg.norm(right)
         return cls.from_parts(np.column_stack([right, np.cross(forward, right), forward]), position)
@@ -160,3 +162,30 @@ class Pose:
         """Turn directions of shape (..., 3)."""
         turned: FloatArray = vectors @ np.ascontiguousarray(self.rotation.T)  # twice as fast as the view
         return turned
+
+
+def rotations_towards(directions: FloatArray) -> FloatArray:
+    """Return the rotations (n, 3, 3) of `Pose.looking_at` along directions (n, 3), all at once, to the bit.
+
+    Examples
+    --------
+    >>> ways = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    >>> each = [Pose.looking_at((0, 0, 0), way).rotation for way in ways]
+    >>> bool((rotations_towards(ways) == np.array(each)).all())
+    True
+    """
+    forward = directions / _lengths(directions)
+    right = np.cross(forward, _UP)
+    steep = _lengths(right)[:, 0] < _STEEP
+    right[steep] = np.cross(forward[steep], np.eye(3)[0])
+    right /= _lengths(right)
+    found = np.stack([right, np.cross(forward, right), forward], axis=2)
+    off = np.abs(found.transpose(0, 2, 1) @ found - np.eye(3)).max(axis=(1, 2), initial=0)
+    for k in np.flatnonzero(off > _ROUNDING / 2):  # which a pose makes rigid
+        found[k] = Pose.looking_at(np.zeros(3), directions[k]).rotation
+    return found
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Lengths (n, 1), each as that of one vector alone is rounded."""
+    return np.array([float(np.linalg.norm(vector)) for vector in vectors]).reshape(-1, 1)

@@ -2,20 +2,25 @@
 """What holds for all tests: reports are drawn small and packed quickly; the longest files run first."""
 
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
+import typer.main
+import typer.testing
 
 from nbv.report.blocks import scan_coverage_blocks
 from nbv.report.figures import plots
 from nbv.report.pictures import completion_shots, picture, surface_values
+from nbv.report.viewer import byte_packing
 from tests.helpers.data_paths import ROOT
 
 
 @pytest.fixture(autouse=True, scope="session")
 def small_reports() -> Iterator[None]:
-    """Pictures half as wide, plots with half the dots and for light pages, PNG packed at the lowest level."""
+    """Pictures half as wide, plots with half the dots and for light pages, images packed fast."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "_PNG_LEVEL", 1)
+        patch.setattr(byte_packing, "_METHOD", 0)
         patch.setattr(plots, "_DPI", 90)
         patch.setattr(plots, "_DARK", plots.LIGHT)  # what is equal is drawn once
         for module in (completion_shots, scan_coverage_blocks, surface_values):
@@ -23,15 +28,24 @@ def small_reports() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def made_once() -> Iterator[None]:
+    """The command line is put together once a process and not for each command, as it is outside tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command))
+        yield
+
+
 LONGEST = (
-    "nbv/study/test_study.py", "nbv/commands/test_cli.py", "completion/test_pipeline.py",
-    "scenes/rays/test_backends.py", "completion/test_real.py", "benchmarks/test_archive.py",
-    "nbv/commands/test_demo.py", "scenes/run/test_journal.py", "nbv/report/test_report_inference.py",
-    "nbv/plan/test_baselines.py", "nbv/plan/test_inference.py", "robustness/test_disk_full.py",
-    "nbv/commands/test_cli_scans.py", "nbv/commands/test_cli_fit.py", "benchmarks/test_free_space.py",
-    "completion/result/test_verification.py", "completion/edits/test_edits.py", "texture/test_pipeline.py",
-    "nbv/plan/test_resume.py", "nbv/plan/test_plan.py", "nbv/report/test_display.py",
-    "nbv/report/test_report_in_chromium.py", "robustness/test_bad_input.py",
+    "nbv/commands/test_cli.py", "nbv/study/test_study.py", "nbv/visibility/standing/test_rooms.py",
+    "nbv/commands/test_cli_scans.py", "completion/test_pipeline.py", "nbv/report/test_report_inference.py",
+    "benchmarks/test_command.py", "nbv/plan/test_rules.py", "nbv/plan/test_baselines.py",
+    "completion/evidence/test_reach.py", "completion/fitting/test_robust.py",
+    "completion/segmentation/test_relief.py", "nbv/report/test_escaping.py", "nbv/plan/test_start.py",
+    "nbv/commands/test_cli_fit.py", "texture/test_pipeline.py", "benchmarks/test_together.py",
+    "texture/test_compiled.py", "robustness/test_mutated_files.py", "benchmarks/test_houses.py",
+    "nbv/visibility/test_zones.py", "nbv/plan/test_plan.py", "nbv/plan/test_resume.py",
+    "nbv/report/test_report_in_chromium.py", "scenes/scan/test_upright.py", "robustness/test_bad_input.py",
 )  # fmt: skip
 """Files that take longest, from `pytest --durations=0`; two workers that begin with them end together."""
 

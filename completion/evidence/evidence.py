@@ -52,7 +52,7 @@ class Evidence:
         frames if one does; 0 for none known.
     through : (rows, columns) bool
         Cells that some beam seems to have passed: the pixel at their centre measured farther. That is too
-        little for a veto, but the surface is not hidden there.
+        little for a veto, but the surface is not hidden there, nor did nothing come back.
     limb : (rows, columns) bool
         Cells so oblique to some scan that its beams may have met what lies behind as well. Free space there
         does not tell whether the surface goes on.

@@ -25,7 +25,6 @@ from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
 _LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
-_MISSED_PIXELS = 0.5  # how far a cylinder's limb is from a ray that may miss it
 _LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
 _BLOCK = 16  # cells: side of the blocks that are held against a scan together
 _ROUNDING_M = 1e-9
@@ -238,10 +237,10 @@ def _hold_cells(
             # 3. Nothing came back, since something hid the cell from the projector.
             label = _UNLIT
 
-        # 4. Note cells that beams seem to have passed, and those too oblique to tell.
+        # 4. Note cells beside which a beam got farther, and those too oblique to tell.
         limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
         if np.isfinite(measured) and said.behind < -said.allowed and is_sure:
-            through[cell] |= said.cosine > np.sqrt(min(2 * _MISSED_PIXELS * limb, 1.0))
+            through[cell] = True
         at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 
         # 5. Keep the strongest label of all scans.

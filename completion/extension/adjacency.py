@@ -27,6 +27,8 @@ _MEETING_PAIRS = 8  # of neighbouring pixels
 _INNER_SHARE = 0.88  # of all measured points on the inner side: some lie beyond windows that are half hidden
 _LEAST_PIXELS = 0.02  # of all measured points on the surface itself
 _N_BEAMS = 40_000
+_LEVEL = 0.98  # cosine between a level plane's normal and up
+_FURNITURE_M = 0.2, 1.2  # how high above the floor seats, beds, tables and worktops are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,15 +42,21 @@ class Adjacency:
 
 
 def find_adjacency(
-    surfaces: Sequence[MergedSurface], boundaries: Sequence[BoundaryPixels], scans: Scans
+    surfaces: Sequence[MergedSurface],
+    boundaries: Sequence[BoundaryPixels],
+    scans: Scans,
+    up: FloatArray | None = None,
 ) -> Adjacency:
     """Find which surfaces enclose the room or are insets, which meet, and how surely things stand on each.
 
-    Surfaces are in the working frame, the boundary pixels of each in its own chart.
+    Surfaces are in the working frame, the boundary pixels of each in its own chart. `up` (3,) is the
+    direction that is up in that frame; z when not given.
     """
     observations, flatness_m = scans.observations, scans.tolerance.flatness_m
+    upward = np.array([0.0, 0.0, 1.0]) if up is None else up
     is_inset = find_insets(surfaces, observations, flatness_m) >= 0
     encloses = find_enclosing(surfaces, observations, flatness_m) & ~is_inset
+    encloses &= ~_above_floor(surfaces, upward)
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
     return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets), is_inset)
 
@@ -150,6 +158,26 @@ def find_enclosing(
         for one, size in zip(surfaces, sizes, strict=True)
     ]
     return np.array(found, dtype=np.bool_)
+
+
+def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray:
+    """Tell which surfaces (n,) are level planes as high above another one as furniture is: seats, tables.
+
+    Only planes that face up and have their share of the measured points count.
+    """
+    least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
+    planes = {
+        number: one.fit.surface
+        for number, one in enumerate(surfaces)
+        if isinstance(one.fit.surface, Plane)
+        and one.n_pixels >= least
+        and float(one.fit.surface.normal_direction @ up) > _LEVEL
+    }
+    above = np.zeros(len(surfaces), dtype=np.bool_)
+    for number, plane in planes.items():
+        heights = [float(other.distance(plane.point[None])[0]) for other in planes.values()]
+        above[number] = any(_FURNITURE_M[0] <= height <= _FURNITURE_M[1] for height in heights)
+    return above
 
 
 def _n_returns(seen: Observation) -> int:

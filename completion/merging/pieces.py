@@ -139,7 +139,7 @@ def fit_groups(
     """
     starts = [max(pieces, key=lambda one: one.n_pixels).fit for pieces in groups]
     shapes = np.array([seen.scan.shape for seen in observations], np.int32).reshape(-1, 2)
-    pixels = [ScanPixels(spill.keep(_together(pieces)), shapes) for pieces in groups]
+    pixels = [ScanPixels(_together(pieces, spill), shapes) for pieces in groups]
     several = [k for k, pieces in enumerate(groups) if len(pieces) > 1]
     surfaces = [starts[k].surface for k in several]
     chosen = [pixels[k] for k in several]
@@ -166,13 +166,13 @@ def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) ->
     return warped(fit, np.concatenate([one.part.points for one in pieces]), relief)
 
 
-def _together(pieces: Sequence[Piece]) -> tuple[tuple[int, PixelSet], ...]:
-    """The pixels of some pieces, by scan."""
-    trim()
+def _together(pieces: Sequence[Piece], spill: Spill | NoSpill) -> tuple[tuple[int, PixelSet], ...]:
+    """The pixels of some pieces, by scan; those of one are kept before the next are put together."""
     found: dict[int, list[PixelSet]] = {}
     for scan, some in (pair for one in pieces for pair in one.pixels):
         found.setdefault(scan, []).append(some)
-    return tuple(
-        (scan, own[0] if len(own) == 1 else PixelSet.union(own, own[0].shape))
-        for scan, own in sorted(found.items(), key=lambda item: item[0])
-    )
+    kept = []
+    for scan, own in sorted(found.items(), key=lambda item: item[0]):
+        trim()
+        kept.append((scan, spill.keep(own[0] if len(own) == 1 else PixelSet.union(own, own[0].shape))))
+    return tuple(kept)

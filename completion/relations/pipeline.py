@@ -18,9 +18,6 @@ from completion.relations.proposals import STAGES, propose
 from completion.relations.tolerance import with_tolerance
 from scenes.checks import InputError
 
-_GROWTH = 0.1  # of the rank, after which all is solved together again
-_EVERY = 60  # equations, up to which that is done after each
-
 
 def infer(
     fits: Sequence[SurfaceFit],
@@ -65,7 +62,6 @@ def infer(
     size_m, found = size_of(fits), list[Relation]()
     stated = [replace(one, is_given=True) for one in given if not one.is_forbidden]
     forbidden = {_key(one) for one in given if one.is_forbidden}
-    n_solved = 0
 
     # 2. Examine: directions first, then angles, places, radii and distances; in each stage what a person
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
@@ -83,9 +79,7 @@ def infer(
                 if tested.conflicts and tested.is_given:
                     estimate, found, tested = _settled(tested, estimate, found)
                 found.append(_with_conflicts(tested, found))
-                if estimate.rank > n_solved + (_GROWTH * n_solved if n_solved > _EVERY else 0):
-                    estimate.solve()
-                    n_solved = estimate.rank
+                estimate.settle()
         estimate.solve()
 
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.

@@ -157,15 +157,17 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
         along = {one: float(normal @ estimate.at[one].point) for one in planes}
         placed = sorted(planes, key=lambda one: (along[one], one))
         steps += [pair for pair in pairwise(placed) if not _are_one(estimate, *pair)]
-    lengths = {pair: _length(estimate, pair) for pair in steps}
+    known = {pair: _length(estimate, pair) for pair in steps}
     if options.round_length_m is not None:
         for pair in steps:
-            value = float(np.rint(lengths[pair] / options.round_length_m) * options.round_length_m)
+            value = float(np.rint(known[pair][0] / options.round_length_m) * options.round_length_m)
             if value > 0:
                 yield from _near(Relation(kind="distance", surfaces=pair, value=value), estimate)
     firsts: list[tuple[int, int]] = []
     for pair in steps:
         for first in firsts:
+            if abs(known[first][0] - known[pair][0]) > _FAR * (known[first][1] + known[pair][1]):
+                continue  # whatever errors they share, they are too far off
             found = list(_near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
             if found:
                 yield from found
@@ -220,9 +222,11 @@ def _are_one(estimate: Estimate, one: int, two: int) -> bool:
     return bool(list(_near(Relation(kind="coplanar", surfaces=(one, two)), estimate)))
 
 
-def _length(estimate: Estimate, pair: tuple[int, int]) -> float:
-    relation = Relation(kind="distance", surfaces=pair, value=0.0)
-    return float(estimate.constraint(relation).value[0])
+def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
+    """How far apart two surfaces are, and the deviation of that, with how exactly things are built."""
+    found = estimate.constraint(Relation(kind="distance", surfaces=pair, value=0.0))
+    deviations = np.sqrt([estimate.variance(found)[0, 0], estimate.built_within(found)[0]])
+    return float(found.value[0]), float(deviations.sum()) + 1e-12
 
 
 def _has_direction(estimate: Estimate, number: int) -> bool:

@@ -24,7 +24,7 @@ from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
-from completion.result.observed_points import observed_mesh, observed_parts, remainder
+from completion.result.observed_points import observed_mesh, observed_parts, observed_step, remainder
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
@@ -37,7 +37,7 @@ from scenes.run.spill import NoSpill, Spill, spill_of
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
-_MOST_SHOWN = 400_000  # triangles of what belongs to no surface, in pictures and views
+_MOST_SHOWN, _FEW_SHOWN = 400_000, 200_000  # triangles of no surface, in pictures and views; of many points
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,13 +186,36 @@ class DerivedModel:
         return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
 
     @cached_property
+    def observed_m2(self) -> float:
+        """Measured area of all surfaces, square metres."""
+        total = 0.0
+        for surface in self.surfaces:
+            total += surface.patch.observed_m2
+            trim()
+        return total
+
+    @cached_property
+    def hypothesised_m2(self) -> float:
+        """Inferred area of all surfaces, square metres."""
+        total = 0.0
+        for surface in self.surfaces:
+            total += mesh_area(surface.inferred_cells.vertices, surface.inferred_cells.faces)
+            trim()
+        return total
+
+    @cached_property
     def hypothesised(self) -> LabelledPoints:
         """All inferred area as one mesh, working frame."""
         return joined(list(self.hypothesised_parts()))
 
-    def observed_parts(self) -> Iterator[LabelledPoints]:
-        """Yield all measured points, working frame, some rows of a scan at a time."""
-        return observed_parts(self.observations, self.owners)
+    @cached_property
+    def observed_step(self) -> int:
+        """Every how many rows and columns of the scans observed.ply holds, unless it is to hold them all."""
+        return observed_step(self.observations)
+
+    def observed_parts(self, step: int = 1) -> Iterator[LabelledPoints]:
+        """Yield measured points of every step-th row and column, working frame, some rows at a time."""
+        return observed_parts(self.observations, self.owners, step)
 
     @cached_property
     def observed(self) -> LabelledPoints:
@@ -211,7 +234,8 @@ class DerivedModel:
     def thin_remainder(self) -> LabelledPoints:
         """The same with so few triangles that pictures and views show them, provenance and all."""
         rest, _ = self.remainder
-        vertices, faces, kept = thinned(rest.vertices, rest.faces, _MOST_SHOWN)
+        most = _MOST_SHOWN if self.observed_step == 1 else _FEW_SHOWN
+        vertices, faces, kept = thinned(rest.vertices, rest.faces, most)
         of_vertices = {name: getattr(rest, name)[kept] for name in rest.of_vertices if name != "vertices"}
         return self.spill.keep(LabelledPoints(vertices, faces.astype(np.int32), **of_vertices))
 
@@ -256,12 +280,12 @@ class CompletedModel:
     @property
     def observed_m2(self) -> float:
         """Measured area of all surfaces, square metres."""
-        return float(sum(patch.observed_m2 for patch in self.patches))
+        return self.derived.observed_m2
 
     @property
     def hypothesised_m2(self) -> float:
         """Inferred area of all surfaces, square metres."""
-        return float(sum(mesh_area(mesh.vertices, mesh.faces) for mesh in self.inferred))
+        return self.derived.hypothesised_m2
 
     @property
     def hypothesised(self) -> LabelledPoints:

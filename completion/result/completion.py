@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.polygons import polygons_record
-from completion.result.record import completion_record, inferred_points, model_parts
+from completion.result.record import ObservedDetail, completion_record, inferred_points, model_parts
 from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
@@ -73,19 +73,26 @@ class Completion(CompletedModel):
 
     __slots__ = ()
 
-    def save(self, folder: str | PathLike[str], verification: Verification | None = None) -> None:
+    def save(
+        self,
+        folder: str | PathLike[str],
+        verification: Verification | None = None,
+        *,
+        observed: ObservedDetail = "auto",
+    ) -> None:
         """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json.
 
         All is in world coordinates. The files appear together once all are written; until then those of an
         earlier run stay. With `verification`, completion.json also says what later scans say of what the
-        first one alone inferred.
+        first one alone inferred. Of more than ten million points observed.ply holds those of every k-th row
+        and column, unless `observed` is "full"; completion.json has k as `observed_step`.
 
         Raises
         ------
         InputError
-            The folder cannot be made or written, or another run writes there.
+            The folder cannot be made or written, or another run writes there, or `observed` is neither.
         """
-        write_model(self, folder, completion_record(self, verification))
+        write_model(self, folder, completion_record(self, verification, observed=observed))
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.
@@ -134,15 +141,15 @@ def write_model(
     InputError
         The folder cannot be made or written, or another run writes there.
     """
-    content = _Content.of(completion, [".glb", ".json", *(f".{name}" for name in exports)])
     legend = [f"provenance {number} {name}" for number, name in PROVENANCE_NAMES.items()]
     target = make_folder(folder)
     with locked(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
-            _export(content, stage.path(name))
+            path = stage.path(name)
+            _export(_Content.of(completion, [path.suffix]), path)  # gone before the next is made
         derived = completion.derived
         for name, parts in (
-            ("observed.ply", derived.observed_parts()),
+            ("observed.ply", derived.observed_parts(int(record["observed_step"]))),
             ("hypothesised.ply", derived.hypothesised_parts()),
         ):
             write_meshes_ply(stage.path(name), placed(completion, parts), legend)

@@ -19,6 +19,7 @@ from scenes.scan.colour import colour_bytes
 _BAND = 1 << 18  # pixels that are meshed at a time
 _STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may be apart
 _MOST_FACES = 2_000_000  # of what belongs to no surface
+_MOST_POINTS = 10_000_000  # what programs that show points still turn smoothly
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,18 +31,29 @@ class _Band:
 
 
 def observed_parts(
-    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]
+    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]], step: int = 1
 ) -> Iterator[LabelledPoints]:
-    """Yield all measured points of all scans, working frame, some rows of a scan at a time.
+    """Yield measured points of all scans, of every step-th row and column, working frame.
+
+    Some rows of a scan come at a time.
 
     Triangles are numbered from the part's first vertex on; the last ones of a part have corners in the next.
     `owners`, (rows, columns) for each scan, hold the number of the surface of each pixel; 0 for none.
     """
     for seen, owner in zip(observations, owners, strict=True):
-        for band in _bands(seen, owner, 1):
+        for band in _bands(seen, owner, step):
             held = band.points
             yield replace(held, **{name: getattr(held, name)[: band.n_own] for name in held.of_vertices})
             trim()
+
+
+def observed_step(observations: Sequence[Observation]) -> int:
+    """Of every how many rows and columns ten million points come at most."""
+    n_measured = 0
+    for seen in observations if sum(one.scan.ranges.size for one in observations) > _MOST_POINTS else ():
+        n_measured += int(np.count_nonzero(seen.valid))
+        trim()
+    return max(1, int(np.ceil(np.sqrt(n_measured / _MOST_POINTS))))
 
 
 def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:

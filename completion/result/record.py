@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
-from scenes.checks import ColourArray
+from scenes.checks import ColourArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
+from scenes.mesh.blocks import in_blocks
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.mapping import trim
@@ -33,6 +34,8 @@ _OF_PAIR = (
     "still_contradicted_m2",
 )
 
+ObservedDetail = Literal["auto", "full"]
+"""How many of the measured points observed.ply holds: few enough to be looked at, or all of them."""
 OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
 """Colours of surface without texture, sRGB in 0..1."""
 
@@ -42,7 +45,7 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
 
     They are called `observed 1 plane`, `hypothesised 1 plane` and so on, and `observed remainder`: a
     hypothesis can never pass for a measurement. Their textures lie on the pages of one atlas; without
-    texture, parts have the colour of their state.
+    texture, parts have the colour of their state. Those of large models are in blocks of space.
     """
     parts = []
     for index, surface in enumerate(completion.derived.surfaces):
@@ -56,7 +59,7 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
         vertices = completion.world_from_reference.apply(rest.vertices)
         faces = rest.faces.astype(np.int64)
         parts.append(MeshPart("observed remainder", vertices, faces, 0, rest.colour))
-    return parts
+    return in_blocks(parts)
 
 
 def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name: str) -> MeshPart:
@@ -85,34 +88,37 @@ def display_mesh(
     Of what belongs to no surface it holds no more than pictures show. Inferred area is shown if
     `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
-    corners, colours, labels, face_image, corner_uv = [], [], [], [], []
-    atlas = completion.derived.atlas
+    places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
+    atlas, n_places = completion.derived.atlas, 0
     for index, surface in enumerate(completion.derived.surfaces):
         trim()
         states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
         for state, mesh in enumerate(states):
             page = -1 if mark and state == 1 else int(atlas.page[index])
-            corners.append(mesh.vertices[mesh.faces])
+            places.append(mesh.vertices)
+            corners.append(mesh.faces.astype(np.int32) + np.int32(n_places))
+            n_places += len(mesh.vertices)
             tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
             colours.append(np.broadcast_to(np.array(tint, np.float32), (len(mesh.faces), 3, 3)))
             labels.append(np.full(len(mesh.faces), state, np.int32))
             face_image.append(np.full(len(mesh.faces), page, np.int32))
             corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
     rest = completion.derived.thin_remainder
-    corners.append(rest.vertices[rest.faces])
-    colours.append((rest.colour[rest.faces] / 255.0).astype(np.float32))
+    places.append(rest.vertices)
+    corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
+    colours.append(rest.colour[rest.faces].astype(np.float32) / np.float32(255))
     labels.append(np.zeros(len(rest.faces), np.int32))
     face_image.append(np.full(len(rest.faces), -1, np.int32))
     corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
-    vertices = completion.world_from_reference.apply(np.concatenate(corners).reshape(-1, 3))
-    appearance = Appearance(
-        np.concatenate(colours).astype(np.float32),
+    has_pages = bool(len(atlas.pages))
+    look = Appearance(
+        np.concatenate(colours),
         atlas.pages,
-        np.concatenate(face_image),
-        np.concatenate(corner_uv).astype(np.float32),
+        np.concatenate(face_image) if has_pages else None,
+        np.concatenate(corner_uv).astype(np.float32) if has_pages else None,
     )
-    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    return LabelledMesh(vertices, faces, np.concatenate(labels), appearance)
+    vertices = completion.world_from_reference.apply(np.concatenate(places))
+    return LabelledMesh(vertices, np.concatenate(corners), np.concatenate(labels), look)
 
 
 def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:
@@ -131,8 +137,21 @@ def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:
         )
 
 
-def completion_record(completion: CompletedModel, verification: Verification | None = None) -> dict[str, Any]:
-    """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates."""
+def completion_record(
+    completion: CompletedModel,
+    verification: Verification | None = None,
+    *,
+    observed: ObservedDetail = "auto",
+) -> dict[str, Any]:
+    """What `completion.json` holds; lengths in metres, areas in square metres, world coordinates.
+
+    `observed` says how many points observed.ply is to hold: all of them, or of very many every k-th row and
+    column.
+
+    Raises InputError: `observed` is neither.
+    """
+    if observed not in get_args(ObservedDetail):
+        raise InputError(f"observed is {observed!r}; known: auto, full")
     record: dict[str, Any] = {
         "warnings": list(completion.warnings),
         "edits": [edit_record(edit) for edit in completion.edits],
@@ -158,6 +177,7 @@ def completion_record(completion: CompletedModel, verification: Verification | N
         "choice": {**asdict(completion.choice), "only": list(completion.choice.only)},
         "projector": [seen.shadow._asdict() for seen in completion.observations],
         "remainder_step": completion.derived.remainder[1],
+        "observed_step": 1 if observed == "full" else completion.derived.observed_step,
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
     if completion.relations is not None:

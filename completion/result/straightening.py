@@ -51,10 +51,12 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
     size, least = float(grid.cell.max()), _LEAST_CELLS * grid.cell_area
     guides, straight = guides_of(patch), []
     declined = (patch.evidence.labels == Label.OCCLUDED) & patch.is_within & ~whole & ~patch.hypothesised
+    low, high = patch.limits.window()
 
     def is_declined(uv: FloatArray) -> BoolArray:
         inside, cells = grid.cells_at(uv)
-        result = np.zeros(len(uv), dtype=np.bool_)
+        # it goes on to there too improbably
+        result = np.asarray(((uv < low - size) | (uv > high + size)).any(axis=1))
         result[inside] = declined.ravel()[cells]
         return result
 
@@ -103,8 +105,8 @@ def straightened(
 ) -> Any:
     """Return a shapely polygon of the chart, its sides laid on the guides where these run beside it.
 
-    A place stays where it is if the way to its guide leads through what was not inferred, though hidden:
-    `is_declined` tells it of places (n, 2), as (n,).
+    A place stays where it is if the way to its guide leads through what was not inferred, though hidden, or
+    was too improbable to be looked at: `is_declined` tells it of places (n, 2), as (n,).
     What follows none is straightened to within a cell of `cell_m` metres. Places along a straight side are
     dropped before what was folded is put right: there they would become slivers.
     """

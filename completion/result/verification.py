@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from completion.evidence.evidence import Label, Scans
 from completion.evidence.weighing import weigh
 from completion.extension.patch import Patch
-from completion.observe.observation import observe
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, InputError
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 
@@ -66,7 +67,11 @@ class Verification:
 
     def area_m2(self, finding: Finding) -> float:
         """Inferred area of which the others say so, square metres."""
-        return float(sum(surface.area_m2(finding) for surface in self.surfaces))
+        total = 0.0
+        for surface in self.surfaces:
+            total += surface.area_m2(finding)
+            trim()
+        return total
 
 
 def verify(
@@ -111,7 +116,14 @@ def verify(
         replace(observe(scan, completion.world_from_reference, sigma_m), pose_error_m=error)
         for scan, error in zip(others, errors, strict=True)
     )
-    nobody = tuple(np.zeros(seen.valid.shape, np.int32) for seen in observations)
+    return held_against(completion, observations, tolerance)
+
+
+def held_against(
+    completion: CompletedModel, observations: tuple[Observation, ...], tolerance: Tolerance
+) -> Verification:
+    """Hold what was inferred against scans that are prepared, in its own working frame, with their errors."""
+    nobody = tuple(np.zeros(seen.scan.shape, np.int32) for seen in observations)
     scans = Scans(observations, nobody, tolerance)
     return Verification(
         tuple(

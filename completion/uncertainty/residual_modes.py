@@ -140,8 +140,11 @@ def _shapes(surface: Surface, points: FloatArray, centre: FloatArray, width: Flo
     """Shapes of second and third order (n, 7): of a plane's u, v, or of a cylinder's angle and height."""
     places = (_places(surface, points) - centre) / width
     if isinstance(surface, Plane):
-        u, v = places.T
-        return np.column_stack([u * u, u * v, v * v, u**3, u * u * v, u * v * v, v**3])
+        u, v = np.ascontiguousarray(places.T)
+        uu, uv, vv = u * u, u * v, v * v
+        return np.column_stack(
+            [uu, uv, vv, uu * u, uu * v, u * vv, vv * v]
+        )  # a power takes five times as long
     assert isinstance(surface, Cylinder)
     x, y = axis_frame(surface.direction)[:2] @ (points - surface.point).T
     turn, h = np.arctan2(y, x), places[:, 0]

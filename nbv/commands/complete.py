@@ -34,7 +34,8 @@ class CompleteRequest:
     """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
     `search` is that of textures, `edits` a file, `relations` "auto", "off" or a file, `exports` the formats
-    ("obj", "e57") beside those that are always written, `scheduler` who works; results do not depend on it.
+    ("obj", "e57") beside those that are always written, `observed` how many points observed.ply holds,
+    `scheduler` who works; results do not depend on it.
     """
 
     mode: Mode
@@ -52,6 +53,7 @@ class CompleteRequest:
     flatness_m: float | None = None
     min_area_m2: float = 0.0
     only: tuple[str, ...] = ()
+    observed: Literal["auto", "full"] = "auto"
     scheduler: str | None = None
 
     def resolved(self) -> CompletionOptions:
@@ -126,14 +128,17 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         if len(scans) > 1:
             run.watch.enter("verify")
             verification = verify_first(
+                completion,
                 scans,
                 options,
-                completion.registration,
                 n_threads=shared.threads,
                 journal=journal.part("first"),
             )
         run.watch.enter("save")
-        record = {**completion_record(completion, verification), "warnings": warnings}
+        said = completion_record(completion, verification, observed=how.observed)
+        record = {**said, "warnings": warnings}
+        lines = lines_of(completion, verification) + lines_of_detail(said["observed_step"])
+        del verification  # a completion of its own: it is gone before the files are made
         write_model(completion, run.stage.folder, record, how.exports)
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
@@ -143,7 +148,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         )
         run.report(replace(page, warnings=tuple(warnings)), asked)
         summary = {**summary_of(completion), "warnings": warnings}
-        run.finish(resolved, summary, lines_of(completion, verification))
+        run.finish(resolved, summary, lines)
 
 
 def coarser_cells(completion: Completion, cell_m: float | None) -> list[str]:
@@ -226,6 +231,15 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     holding = sum(one.holds for one in graph.relations)
     others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
     return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
+
+
+def lines_of_detail(step: int) -> list[str]:
+    """What observed.ply leaves out, where it is not all."""
+    if step == 1:
+        return []
+    return [
+        f"observed.ply holds one of {step} rows and columns of the scans; --observed full writes them all"
+    ]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

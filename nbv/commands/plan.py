@@ -67,6 +67,7 @@ class PlanRequest:
     without: tuple[str, ...] = ()
     candidates: str | None = None
     scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
+    plan: str | None = None
     region: tuple[float, ...] | None = None
     keep_out: tuple[tuple[float, ...], ...] = ()
     noise: str = "none"
@@ -93,6 +94,7 @@ class PlanRequest:
         named = {
             "sensor": Path(self.sensor).name,
             "candidates": None if self.candidates is None else Path(self.candidates).name,
+            "plan": None if self.plan is None else Path(self.plan).name,
             **self.scans.options(),
             "up": self.up,
             "units": self.units,

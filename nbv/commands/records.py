@@ -164,13 +164,10 @@ def _polygons(content: Content) -> dict[str, Any]:
 
 
 def _stations(content: Content) -> dict[str, Any]:
-    return {
-        "kind": "stations",
-        "stations": len(content["tour"]["order"]),
-        "tour_m": content["tour"]["length_m"],
-        "overlaps": len(content["overlaps"]),
-        "groups": content["groups"],
-    }
+    """A tour, and where overlaps were asked after, as many and in how many groups."""
+    tour, overlaps = content["tour"], content["overlaps"]
+    found = {"kind": "stations", "stations": len(tour["order"]), "tour_m": tour["length_m"]}
+    return found if overlaps is None else {**found, "overlaps": len(overlaps), "groups": content["groups"]}
 
 
 def _fit(content: Content) -> dict[str, Any]:

@@ -37,10 +37,20 @@ class CompletedSurfaces:
 
     @classmethod
     def of(
-        cls, scans: Sequence[RangeImage], max_sd_m: float | None = None, *, n_threads: int | None = None
+        cls,
+        scans: Sequence[RangeImage],
+        max_sd_m: float | None = None,
+        *,
+        relates: bool = True,
+        n_threads: int | None = None,
     ) -> CompletedSurfaces:
-        """Complete `scans`, without texture; `max_sd_m` is completion's own when not given."""
+        """Complete `scans`, without texture; `max_sd_m` is completion's own when not given.
+
+        What surfaces are to each other is left out where nothing is to be related: it takes longer than all
+        else of a few scans.
+        """
         options = CompletionOptions(texture=False, evidence=EvidenceOptions(max_cells=_MAX_CELLS))
+        options = options if relates else replace(options, relations=None)
         options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)
         return cls(complete(scans, options, rng=0, n_threads=n_threads), options.max_sd_m)
 

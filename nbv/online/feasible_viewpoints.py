@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.occupancy import EMPTY, VoxelMap
+from nbv.online.seen_floor import TALLEST_M, SeenFloor
 from nbv.online.surfels import UPWARD
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
-
-_LEVEL = 1.5  # voxels by which a patch of floor may lie off the floor's level
 
 
 def feasible_viewpoints(
@@ -40,23 +39,14 @@ def feasible_viewpoints(
 def has_floor_support(voxels: VoxelMap, positions: FloatArray) -> BoolArray:
     """Tell below which positions (p, 3) everything is known to be empty, down to seen floor; world, metres.
 
-    The floor is the height at which the largest area of seen surface faces upwards: one level for the whole
-    volume, so that no tripod stands on a table. Stairs and split levels are not known.
+    Floor is what one walks to from where scanners stood (`SeenFloor`), on any storey: no table, and nothing
+    lower than the tallest tripod. It is level under the feet.
     """
-    cell = voxels.grid.index_of(positions)
-    floor = _floor_voxels(voxels)
-    known = np.isin(_first_below(voxels)[cell], floor)
-    return np.asarray((cell >= 0) & known)
-
-
-def _floor_voxels(voxels: VoxelMap) -> NDArray[np.int64]:
-    """Voxels that hold seen floor."""
-    surfels, level = voxels.surfels, floor_level(voxels)
-    if level is None:
-        return np.zeros(0, np.int64)
-    at_level = np.abs(surfels.points[:, 2] - level) <= _LEVEL * voxels.grid.voxel_m
-    floor: NDArray[np.int64] = surfels.voxels[(surfels.sides == UPWARD) & at_level]
-    return floor
+    cell, floor = voxels.grid.index_of(positions), SeenFloor.of(voxels)
+    below = _first_below(voxels)[cell]
+    known = np.isin(below, floor.voxels[floor.is_even])
+    down = positions[:, 2] - voxels.grid.centres(np.maximum(below, 0))[:, 2]
+    return np.asarray((cell >= 0) & known & (down <= TALLEST_M))
 
 
 def floor_level(voxels: VoxelMap) -> float | None:

@@ -84,7 +84,7 @@ def best_view(
         few, targets = (some.some(~some.is_unknown) for some in (few, targets))
     # what each position sees in any direction, and the pose whose aperture holds most of it
     sees = partial(
-        _seen_from, boundary=boundary, required_cosine=required_cosine, sensor=sensor, expected=expected
+        seen_from, boundary=boundary, required_cosine=required_cosine, sensor=sensor, expected=expected
     )
     with threads(_BYTES_A_TARGET * len(few) + _BYTES_A_LOOK, n_threads) as pool:
         seen = list(pool.map(partial(sees, few), candidates.positions))
@@ -99,7 +99,7 @@ def best_view(
     return BestView(pose, float(there.worth_m2[inside].sum()), there.some(inside))
 
 
-def _seen_from(
+def seen_from(
     targets: Targets,
     position: FloatArray,
     *,
@@ -108,7 +108,7 @@ def _seen_from(
     sensor: Sensor,
     expected: ExpectedGain | None,
 ) -> ViewEvaluation:
-    """Return what a position sees in any direction, and what each is worth from there."""
+    """Return what a position (3,) sees in any direction, and what each is worth from there."""
     floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
     towards = position - targets.points
     distance = np.linalg.norm(towards, axis=1)

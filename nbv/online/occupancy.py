@@ -10,7 +10,7 @@ frontier. Seen beats empty, empty beats occluded, so that thin surfaces stay and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,8 @@ class VoxelMap:
     outside_is_empty : bool
         Whether the space around the volume is free (an object on a turntable) or solid (a room in a
         building).
+    stood : (s, 3) float
+        Where the scanners stood, metres.
     """
 
     grid: VoxelGrid
@@ -77,10 +79,12 @@ class VoxelMap:
     surfels: Surfels
     votes: NDArray[np.int16]
     outside_is_empty: bool = False
+    stood: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", frozen_copy(self.labels, np.int8))
         object.__setattr__(self, "votes", frozen_copy(self.votes, np.int16))
+        object.__setattr__(self, "stood", frozen_copy(self.stood))
 
     @classmethod
     def unknown(
@@ -118,7 +122,8 @@ class VoxelMap:
         labels[before[labels[before] != SEEN]] = EMPTY
         labels[hit] = SEEN
         labels[_strays(labels, votes, surfels)] = EMPTY
-        return replace(self, labels=labels, surfels=surfels, votes=votes)._with_occplane()
+        stood = np.vstack([self.stood, scan.origin])
+        return replace(self, labels=labels, surfels=surfels, votes=votes, stood=stood)._with_occplane()
 
     def with_scan(self, scan: RangeImage, sensor: Sensor | None, clearance_m: float) -> VoxelMap:
         """Return the map after one more scan; within a room, the place where the sensor stands is free too.

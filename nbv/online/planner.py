@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.expected_gain import ExpectedGain, SurfacePrior
-from nbv.online.feasible_viewpoints import feasible_viewpoints
+from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, best_view
 from nbv.online.occupancy import VoxelMap
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
@@ -162,6 +162,7 @@ def explore(
     given: Sequence[RangeImage] = (),
     from_outside: bool = False,
     spot_of: Callable[[FloatArray], FloatArray] | None = None,
+    further_starts: Sequence[Pose] = (),
     infer: Callable[[Sequence[RangeImage]], CompletedSurfaces] | None = None,
     finished: Callable[[], str | None] | None = None,
     journal: Journal = NO_JOURNAL,
@@ -193,6 +194,9 @@ def explore(
     spot_of : callable, optional
         Gives positions (p, 3) keys (p, 3) that are alike over one spot of the floor. Only one height over
         each is then chosen.
+    further_starts : sequence of Pose
+        Where to begin anew where nothing pays: one on each storey, say, for from below no scan shows the
+        floor upstairs. Those at which the scans show that one can stand are left out.
     infer : callable, optional
         Completes all scans so far. Badly seen surface that it models well, and shadows in which nothing but
         inferred surface is expected, then count less than what is unknown.
@@ -218,7 +222,7 @@ def explore(
     # What the scans that were taken before say of the volume.
     voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=from_outside)
     state = PlannerState.of(voxels.with_given(given, sensor, options.clearance_m))
-    scans, n_completed = list(given), 0
+    scans, n_completed, begun_at = list(given), 0, list(further_starts)
     spots = None if spot_of is None else spot_of(candidates.positions)
     steps = [] if start is None else [Step(start, None)]
     chosen: BestView | None = None
@@ -255,10 +259,22 @@ def explore(
         )  # fmt: skip
         decision = journal.step(f"view-{len(steps) + 1:04d}", decide)
         if decision.view is None:
-            return Exploration(tuple(steps), state.voxels, decision.reason or "")
+            begun_at = _unknown_starts(begun_at, state.voxels, options)
+            if not begun_at:
+                return Exploration(tuple(steps), state.voxels, decision.reason or "")
+            chosen = None
+            steps.append(Step(begun_at.pop(0), None))
+            continue
         chosen = decision.view
         state = state.after_choice(chosen)
         steps.append(Step(chosen.pose, chosen.gain_m2))
+
+
+def _unknown_starts(starts: list[Pose], voxels: VoxelMap, options: PlannerOptions) -> list[Pose]:
+    """Return the starts at which no scan shows yet that one can stand."""
+    places = np.array([start.translation for start in starts]).reshape(-1, 3)
+    known = voxels.is_free(places, options.clearance_m) & has_floor_support(voxels, places)
+    return [start for start, is_known in zip(starts, known, strict=True) if not is_known]
 
 
 def next_view(
@@ -305,7 +321,7 @@ def next_view(
 
     # The best of all candidates, if it is worth a scan.
     best = best_view(
-        boundary, targets, free, sensor=sensor, required_cosine=_wanted_cosine(requirement, gain),
+        boundary, targets, free, sensor=sensor, required_cosine=wanted_cosine(requirement, gain),
         expected=expected, n_most=gain.max_targets, n_threads=n_threads,
     )  # fmt: skip
     if best is None:
@@ -315,7 +331,7 @@ def next_view(
     return Decision(view=best)
 
 
-def _wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
+def wanted_cosine(requirement: Requirement, gain: GainOptions) -> float:
     """Cosine at which a predicted view counts: the required one, with the margin."""
     angle = np.arccos(requirement.min_cosine) - np.radians(gain.angle_margin_deg)
     return float(np.cos(max(angle, 0.0)))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from nbv.online.view_kernels import add_gains, fill_cells
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import BoolArray, FloatArray
@@ -98,21 +99,17 @@ class Accumulator:
         if self.apertures is None:
             return list(range(self.candidates.n_poses))
         ends = np.cumsum([0] + [len(offsets) for offsets in self.offsets])
-        shape = (len(self.offsets), 6 * _CELLS**2)
-        gains = csr_array((np.concatenate(worth), self.cells, ends), shape=shape) @ self.apertures
-        numbers = np.argsort(-gains.toarray().ravel(), kind="stable")[:_REFINED]
+        gains, apertures = np.zeros((len(self.offsets), self.candidates.n_directions)), self.apertures
+        add_gains(np.concatenate(worth), self.cells, ends, apertures.indptr, apertures.indices, gains)
+        numbers = np.argsort(-gains.ravel(), kind="stable")[:_REFINED]
         return sorted(numbers.tolist())
 
 
 def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
     """Cell (n,) of the spherical accumulator, a cube map, that each direction (n, 3) falls into."""
-    axis = np.argmax(np.abs(offsets), axis=1)
-    rows = np.arange(len(offsets))
-    length = offsets[rows, axis]
-    side = axis + 3 * (length < 0)
-    u, v = offsets[rows, (axis + 1) % 3] / np.abs(length), offsets[rows, (axis + 2) % 3] / np.abs(length)
-    i, j = (np.clip((c + 1) / 2 * _CELLS, 0, _CELLS - 1).astype(np.int64) for c in (u, v))
-    return np.asarray((side * _CELLS + i) * _CELLS + j, dtype=np.int64)
+    cells = np.empty(len(offsets), np.int64)
+    fill_cells(offsets, _CELLS, cells)
+    return cells
 
 
 def cell_directions(n: int = _CELLS) -> FloatArray:

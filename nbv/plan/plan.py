@@ -98,7 +98,8 @@ class Plan:
     site : Site or None
         The rooms of the scene; None around objects, with given candidates, and for a plan read from a file.
     rooms : tuple of dict
-        The entries of `plan.json`: each room, whether it was asked for, and its stations, counted from 1.
+        The entries of `plan.json`: each room, whether it was asked for, its stations, counted
+        from 1, and what of its surface was met.
     platforms : tuple of dict
         The entries of `plan.json`: large level surface that is no place to stand.
     """

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from nbv.cover.cover import LowerBound
 from nbv.cover.overlap import OverlapOptions
 from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
+from nbv.coverage.room_shares import room_shares
 from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.remote_visibility import RemoteVisibility
@@ -203,11 +206,21 @@ class PlanningRun:
         """Return the tour of the views so far; overlap is not looked at."""
         return Stations(self.problem.tour([view.world_from_sensor for view in self.views], in_order=in_order))
 
+    def _rooms(self, site: Site, coverage: Coverage) -> tuple[dict[str, Any], ...]:
+        """Return what `plan.json` says of each room: its stations, and the shares of its surface."""
+        shares = {one.room: one.to_json() for one in room_shares(coverage, site, self.problem.caster)}
+        return tuple({**entry, **shares.get(entry["room"], {})} for entry in site.entries(self.views))
+
     def plan(
         self, method: str, reason: str, bound: LowerBound | None = None, stations: Stations | None = None
     ) -> Plan:
         """Return the plan."""
         problem = self.problem
+        coverage = replace(
+            self.tally.coverage(problem.scene, self.reachability),
+            classes=self.classes,
+            apart_m2=problem.apart_m2,
+        )
         return Plan(
             method=method,
             sensor=problem.sensor,
@@ -216,11 +229,7 @@ class PlanningRun:
             seed=problem.seed,
             n_candidates=problem.candidates.n_poses,
             views=tuple(self.views),
-            coverage=replace(
-                self.tally.coverage(problem.scene, self.reachability),
-                classes=self.classes,
-                apart_m2=problem.apart_m2,
-            ),
+            coverage=coverage,
             lower_bound=bound,
             stopped_because=reason,
             stations=stations,
@@ -229,6 +238,6 @@ class PlanningRun:
             resumed_from=self.resumed_from,
             zones=problem.zones,
             site=problem.site,
-            rooms=() if problem.site is None else problem.site.entries(self.views),
+            rooms=() if problem.site is None else self._rooms(problem.site, coverage),
             platforms=() if problem.site is None else problem.site.platform_entries(),
         )

@@ -43,6 +43,7 @@ def plan_online(
     elif not problem.scans:
         start = problem.candidates.pose(int(rng.integers(problem.candidates.n_poses)))
     run = PlanningRun.begin(problem)
+    further = _further_starts(problem, start, rng)
     scans = list(problem.scans)
 
     def scan(pose: Pose) -> RangeImage:
@@ -62,6 +63,7 @@ def plan_online(
         given=problem.scans,
         from_outside=problem.from_outside,
         spot_of=None if problem.spots() is None or problem.site is None else problem.site.spots,
+        further_starts=further,
         infer=run.complete if problem.infer else None,
         finished=run.why_finished,
         journal=problem.journal,
@@ -71,6 +73,26 @@ def plan_online(
     if problem.infer and run.shares[-1].views < len(run.views):
         run.complete(scans)
     return run.plan("nbv", found.stopped_because, stations=run.stations(in_order=True))
+
+
+def _further_starts(problem: PlanningProblem, start: Pose | None, rng: np.random.Generator) -> list[Pose]:
+    """Return a random candidate on each storey of each part of a building that one cannot walk to.
+
+    The part of the start, and those that have scans already, are left out. A surveyor who was asked for these
+    rooms knows where their stairs and doors are; the planner is told no more than this one place in each.
+    """
+    if problem.site is None:
+        return []
+    stood = [pose.translation for pose in [start] if pose] + [scan.origin for scan in problem.scans]
+    parts = problem.site.parts(problem.candidates.positions)
+    begun = {tuple(part) for part in problem.site.parts(np.array(stood).reshape(-1, 3)).tolist()}
+    poses = []
+    for part in np.unique(parts, axis=0).tolist():
+        if tuple(part) not in begun and min(part) >= 0:
+            there = np.flatnonzero((parts == part).all(axis=1))
+            number = int(there[rng.integers(len(there))]) * problem.candidates.n_directions
+            poses.append(problem.candidates.pose(number + int(rng.integers(problem.candidates.n_directions))))
+    return poses
 
 
 _STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface

@@ -27,9 +27,9 @@ from nbv.report.page.page import (
     Table,
     Text,
 )
-from nbv.report.pictures.camera import aside_cameras, overview_cameras
-from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera, solid_bounds
-from nbv.report.pictures.picture import picture_of, range_colours, segment_pixels
+from nbv.report.pictures.camera import Camera, aside_cameras, overview_cameras
+from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
+from nbv.report.pictures.picture import Picture, picture_of, range_colours, segment_pixels
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.run.mapping import trim
@@ -148,19 +148,28 @@ def scans_of(completion: Completion) -> Table:
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
     """The model in three dimensions, and as measured, with inferred area, and with that marked."""
-    stage = ModelDrawings.of(completion, n_threads)
-    mesh, scans = stage.after.mesh, stage.scans
-    if not len(mesh.faces):
+    drawn = _drawn(completion, n_threads)  # what it was drawn with is gone before the view is made
+    if drawn is None:
         return (Text("There is no surface to show."),)
-    single = is_single_camera(scans)
-    cameras = aside_cameras(scans[0]) if single else overview_cameras(solid_bounds(mesh))
+    camera, pictures = drawn
+    trim()
+    view = completion_view(completion, is_room=not is_single_camera(completion.derived.scans), camera=camera)
+    return view, Legend(), Gallery(pictures, 2)
+
+
+def _drawn(completion: Completion, n_threads: int | None) -> tuple[Camera, tuple[Picture, ...]] | None:
+    """From where a model is best seen, and its pictures; None where there is no surface."""
+    stage = ModelDrawings.of(completion, n_threads)
+    if stage.is_empty:
+        return None
+    single = is_single_camera(stage.scans)
+    cameras = aside_cameras(stage.scans[0]) if single else overview_cameras(stage.bounds)
     best = max(range(len(cameras)), key=lambda k: stage.shown(cameras[k]))
     opposite = best ^ 1 if single else (best + len(cameras) // 2) % len(cameras)
     where = "Seen from a step aside of the scanner." if single else "Seen from outside, near walls left out."
     pictures = stage.shoot(cameras[best], where)
     turned = replace(stage.shoot_marked(cameras[opposite]), caption="The same from the other side.")
-    view = completion_view(completion, is_room=not single, camera=cameras[best])
-    return view, Legend(), Gallery((*pictures, turned), 2)
+    return cameras[best], (*pictures, turned)
 
 
 def surface_blocks(completion: Completion) -> tuple[Block, ...]:

@@ -137,7 +137,9 @@ def by_views(
         meanings=(),
         curve=curve(met, coverage, plan.target, bound, start=met_before(plan), others=baselines[1:]),
         overview="Where the surface is measured",
-        pictures=overview_pictures(scene, coverage, n_threads, plan.zones),
+        pictures=overview_pictures(
+            scene, coverage, n_threads, zones=plan.zones, cut_m=plan.site.cut_m if plan.site else None
+        ),
         note=_NOTE,
         surfaces=surfaces_table(coverage),
     )
@@ -240,9 +242,14 @@ def coverage_bar(coverage: Coverage) -> Bar:
 
 
 def overview_pictures(
-    scene: Scene, coverage: Coverage, n_threads: int | None = None, zones: Zones = EVERYWHERE
+    scene: Scene,
+    coverage: Coverage,
+    n_threads: int | None = None,
+    *,
+    zones: Zones = EVERYWHERE,
+    cut_m: float | None = None,
 ) -> tuple[Picture, ...]:
-    """The scene from two opposite sides, by state; what is outside the region in one pale grey."""
+    """The scene below a cut from two opposite sides, by state; what is off the region in one pale grey."""
     return state_pictures(
         scene,
         coverage.samples,
@@ -251,4 +258,5 @@ def overview_pictures(
         title="Measured, missed, out of reach",
         n_threads=n_threads,
         zones=zones,
+        cut_m=cut_m,
     )

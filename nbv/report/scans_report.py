@@ -3,20 +3,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from nbv.plan.plan import Plan
 from nbv.report.blocks.scan_coverage_blocks import (
     area_bar,
     area_headlines,
     boundary_blocks,
     state_blocks,
-    stations_plan,
+    stations_plans,
     surfaces_blocks,
 )
 from nbv.report.blocks.scan_tables import PLACE_COLUMNS, place_cells, scans_table
+from nbv.report.blocks.seen_rooms_blocks import record_blocks, rooms_blocks
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.scan_record import ScanRecord
 from nbv.scans.state_mesh import StateMesh
 
 _NO_FLOOR = (
@@ -28,14 +32,22 @@ _NO_FLOOR = (
 def next_stations_page(
     plan: Plan,
     coverage: ScanCoverage,
+    record: Sequence[ScanRecord],
     title: str,
+    *,
+    infers: bool = False,
     n_threads: int | None = None,
 ) -> Page:
-    """Return the report of a plan that continues scans in a place without a model."""
+    """Return the report of a plan that continues scans in a place without a model.
+
+    `infers` tells whether the stations were chosen by what completion leaves open.
+    """
     scan_map = coverage.scan_map
     poses = [view.world_from_sensor for view in plan.views]
     stations = Headline(str(len(poses)), "", "next stations" if len(poses) != 1 else "next station")
-    lost = scan_map.mode == "room" and scan_map.floor_m is None
+    lost = scan_map.mode == "room" and scan_map.rooms is None
+    plans, brought = stations_plans(scan_map, plan.sensor, plan), record_blocks(record)
+    missing = rooms_blocks(coverage, plan)
     return Page(
         title=title,
         kicker="Next stations",
@@ -45,11 +57,10 @@ def next_stations_page(
         sections=(
             Section(
                 "Where to stand next",
-                (
-                    Gallery((stations_plan(scan_map, plan.sensor, poses, plan.zones),), 1),
-                    *stations_table(plan, infers=coverage.completion is not None),
-                ),
+                (Gallery(plans, min(len(plans), 2)), *stations_table(plan, infers=infers)),
             ),
+            *((Section("What is missing, room by room", missing),) if missing else ()),
+            *((Section("What each scan brought", brought),) if brought else ()),
             Section(
                 "What was measured, and where the unknown begins",
                 state_blocks(
@@ -112,7 +123,8 @@ def scan_coverage_page(
     n_threads: int | None = None,
 ) -> Page:
     """Return the report of a coverage, with its mesh and the sensor that was reckoned with."""
-    scans = coverage.scan_map.scans
+    scans, rooms = coverage.scan_map.scans, rooms_blocks(coverage)
+    plans = stations_plans(coverage.scan_map, sensor)
     return Page(
         title=title,
         kicker="Coverage of scans",
@@ -125,8 +137,9 @@ def scan_coverage_page(
             ),
             Section(
                 "Stations",
-                (Gallery((stations_plan(coverage.scan_map, sensor),), 1), scans_table(scans, lettered=True)),
+                (Gallery(plans, min(len(plans), 2)), scans_table(scans, lettered=True)),
             ),
+            *((Section("Room by room", rooms),) if rooms else ()),
             Section("Where the unknown begins", boundary_blocks(coverage)),
             Section("Surfaces", surfaces_blocks(coverage)),
         ),

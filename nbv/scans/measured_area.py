@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.online.surfels import image_normals, sides_of
-from nbv.visibility.requirement import GRAZING_COSINE, Requirement
+from nbv.online.image_normals import image_normals
+from nbv.online.surfels import sides_of
+from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
@@ -41,14 +42,23 @@ class PixelQuality:
     met: BoolArray
 
     @classmethod
-    def of(cls, scan: RangeImage, requirement: Requirement, baseline_m: float) -> PixelQuality:
-        """Return the quality of a scan's pixels; normals are estimated over `baseline_m` metres."""
+    def of(
+        cls,
+        scan: RangeImage,
+        requirement: Requirement,
+        baseline_m: float,
+        limits: SightLimits | None = None,
+    ) -> PixelQuality:
+        """Return the quality of a scan's pixels; normals are estimated over `baseline_m` metres.
+
+        The requirement's `limits` are those of the scan unless it stands for one of more pixels.
+        """
         local = image_normals(scan, baseline_m)
         with np.errstate(invalid="ignore"):
             pixel = np.flatnonzero((local.cosine.ravel() >= GRAZING_COSINE) & scan.valid.ravel())
         cosine = local.cosine.ravel()[pixel]
-        met = requirement.limits_of_scan(scan).hold(scan.ranges.ravel()[pixel], cosine)
-        points, normals = (array.reshape(-1, 3)[pixel] for array in (scan.points(), local.normals))
+        met = (limits or requirement.limits_of_scan(scan)).hold(scan.ranges.ravel()[pixel], cosine)
+        points, normals = (array.reshape(-1, 3)[pixel] for array in (local.points, local.normals))
         return cls(
             pixel=pixel,
             points=points,
@@ -72,6 +82,65 @@ class MeasuredArea:
         return self.met_m2 + self.worse_m2
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredCells:
+    """What scans have measured, by cells of a voxel grid and the side that normals lean to.
+
+    `keys` (n,) are voxel number * 6 + side (+x, +y, +z, -x, -y, -z), ascending; `met_m2` and `whole_m2` (n,)
+    the area there that is measured as required, and all that is measured.
+    """
+
+    keys: NDArray[np.int64]
+    met_m2: FloatArray
+    whole_m2: FloatArray
+
+    @classmethod
+    def of_scan(
+        cls, scan: RangeImage, pixels: PixelQuality, grid: VoxelGrid, zones: Zones = EVERYWHERE
+    ) -> MeasuredCells:
+        """Return what one scan measures.
+
+        Returns whose neighbours give no normal (noise, drop-outs, the image's rim) count like the others of
+        their cell; where there are no others they are strays.
+        """
+        cell = grid.index_of(pixels.points)
+        inside = (cell >= 0) & zones.of_interest(pixels.points, _RIM_M)
+        returns = grid.index_of(scan.points()[scan.valid])
+        n_returns = np.bincount(returns[returns >= 0], minlength=grid.n_voxels)
+        n_used = np.bincount(cell[cell >= 0], minlength=grid.n_voxels)
+        cell, area, met = cell[inside], pixels.areas[inside], pixels.met[inside]
+        area = area * (n_returns / np.maximum(n_used, 1))[cell]
+        key = cell * _SIDES + sides_of(pixels.normals[inside])
+        n_keys = grid.n_voxels * _SIDES
+        keys = np.flatnonzero(np.bincount(key, minlength=n_keys))
+        good, whole = (np.bincount(key, part, n_keys)[keys] for part in (area * met, area))
+        return cls(keys, good.astype(np.float64), whole.astype(np.float64))
+
+    @classmethod
+    def of_all(cls, found: Sequence[MeasuredCells], grid: VoxelGrid, k: int = 1) -> MeasuredCells:
+        """Return what several scans have measured: of each cell as much as the best of them.
+
+        As required it is measured where `k` of them did so.
+        """
+        every, which = np.unique(np.concatenate([one.keys for one in found]), return_inverse=True)
+        most = _MOST * grid.voxel_m**2
+        whole = np.zeros(len(every))
+        np.maximum.at(whole, which, np.minimum(np.concatenate([one.whole_m2 for one in found]), most))
+        good = np.minimum(np.concatenate([one.met_m2 for one in found]), most)
+        return cls(every, np.minimum(_kth_largest(which, good, len(every), k), whole), whole)
+
+    @property
+    def total(self) -> MeasuredArea:
+        """All of it."""
+        return MeasuredArea(float(self.met_m2.sum()), float((self.whole_m2 - self.met_m2).sum()))
+
+    def before(self, grid: VoxelGrid) -> FloatArray:
+        """Places (n, 3) a voxel before the surface in each cell, world coordinates in metres."""
+        cell, side = np.divmod(self.keys, _SIDES)
+        outward = np.vstack([np.eye(3), -np.eye(3)])[side]
+        return grid.centres(cell) + grid.voxel_m * outward
+
+
 def measure_area(
     scans: Sequence[RangeImage], requirement: Requirement, grid: VoxelGrid, zones: Zones = EVERYWHERE
 ) -> MeasuredArea:
@@ -80,35 +149,11 @@ def measure_area(
     With k above 1 so many scans must have measured a cell as required. Several scans measure the same surface
     in a cell of `grid`; beyond it nothing counts, nor outside the region of `zones`, 1 cm around it apart.
     """
-    found = [_by_cell(scan, requirement, grid, zones) for scan in scans]
-    keys, areas, good = (np.concatenate(part) for part in zip(*found, strict=True))
-    every, which = np.unique(keys, return_inverse=True)
-    most = _MOST * grid.voxel_m**2
-    whole = np.zeros(len(every))
-    np.maximum.at(whole, which, np.minimum(areas, most))
-    met = _kth_largest(which, np.minimum(good, most), len(every), requirement.k)
-    return MeasuredArea(float(met.sum()), float((whole - np.minimum(met, whole)).sum()))
-
-
-def _by_cell(
-    scan: RangeImage, requirement: Requirement, grid: VoxelGrid, zones: Zones
-) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Return what one scan measures: cells by the side that normals lean to, area there, good area there.
-
-    Returns whose neighbours give no normal (noise, drop-outs, the image's rim) count like the others of their
-    cell; where there are no others they are strays.
-    """
-    pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
-    cell = grid.index_of(pixels.points)
-    inside = (cell >= 0) & zones.of_interest(pixels.points, _RIM_M)
-    returns = grid.index_of(scan.points()[scan.valid])
-    n_returns = np.bincount(returns[returns >= 0], minlength=grid.n_voxels)
-    n_used = np.bincount(cell[cell >= 0], minlength=grid.n_voxels)
-    cell, area, met = cell[inside], pixels.areas[inside], pixels.met[inside]
-    area = area * (n_returns / np.maximum(n_used, 1))[cell]
-    keys, which = np.unique(cell * _SIDES + sides_of(pixels.normals[inside]), return_inverse=True)
-    whole, good = (np.bincount(which, part, len(keys)).astype(np.float64) for part in (area, area * met))
-    return keys, whole, good
+    found = [
+        MeasuredCells.of_scan(scan, PixelQuality.of(scan, requirement, grid.voxel_m / 2), grid, zones)
+        for scan in scans
+    ]
+    return MeasuredCells.of_all(found, grid, requirement.k).total
 
 
 def _kth_largest(which: NDArray[np.int64], values: FloatArray, n: int, k: int) -> FloatArray:

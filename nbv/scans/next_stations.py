@@ -3,15 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.planner import PlannerOptions, PlannerState, next_view
 from nbv.plan.plan import Plan, Resumption
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
+from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.requirement import Requirement
+from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 
@@ -67,8 +73,8 @@ def plan_next_stations(
         raise InputError(f"views must be at least 1, got {views}")
     requirement = requirement or Requirement()
     options = options or PlannerOptions()
-    options = replace(options, on_floor=options.on_floor and scan_map.floor_m is not None)
-    candidates = candidates or scan_map.candidates(sensor, options.clearance_m)
+    options = replace(options, on_floor=options.on_floor and scan_map.rooms is not None)
+    candidates = candidates or scan_map.candidates(sensor, SiteOptions(clearance_m=options.clearance_m))
     sensor, state = check_aperture(sensor), PlannerState.of(scan_map.voxels, completed)
     planned, reason = list[View](), f"the limit of {views} views is reached"
     here = scan_map.scans[-1].world_from_sensor
@@ -96,6 +102,24 @@ def plan_next_stations(
         candidates=candidates,
         resumed_from=Resumption(tuple(scan.world_from_sensor for scan in scan_map.scans), None),
         zones=options.zones,
+    )
+
+
+def room_entries(coverage: ScanCoverage, plan: Plan, chosen: Sequence[int]) -> tuple[dict[str, Any], ...]:
+    """Return what `plan.json` says of each room: areas, scans, next stations, whether it was asked for."""
+    seen = coverage.scan_map.rooms
+    if seen is None:
+        return ()
+    places = np.array([view.world_from_sensor.translation for view in plan.views]).reshape(-1, 3)
+    of = seen.room_near(places)
+    return tuple(
+        {
+            **one.to_json(),
+            "is_asked_for": one.room.number in chosen,
+            "stations": (np.flatnonzero(of == one.room.number) + 1).tolist(),
+        }
+        for one in coverage.rooms
+        if one.room is not None
     )
 
 

@@ -16,12 +16,13 @@ import numpy as np
 from completion.result.completed_model import CompletedModel
 from completion.result.completion import Completion
 from completion.result.record import display_mesh
-from nbv.scans.measured_area import MeasuredArea, PixelQuality, measure_area
+from nbv.scans.measured_area import MeasuredArea, MeasuredCells, PixelQuality
+from nbv.scans.room_coverage import RoomCoverage, room_coverage
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.unseen_boundary import UnseenBoundary
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.scan.range_image import RangeImage
+from scenes.checks import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,10 @@ class RecognisedSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanCoverage:
-    """Coverage of a place without a model by its scans; without `completion` nothing was continued."""
+    """Coverage of a place without a model by its scans; without `completion` nothing was continued.
+
+    `rooms` are those that the scans show; `growth` (one a scan) is what had been measured after each.
+    """
 
     scan_map: ScanMap
     requirement: Requirement
@@ -49,6 +53,8 @@ class ScanCoverage:
     unseen: UnseenBoundary
     completion: Completion | None
     surfaces: tuple[RecognisedSurface, ...]
+    rooms: tuple[RoomCoverage, ...]
+    growth: tuple[MeasuredArea, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of `coverage.json`: square metres, of surface and of boundary apart."""
@@ -68,6 +74,7 @@ class ScanCoverage:
             "voxel_m": self.scan_map.voxels.grid.voxel_m,
             "mode": None if model is None else model.mode,
             "surfaces": [asdict(surface) for surface in self.surfaces],
+            "rooms": [room.to_json() for room in self.rooms],
         }
 
 
@@ -84,36 +91,48 @@ def cover_by_scans(
     everywhere.
     """
     requirement, grid = requirement or Requirement(), scan_map.voxels.grid
-    measured = measure_area(scan_map.scans, requirement, grid, zones)
+    found, own = list[MeasuredCells](), list[FloatArray]()
+    for number, scan in enumerate(scan_map.scans):
+        pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
+        found.append(MeasuredCells.of_scan(scan, pixels, grid, zones))
+        if completion is not None:
+            own.append(_measured_of_surfaces(completion, pixels, number, scan.shape))
     surface = None if completion is None else display_mesh(completion)
     stood = np.array([scan.origin for scan in scan_map.scans])
     unseen = UnseenBoundary.of(scan_map.voxels, surface, zones, stood, scan_map.clearance_m)
-    surfaces: tuple[RecognisedSurface, ...] = ()
-    if completion is not None:
-        surfaces = _recognised(completion, scan_map.scans, requirement, grid.voxel_m / 2)
+    growth = [MeasuredCells.of_all(found[: n + 1], grid, requirement.k) for n in range(len(found))]
     return ScanCoverage(
         scan_map=scan_map,
         requirement=requirement,
         zones=zones,
-        measured=measured,
+        measured=growth[-1].total,
         unseen=unseen,
         completion=completion,
-        surfaces=surfaces,
+        surfaces=() if completion is None else _recognised(completion, own),
+        rooms=room_coverage(scan_map, growth[-1], unseen, completion),
+        growth=tuple(one.total for one in growth),
     )
 
 
-def _recognised(
-    model: CompletedModel, scans: Sequence[RangeImage], requirement: Requirement, baseline_m: float
-) -> tuple[RecognisedSurface, ...]:
-    """Return the surfaces of a completed model, with the share of each that is measured as required."""
+def _measured_of_surfaces(
+    model: CompletedModel, pixels: PixelQuality, number: int, shape: tuple[int, int]
+) -> FloatArray:
+    """Area (2, surfaces + 1) of each surface in a scan: all that its pixels measured, and as required.
+
+    The scan may have been thinned (`RangeImage.thinned`) before it was completed.
+    """
+    owner = model.owners[number]
+    row, column = np.divmod(pixels.pixel, shape[1])
+    step = -(-max(shape) // max(owner.shape))
+    of = owner[row // step, column // step]
     n = len(model.patches) + 1
-    whole, met = np.zeros(n), np.zeros(n)
-    for scan, owner in zip(scans, model.owners, strict=True):
-        pixels = PixelQuality.of(scan, requirement, baseline_m)
-        number = owner.ravel()[pixels.pixel]
-        whole += np.bincount(number, pixels.areas, n)
-        met += np.bincount(number, pixels.areas * pixels.met, n)
-    shares = np.divide(met, whole, out=np.zeros(n), where=whole > 0)
+    return np.stack([np.bincount(of, pixels.areas, n), np.bincount(of, pixels.areas * pixels.met, n)])
+
+
+def _recognised(model: CompletedModel, measured: Sequence[FloatArray]) -> tuple[RecognisedSurface, ...]:
+    """Return the surfaces of a completed model, with the share of each that is measured as required."""
+    whole, met = np.sum(measured, axis=0)
+    shares = np.divide(met, whole, out=np.zeros(len(whole)), where=whole > 0)
     return tuple(
         RecognisedSurface(
             k, patch.source.fit.surface.kind, patch.observed_m2, float(shares[k]), patch.hypothesised_m2

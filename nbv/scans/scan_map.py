@@ -5,21 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.observe.range_noise import estimate_noise
-from nbv.online.feasible_viewpoints import floor_level
+from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.scanning.sensors.sensor import Sensor
-from nbv.visibility.viewpoints import (
-    TRIPOD_HEIGHTS_M,
-    Candidates,
-    room_lattice,
-    sensor_directions,
-    viewing_sphere,
-)
+from nbv.scans.expectation import Settled, settled
+from nbv.scans.scan_mesh import MOST_PIXELS
+from nbv.scans.seen_rooms import SeenRooms
+from nbv.visibility.requirement import Requirement
+from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.scan.range_image import RangeImage
@@ -28,8 +29,7 @@ from scenes.world.scene import Mode
 _CELL_M = 0.05  # of the lattice by which points are thinned, so that near surface has no more say than far
 _STRAY = 0.002  # share of its cells that may lie beyond the volume on either side: stray echoes
 _MOST_POSITIONS = 600
-_CLOSEST_M, _WIDEST_M = 0.2, 0.5  # candidate positions lie so far apart
-_BELOW_M = 0.2  # what a scanner stands on lies at least so far below it
+_CLOSEST_M, _WIDEST_M = 0.2, 0.5  # candidate positions lie so far apart where no floor was seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,17 +42,21 @@ class ScanMap:
         World coordinates; each with the deviation of its ranges, read off the scan where it was not known.
     voxels, mode : VoxelMap, "room" or "object"
         What they say of the volume, and whether the sensor stands within it or moves around it.
-    floor_m : float or None
-        Height of the floor that scanners stand on; None where none was seen below them.
+    rooms : SeenRooms or None
+        The rooms that they show, on all storeys; None around an object, and where no floor was seen.
     clearance_m : float
         Within which distance of a scanner's place a room is known to be empty, metres; 0 around an object.
+    settled : tuple of Settled or None
+        For each scan what the ones before said that it would settle, and what it did; None for the first, and
+        for those from where nothing was known before.
     """
 
     scans: tuple[RangeImage, ...]
     voxels: VoxelMap
     mode: Mode
-    floor_m: float | None
+    rooms: SeenRooms | None
     clearance_m: float
+    settled: tuple[Settled | None, ...]
 
     @classmethod
     def of(
@@ -62,28 +66,42 @@ class ScanMap:
         *,
         mode: Mode = "room",
         options: PlannerOptions | None = None,
+        requirement: Requirement | None = None,
+        completed: CompletedSurfaces | None = None,
         zones: Zones = EVERYWHERE,
     ) -> ScanMap:
         """Write registered scans, z up, into the voxels of the volume that they measured in.
 
         Pixels without return of scans that another instrument than `sensor`, which scans next, took say
         nothing. A region enlarges a room's volume where it reaches beyond it, and is that of an object.
+        Floors that `completed`, the completion of the scans, infers are floor.
 
         Raises
         ------
         InputError
             Scans without any return.
         """
-        options = options or PlannerOptions()
+        options, requirement = options or PlannerOptions(), requirement or Requirement()
         scans = tuple(with_known_noise(scan) for scan in scans)
         outside = mode == "object"
-        volume = _volume(scans, options.clearance_m, zones, from_outside=outside)
-        blank = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
-        voxels = blank.with_given(scans, sensor, options.clearance_m)
-        level = floor_level(voxels)
-        standing = min(float(scan.origin[2]) for scan in scans) - _BELOW_M
-        has_floor = level is not None and level <= standing and not outside
-        return cls(scans, voxels, mode, level if has_floor else None, 0.0 if outside else options.clearance_m)
+        few = [scan.thinned(MOST_PIXELS) for scan in scans]
+        volume = _volume(few, options.clearance_m, zones, from_outside=outside)
+        voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
+        compared = partial(settled, sensor=sensor, requirement=requirement, gain=options.gain, zones=zones)
+        found: list[Settled | None] = []
+        for scan in scans:
+            before, voxels = voxels, voxels.with_given([scan], sensor, options.clearance_m)
+            knew = len(found) > 0 and before.is_free(scan.origin[None], before.grid.voxel_m)[0]
+            found.append(compared(before, voxels, scan) if knew else None)
+        rooms = None if outside else SeenRooms.of(few, completed)
+        return cls(
+            scans=scans,
+            voxels=voxels,
+            mode=mode,
+            rooms=rooms,
+            clearance_m=0.0 if outside else options.clearance_m,
+            settled=tuple(found),
+        )
 
     @property
     def bounds(self) -> FloatArray:
@@ -91,25 +109,27 @@ class ScanMap:
         grid = self.voxels.grid
         return np.stack([grid.origin, grid.origin + np.array(grid.shape) * grid.voxel_m])
 
-    def candidates(self, sensor: Sensor, clearance_m: float = 0.3) -> Candidates:
+    def candidates(self, sensor: Sensor, site: SiteOptions = SiteOptions()) -> Candidates:
         """Return where the sensor might go next; which of it is known to be free is for the planner to say.
 
-        A viewing sphere around an object; within a room a lattice at tripod heights above the floor, or at
-        all heights where no floor was seen.
+        A viewing sphere around an object; at tripod heights above the floor of the rooms that are asked for;
+        or a lattice at all heights where no floor was seen.
+
+        Raises
+        ------
+        InputError
+            A room that the scans do not show.
         """
         if self.mode == "object":
             return viewing_sphere(self.bounds, sensor)
+        if self.rooms is not None:
+            return self.rooms.candidates(sensor, site)
         low, high = self.bounds
-        if self.floor_m is None:
-            spacing = float(np.cbrt(np.prod(high - low) / _MOST_POSITIONS))
-            heights = tuple(np.arange(clearance_m, high[2] - low[2], max(spacing, _CLOSEST_M)).tolist())
-        else:
-            low = np.array([*low[:2], self.floor_m])
-            heights = TRIPOD_HEIGHTS_M
-            spacing = float(np.sqrt(np.prod((high - low)[:2]) * len(heights) / _MOST_POSITIONS))
+        spacing = float(np.cbrt(np.prod(high - low) / _MOST_POSITIONS))
+        heights = tuple(np.arange(site.clearance_m, high[2] - low[2], max(spacing, _CLOSEST_M)).tolist())
         spacing = max(spacing, _CLOSEST_M) if spacing < _WIDEST_M else spacing
         lattice = room_lattice(
-            np.stack([low, high]), spacing_m=spacing, heights_m=heights, clearance_m=clearance_m
+            self.bounds, spacing_m=spacing, heights_m=heights, clearance_m=site.clearance_m
         )
         return Candidates(lattice, sensor_directions(sensor, 2))
 
@@ -126,10 +146,9 @@ def _volume(
     scans: Sequence[RangeImage], clearance_m: float, zones: Zones, *, from_outside: bool
 ) -> FloatArray:
     """Bounds (2, 3) of what was measured, strays apart, and in a room of where the scanners stood."""
-    points = np.vstack([scan.points()[scan.valid] for scan in scans])
-    if not len(points):
+    cells = _cells(scans)
+    if not len(cells):
         raise InputError("the scans have no returns: there is nothing to plan from")
-    cells = np.unique(np.floor(points / _CELL_M).astype(np.int64), axis=0)
     measured = (np.quantile(cells, [_STRAY, 1 - _STRAY], axis=0) + [[0.0], [1.0]]) * _CELL_M
     region = [] if zones.region is None else [zones.region.low, zones.region.high]
     if from_outside:
@@ -138,3 +157,25 @@ def _volume(
     around = [stood.min(axis=0) - clearance_m - _CELL_M, stood.max(axis=0) + clearance_m + _CELL_M]
     corners = np.vstack([measured, around, *region])
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _cells(scans: Sequence[RangeImage]) -> NDArray[np.int64]:
+    """Cells (n, 3) of a lattice of 5 cm, each once, that hold a point of some scan."""
+    found = np.zeros((0, 3), np.int64)
+    for scan in scans:
+        here = np.floor(scan.points()[scan.valid] / _CELL_M).astype(np.int64)
+        found = _each_once(np.vstack([found, _each_once(here)]))
+    return found
+
+
+def _each_once(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows (n, 3) each once, in order."""
+    if not len(cells):
+        return cells
+    low = cells.min(axis=0)
+    shape = (cells.max(axis=0) - low + 1).tolist()
+    if np.prod([float(n) for n in shape]) >= 2.0**62:
+        return np.unique(cells, axis=0)
+    numbers = np.unique(np.ravel_multi_index((cells - low).T, shape))
+    places: NDArray[np.int64] = np.stack(np.unravel_index(numbers, shape), axis=1) + low
+    return places

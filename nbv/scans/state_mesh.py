@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from completion.boundary.range_mesh import mesh_range_image
 from nbv.scans.measured_area import PixelQuality
 from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.scan_mesh import MOST_PIXELS, scan_faces
+from nbv.visibility.requirement import Requirement
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.scan.colour import colour_bytes
@@ -19,10 +20,9 @@ from scenes.scan.range_image import RangeImage
 
 MEASURED, SEEN_WORSE, INFERRED, SHADOW, FRONTIER = range(5)
 STATES = ("measured as required", "measured worse than required", "inferred", "edge of a shadow", "frontier")
-_MOST_PIXELS = 100_000  # of a scan; of larger ones every k-th row and column
+_DRAWN_PIXELS, _LEAST_PIXELS = 300_000, 30_000  # of all scans together, and of each at least
 _REACH = 4.0  # pixels over which a pixel without a normal is as its neighbours are
 _GREY = 160
-_LONGEST = 6.0  # pixels, and standard deviations, that an edge between neighbouring pixels may span
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +43,9 @@ class StateMesh:
     @classmethod
     def of(cls, coverage: ScanCoverage) -> StateMesh:
         """Return the mesh of a coverage."""
-        voxel_m = coverage.scan_map.voxels.grid.voxel_m
-        parts = [
-            _measured(scan, PixelQuality.of(scan, coverage.requirement, voxel_m / 2))
-            for scan in coverage.scan_map.scans
-        ]
+        voxel_m, scans = coverage.scan_map.voxels.grid.voxel_m, coverage.scan_map.scans
+        n_most = min(MOST_PIXELS, max(_DRAWN_PIXELS // len(scans), _LEAST_PIXELS))
+        parts = [_measured(scan, coverage.requirement, voxel_m / 2, n_most) for scan in scans]
         if coverage.completion is not None:
             inferred = coverage.completion.hypothesised
             vertices = coverage.completion.world_from_reference.apply(inferred.vertices)
@@ -66,27 +64,22 @@ class StateMesh:
         )
 
 
-def _measured(scan: RangeImage, pixels: PixelQuality) -> StateMesh:
-    """Return what a scan has measured, thinned where it is large."""
-    step = max(1, int(np.ceil(np.sqrt(scan.ranges.size / _MOST_PIXELS))))
-    state, cosine = np.full(scan.ranges.size, SEEN_WORSE, np.uint8), np.zeros(scan.ranges.size, np.float32)
+def _measured(scan: RangeImage, requirement: Requirement, baseline_m: float, n_most: int) -> StateMesh:
+    """Return what a scan has measured, by about `n_most` pixels; the requirement asks all of them."""
+    few = scan.thinned(n_most)
+    pixels = PixelQuality.of(few, requirement, baseline_m, limits=requirement.limits_of_scan(scan))
+    state, cosine = np.full(few.ranges.size, SEEN_WORSE, np.uint8), np.zeros(few.ranges.size, np.float32)
     state[pixels.pixel[pixels.met]] = MEASURED
     cosine[pixels.pixel] = pixels.cosine
-    state = _filled(state.reshape(scan.shape), cosine.reshape(scan.shape) > 0)
-    few = (slice(None, None, step), slice(None, None, step))
-    points, valid = scan.points()[few], scan.valid[few]
-    footprint = np.where(valid, scan.ranges[few], 0.0) * scan.projection.pixel_angle * step
-    longest = _LONGEST * (footprint + (scan.sigma_m or 0.0))
-    faces = mesh_range_image(points, valid, longest, scan.origin)
-    state, cosine = state[few].ravel(), cosine.reshape(scan.shape)[few].ravel()
-    used, number = np.unique(faces, return_inverse=True)
-    faces = number.reshape(-1, 3).astype(np.int32)
-    worst = state[used][faces].max(axis=1, initial=MEASURED)
-    mesh = LabelledMesh(points.reshape(-1, 3)[used], faces, worst.astype(np.int32))
+    state = _filled(state.reshape(few.shape), cosine.reshape(few.shape) > 0).ravel()
+    vertices, faces, used = scan_faces(few)
+    state, cosine = state[used], cosine[used]
+    worst = state[faces].max(axis=1, initial=MEASURED)
+    mesh = LabelledMesh(vertices, faces, worst.astype(np.int32))
     colour = np.full((len(used), 3), _GREY, np.uint8)
-    if scan.colour is not None:
-        colour = colour_bytes(scan.colour[few].reshape(-1, 3)[used])
-    return StateMesh(mesh, state[used], cosine[used], mesh.face_normals(), colour)
+    if few.colour is not None:
+        colour = colour_bytes(few.colour.reshape(-1, 3)[used])
+    return StateMesh(mesh, state, cosine, mesh.face_normals(), colour)
 
 
 def _filled(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:

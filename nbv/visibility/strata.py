@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.visibility.cutting import cut_triangles
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.morton import morton_order
@@ -71,35 +72,11 @@ def cut_strata(mesh: LabelledMesh, areas: FloatArray, piece_m2: float) -> Strata
 
 
 def _cut_faces(corners: FloatArray, counts: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Points (n, 3) in pieces of equal area of each face (m, 3, 3), and their faces (n,).
-
-    Of two pieces that are cut from one triangle the first holds an even number of points, so that pairs of
-    neighbours in the list are halves of one triangle.
-    """
-    face = np.flatnonzero(counts)
-    n, pieces = counts[face], corners[face]
-    while (n > 1).any():
-        cut = np.flatnonzero(n > 1)
-        left = np.where(n[cut] > 2, 2 * np.maximum(np.rint(n[cut] / 4).astype(np.int64), 1), 1)
-        a, b, apex = _longest_edge(pieces[cut])
-        middle = a + (b - a) * (left / n[cut])[:, None]
-        twice = 1 + (n > 1)
-        first = (np.cumsum(twice) - twice)[cut]
-        pieces, face, n = np.repeat(pieces, twice, axis=0), np.repeat(face, twice), np.repeat(n, twice)
-        pieces[first] = np.stack([a, middle, apex], axis=1)
-        pieces[first + 1] = np.stack([middle, b, apex], axis=1)
-        n[first + 1] -= left
-        n[first] = left
+    """Points (n, 3) in pieces of equal area of each face (m, 3, 3), and their faces (n,)."""
+    pieces, face = np.empty((int(counts.sum()), 3, 3)), np.empty(int(counts.sum()), np.int64)
+    cut_triangles(np.ascontiguousarray(corners, dtype=np.float64), counts, _ROUNDING, pieces, face)
     nth = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.einsum("nc,nck->nk", _weights(nth, face), pieces), face
-
-
-def _longest_edge(pieces: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Both ends (k, 3) of the longest edge of triangles (k, 3, 3), and the corner off it."""
-    edges = np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2)
-    longest = np.argmax(edges >= (1 - _ROUNDING) * edges.max(axis=1, keepdims=True), axis=1)
-    row = np.arange(len(pieces))
-    return pieces[row, longest], pieces[row, (longest + 1) % 3], pieces[row, (longest + 2) % 3]
 
 
 def _cut_rows(

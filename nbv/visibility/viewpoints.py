@@ -15,7 +15,7 @@ from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
 from scenes.formats.arrays import open_arrays
 from scenes.formats.guard import reading
-from scenes.pose import Pose
+from scenes.pose import Pose, rotations_towards
 
 TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)
 _MOST_POSITIONS = 600
@@ -97,15 +97,12 @@ class Candidates:
     def rotations(self) -> FloatArray:
         """World-from-sensor rotations (d, 3, 3) or (p, d, 3, 3) of the directions."""
         flat = self.directions.reshape(-1, 3)
-        turned = np.array([Pose.looking_at(np.zeros(3), direction).rotation for direction in flat])
-        return turned.reshape(*self.directions.shape[:-1], 3, 3)
+        return rotations_towards(flat).reshape(*self.directions.shape[:-1], 3, 3)
 
     def rotations_at(self, position: int) -> FloatArray:
         """Rotations (d, 3, 3) of one position."""
         own = self.directions if self.directions.ndim == 2 else self.directions[position]
-        return np.array([Pose.looking_at(np.zeros(3), direction).rotation for direction in own]).reshape(
-            -1, 3, 3
-        )
+        return rotations_towards(own)
 
     def pose(self, number: int) -> Pose:
         """Return pose `number`: position number // d with direction number % d."""

@@ -6,9 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, frozen_copy
 from scenes.pose import Pose
 
 _WISHED_VOXELS = 8e4
@@ -75,11 +76,9 @@ class VoxelGrid:
 
     def index_of(self, points: FloatArray) -> NDArray[np.int64]:
         """Voxel number (n,) of `points` (n, 3); -1 outside or where not finite."""
-        with np.errstate(invalid="ignore"):
-            cell = np.floor((points - self.origin) / self.voxel_m)
-            inside: BoolArray = np.all((cell >= 0) & (cell < np.array(self.shape)), axis=-1)
-        i, j, k = np.where(inside[..., None], cell, 0).astype(np.int64).T
-        return np.where(inside, (i * self.shape[1] + j) * self.shape[2] + k, -1)
+        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        found: NDArray[np.int64] = _index_of(flat, self.origin, self.shape, self.voxel_m)
+        return found.reshape(np.shape(points)[:-1])
 
     def centres(self, voxels: NDArray[np.int64] | None = None) -> FloatArray:
         """Centres (n, 3) of the numbered voxels, of all when not given."""
@@ -133,3 +132,22 @@ def _default_side(extent: FloatArray) -> float:
     volume = float(np.prod(np.maximum(extent, extent.max() / 20)))
     coarse, fine = ((volume / n) ** (1 / 3) for n in (_WISHED_VOXELS, _WISHED_VOXELS_OF_LARGE))
     return float(min(coarse, max(fine, _FINE_ENOUGH_M)))
+
+
+@njit(cache=True, nogil=True)
+def _index_of(
+    points: FloatArray, origin: FloatArray, shape: tuple[int, int, int], voxel_m: float
+) -> NDArray[np.int64]:
+    """Voxel number (n,) of points (n, 3); -1 outside or where not finite."""
+    found = np.full(len(points), -1, np.int64)
+    for n in range(len(points)):
+        number, inside = 0, True
+        for axis in range(3):
+            cell = np.floor((points[n, axis] - origin[axis]) / voxel_m)
+            if not (cell >= 0 and cell < shape[axis]):
+                inside = False
+                break
+            number = number * shape[axis] + int(cell)
+        if inside:
+            found[n] = number
+    return found

@@ -42,12 +42,12 @@ class PartFile:
     """
 
     points: FloatArray
-    mesh: LabelledMesh | None
-    normals: FloatArray | None
-    label: IntArray | None
-    rows: IntArray | None
     n_rows: int
-    warnings: tuple[str, ...]
+    mesh: LabelledMesh | None = None
+    normals: FloatArray | None = None
+    label: IntArray | None = None
+    rows: IntArray | None = None
+    warnings: tuple[str, ...] = ()
 
 
 def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile:
@@ -63,7 +63,14 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     if normals is not None and not (np.linalg.norm(normals, axis=1) > 0).all():
         normals = None  # some are unknown
     warnings = (*cloud.warnings, *_doubts(cloud.points))
-    return PartFile(cloud.points, None, normals, cloud.label, cloud.rows, cloud.n_rows, warnings)
+    return PartFile(
+        points=cloud.points,
+        normals=normals,
+        label=cloud.label,
+        rows=cloud.rows,
+        n_rows=cloud.n_rows,
+        warnings=warnings,
+    )
 
 
 def is_mesh_ply(path: Path) -> bool:
@@ -86,7 +93,13 @@ def _from_mesh(path: Path, units: Units) -> PartFile:
     if is_mesh_ply(path):
         label = read_points(path, units).label
         label = label if label is not None and len(label) == len(mesh.vertices) else None
-    return PartFile(mesh.vertices, mesh, None, label, None, len(mesh.vertices), _doubts(mesh.vertices))
+    return PartFile(
+        points=mesh.vertices,
+        mesh=mesh,
+        label=label,
+        n_rows=len(mesh.vertices),
+        warnings=_doubts(mesh.vertices),
+    )
 
 
 def _doubts(points: FloatArray) -> tuple[str, ...]:

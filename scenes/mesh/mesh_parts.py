@@ -35,6 +35,8 @@ class MeshPart:
         Texture.
     uv : (n, 2) float32, optional
         Texture coordinates, (0, 0) the lower left corner.
+    block : str
+        The block of space that it is in, of large models (`scenes.mesh.blocks`); "" for none.
     """
 
     name: str
@@ -44,6 +46,7 @@ class MeshPart:
     colour: ColourArray | None = None
     image: ColourArray | None = None
     uv: NDArray[np.float32] | None = None
+    block: str = ""
 
 
 def parts_of(mesh: LabelledMesh, names: Sequence[str]) -> list[MeshPart]:

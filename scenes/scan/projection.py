@@ -39,6 +39,9 @@ class Projection(Protocol):
     def pixels(self, points: FloatArray) -> FloatArray:
         """Row and column (n, 2) that see sensor-frame `points` (n, 3); NaN outside the field of view."""
 
+    def every(self, step: int) -> Projection:
+        """The geometry of every so many-th row and column, the first ones included."""
+
 
 def _mark_outside(pixels: FloatArray, shape: tuple[int, int]) -> FloatArray:
     """Set rows of `pixels` that are more than half a pixel outside the image to NaN."""
@@ -133,6 +136,12 @@ class PinholeProjection:
             row = self.fy * points[:, 1] * scale + self.cy
         return _mark_outside(np.stack([row, column], axis=1), self.shape)
 
+    def every(self, step: int) -> PinholeProjection:
+        """Return the camera of every so many-th row and column, the first ones included."""
+        width, height = -(-self.width // step), -(-self.height // step)
+        focal, middle = (self.fx / step, self.fy / step), (self.cx / step, self.cy / step)
+        return PinholeProjection(width, height, *focal, *middle)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SphericalProjection:
@@ -223,6 +232,10 @@ class SphericalProjection:
         elevation = np.arctan2(-points[:, 1], np.hypot(points[:, 0], points[:, 2]))
         row = _index(self.elevations, elevation, self.pixel_angle)
         return np.stack([row, _index(self.azimuths, azimuth, self.pixel_angle)], axis=1)
+
+    def every(self, step: int) -> SphericalProjection:
+        """Return the scanner of every so many-th row and column, the first ones included."""
+        return SphericalProjection(self.azimuths[::step], self.elevations[::step])
 
 
 def _index(angles: FloatArray, wanted: FloatArray, only_step: float) -> FloatArray:

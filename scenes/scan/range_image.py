@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -287,6 +287,25 @@ class RangeImage:
             object.__setattr__(scan, field.name, facts.get(field.name, getattr(self, field.name)))
         check_options(scan, sigma_m=(0.0, np.inf))
         return scan
+
+    def thinned(self, n_most: int) -> RangeImage:
+        """Return the scan with every k-th row and column, so that at most about `n_most` pixels are left.
+
+        Its noise and its name stay; the truth is left out.
+        """
+        step = int(np.ceil(np.sqrt(self.ranges.size / n_most)))
+        if step <= 1:
+            return self
+        few = (slice(None, None, step),) * 2
+        return replace(
+            self,
+            ranges=self.ranges[few],
+            projection=self.projection.every(step),
+            colour=None if self.colour is None else self.colour[few],
+            sensor_points=None if self.sensor_points is None else self.sensor_points[few],
+            intensity=None if self.intensity is None else self.intensity[few],
+            truth=None,
+        )
 
     def release(self) -> None:
         """Let the system take back what memory holds of a large scan's pixels; they stay as they are."""

@@ -20,6 +20,8 @@ from completion import (
     pipeline,
 )
 from completion.observe.tolerance import FLATNESS_M, Tolerance
+from completion.result import observed_points
+from completion.result.labelled_points import mesh_area
 from completion.result.record import completion_record, display_mesh, model_parts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
@@ -329,6 +331,34 @@ def test_the_face_is_complete():
 def test_options_that_cannot_be_meant_are_refused_by_name(options, field, bad) -> None:
     with pytest.raises(InputError, match=f"{field} must be .* or more, got|{field} must be between .* got"):
         options(**{field: bad})
+
+
+def test_of_many_points_observed_holds_every_other_row_and_column(chair, tmp_path, monkeypatch):
+    chair.save(tmp_path / "all")
+    monkeypatch.setattr(
+        observed_points, "_MOST_POINTS", len(read_mesh_ply(tmp_path / "all/observed.ply").vertices) / 3
+    )
+    few = replace(chair)  # nothing derived yet
+    few.save(tmp_path / "few")
+    few.save(tmp_path / "full", observed="full")
+    steps = {
+        name: json.loads((tmp_path / name / "completion.json").read_text())["observed_step"]
+        for name in ("all", "few", "full")
+    }
+    assert steps == {"all": 1, "few": 2, "full": 1}
+    for file in (tmp_path / "all").iterdir():
+        same = (tmp_path / "few" / file.name).read_bytes() == file.read_bytes()
+        assert same == (file.name not in ("observed.ply", "completion.json")), file.name
+        assert (tmp_path / "full" / file.name).read_bytes() == file.read_bytes()
+    scan, thin = example("chair_before_wall"), read_mesh_ply(tmp_path / "few/observed.ply")
+    np.testing.assert_allclose(thin.vertices, scan.points()[::2, ::2][scan.valid[::2, ::2]], atol=1e-5)
+    assert thin.faces.max() < len(thin.vertices)
+    area = [
+        mesh_area(part.vertices, part.faces) for part in (thin, read_mesh_ply(tmp_path / "all/observed.ply"))
+    ]
+    assert area[0] == pytest.approx(area[1], rel=0.1)
+    with pytest.raises(InputError, match="observed is 'half'; known: auto, full"):
+        few.save(tmp_path / "none", observed="half")
 
 
 def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):

@@ -37,6 +37,7 @@ def test_stations_are_counted_until_the_share(script):
     assert [survey.until(share) for share in (0.5, 0.9, 0.95, 0.99)] == [1, 2, 2, None]
 
 
+@pytest.mark.long
 def test_rules_are_made_finer_until_they_suffice_and_cover_takes_no_more(script, building):
     share = 0.95
     found = dict(script.rule_surveys(building, share))

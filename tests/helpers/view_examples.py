@@ -29,6 +29,7 @@ from nbv.scanning.view import View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
+from nbv.scans.scan_record import record_scans
 from nbv.scans.state_mesh import StateMesh
 from nbv.study.pipeline import run_study
 from nbv.study.spec import read_study
@@ -101,7 +102,7 @@ KINDS = (
     "scan-coverage",
     "study",
 )
-FEW = ("plan-nbv", "completion", "next-stations", "study")  # the others are put together of the same parts
+FEW = ("plan-nbv", "completion", "next-stations")  # the others are put together of the same parts
 ROOM = builtin_scene("two_occluders")
 CAMERA = PinholeSensor(fov_deg=80, width=80, height=80, name="small")
 AROUND = SphericalSensor(width=240, height=90, name="around")
@@ -165,4 +166,4 @@ def page_of_scans(kind):
     if kind == "scan-coverage":
         return scan_coverage_page(coverage, StateMesh.of(coverage), AROUND, "one scan", 1)
     plan = plan_next_stations(scan_map, AROUND, coverage.requirement, views=2, options=COARSE, n_threads=1)
-    return next_stations_page(plan, coverage, "one scan", 1)
+    return next_stations_page(plan, coverage, record_scans(coverage), "one scan", n_threads=1)

@@ -62,9 +62,10 @@ TUPLES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file", "renamed_to", "kind"),
-    [("kinds.py", "Couple", "Couple"), pytest.param("sorts.py", "Pair", "Pair", marks=pytest.mark.long)],
+    [("kinds.py", "Couple", "Couple"), ("sorts.py", "Pair", "Pair")],
 )
 def test_stored_code_for_a_type_that_is_no_more_is_made_anew(tmp_path, file, renamed_to, kind):
     for name, text in TUPLES.items():

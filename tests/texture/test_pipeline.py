@@ -85,10 +85,10 @@ def test_engines_give_identical_holes(
     ("name", "n_channels", "window", "order", "wrap", "n_threads"),
     [
         ("brick", 0, 11, "paper", (False, False), 2),
-        ("grass", 3, 11, "window", (False, True), 2),
-        ("gravel", 0, 15, "window", (True, False), 3),
+        pytest.param("grass", 3, 11, "window", (False, True), 2, marks=pytest.mark.long),
+        pytest.param("gravel", 0, 15, "window", (True, False), 3, marks=pytest.mark.long),
         ("brick", 3, 15, "paper", (True, True), 1),
-        ("grass", 0, 23, "paper", (False, True), 2),
+        pytest.param("grass", 0, 23, "paper", (False, True), 2, marks=pytest.mark.long),
         ("gravel", 2, 23, "window", (False, False), 2),
     ],
 )

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.completion.relations.calibration import calibration_table
+from benchmarks.completion.relations.figure_study import cost_table, part_table, start_table
 from benchmarks.completion.relations.strips import off_square_table, strip_table
 
 app = typer.Typer(help="What relations between surfaces are worth.", no_args_is_help=True)
@@ -39,6 +40,22 @@ def strips(first: _First = 100, rooms: _Rooms = 25) -> None:
 def off_square(first: _First = 100, rooms: _Rooms = 25) -> None:
     """Walls that are .3, 1 and 3 deg off square: how often that is overruled, and the harm."""
     for line in off_square_table(range(first, first + rooms)):
+        print(line, flush=True)
+
+
+@app.command()
+def part(parts: Annotated[int, typer.Option(min=1, help="How many parts a noise.")] = 100) -> None:
+    """The part of figure 1: how well its R60 is known, wrong statements, and fits from any start."""
+    for table in (part_table(parts), start_table(parts)):
+        for line in table:
+            print(line, flush=True)
+        print()
+
+
+@app.command()
+def cost() -> None:
+    """What it costs to relate many surfaces."""
+    for line in cost_table():
         print(line, flush=True)
 
 

@@ -52,6 +52,11 @@ class Registration:
             for seen, motion, error in zip(observations, self.motions, errors_m.tolist(), strict=True)
         ]
 
+    def seen_from_first(self, observations: Sequence[Observation]) -> tuple[Observation, ...]:
+        """Return scans that were moved as the first one sees them: in the frame in which it did not move."""
+        back = np.linalg.inv(self.motions[0])
+        return tuple(_moved(seen, back) for seen in observations)
+
     def moved_world(self, number: int, world_from_reference: Pose) -> Pose:
         """Return by how much a scan moved in the world, seen from the first one."""
         if np.array_equal(self.motions[number], self.motions[0]):

@@ -53,7 +53,7 @@ def fit_labelled(
     names = names[names > 0]
     kept = thinned(cloud, MOST_POINTS)
     if len(kept) < LEAST or not len(names):
-        return PartSegmentation(np.zeros(len(cloud), dtype=np.int32), (), (), 0.0, 0.0)
+        return PartSegmentation(np.zeros(len(cloud), dtype=np.int32), (), (), 0.0, spacing_m=0.0)
     about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
     surfaces: list[Surface | None] = [
         best_of_kinds(about, np.flatnonzero(number[kept] == one)) for one in range(1, len(names) + 1)

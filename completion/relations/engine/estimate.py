@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
@@ -26,6 +27,8 @@ from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
 _LOOSE = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)  # of an equation's variance: what it may be off
+_GROWTH = 0.2  # of the rank, after which all is solved together again
+_EVERY = 60  # equations, up to which that is done after each
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
@@ -102,16 +105,17 @@ class Estimate:
                     f"surface {number}: its covariance is not finite: too few points for relations"
                 )
         self.fits, self._doubt, self._built_sd = fits, doubt, sd
-        sizes = [len(fit.covariance) for fit in fits]
-        self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        first = [0, *accumulate(len(fit.covariance) for fit in fits)]
+        self._columns = [slice(low, high) for low, high in pairwise(first)]
         self._prior = block_diag(np.zeros((0, 0)), *(fit.covariance for fit in fits))
         self._prior += _ROUNDING**2 * np.eye(len(self._prior))
         if doubt.shared is not None:
             self._prior = self._prior + doubt.shared
         self.prior_sd = np.sqrt(np.diag(self._prior))
-        self.x = np.zeros(self._first[-1])
+        self.x = np.zeros(first[-1])
         self.covariance = self._prior.copy()
         self.imposed: list[Imposed] = []
+        self._n_solved = 0
         self.at = _Placements(self)
         self.frame = Frame(tuple(self.at[number] for number in range(len(fits))), up)
 
@@ -179,7 +183,7 @@ class Estimate:
         """Impose some equations of a relation, and move the surfaces by one step."""
         constraint = self.constraint(relation).only(rows)
         self.imposed.append(Imposed(relation, rows))
-        where = np.concatenate([np.arange(*self._ends(one)) for one in constraint.blocks])
+        where = np.concatenate([np.arange(self.n_unknowns)[self.columns(one)] for one in constraint.blocks])
         jacobian = np.concatenate(list(constraint.blocks.values()), axis=1)
         gain = self.covariance[:, where] @ jacobian.T
         spread = jacobian @ gain[where] + np.diag(self.built_within(constraint))
@@ -188,10 +192,16 @@ class Estimate:
         self.covariance -= gain @ by
         self.at.clear()
 
+    def settle(self) -> None:
+        """Solve, where so much was imposed since that derivatives may have changed."""
+        if self.rank > self._n_solved + (_GROWTH * self._n_solved if self._n_solved > _EVERY else 0):
+            self.solve()
+
     def solve(self) -> None:
         """Move the surfaces to where all that is imposed holds together, derivatives made anew there."""
         if not self.imposed:
             return
+        self._n_solved = self.rank
         for _ in range(_N_ROUNDS):
             jacobian, value, within = self.equations()
             gain, factor = self.factor(jacobian, within)
@@ -211,10 +221,10 @@ class Estimate:
         for part in parts:
             n = len(part.value)
             for number, block in part.blocks.items():
-                low, high = self._ends(number)
+                own = self.columns(number)
                 data.append(block.ravel())
-                row.append(np.repeat(np.arange(first, first + n), high - low))
-                column.append(np.tile(np.arange(low, high), n))
+                row.append(np.repeat(np.arange(first, first + n), own.stop - own.start))
+                column.append(np.tile(np.arange(own.start, own.stop), n))
             first += n
         places = np.concatenate(row), np.concatenate(column)
         jacobian = csr_array((np.concatenate(data), places), shape=(first, self.n_unknowns))
@@ -239,12 +249,12 @@ class Estimate:
         )
 
     def anew(self) -> Estimate:
-        """Return the estimate from the same fits with nothing imposed."""
-        return Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
+        """Return the estimate from the same fits with nothing imposed, that begins where this one is."""
+        other = Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
+        other.x = self.x.copy()
+        other.at.clear()
+        return other
 
     def columns(self, number: int) -> slice:
         """Where the parameters of a surface are among all."""
-        return slice(*self._ends(number))
-
-    def _ends(self, number: int) -> tuple[int, int]:
-        return int(self._first[number]), int(self._first[number + 1])
+        return self._columns[number]

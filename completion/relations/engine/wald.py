@@ -126,13 +126,16 @@ def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
 
 
 def with_only(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
-    """Return an estimate from the same fits with these relations imposed, where they say something."""
+    """Return an estimate from the same fits with these relations imposed, where they say something.
+
+    Derivatives are those where the surfaces are now, until all is solved.
+    """
     other = estimate.anew()
     for relation in relations:
         rows = wald_test(relation, other).rows
         if rows:
             other.impose(relation, rows)
-            other.solve()
+    other.solve()
     return other
 
 

@@ -88,6 +88,15 @@ KeepOut = Annotated[
     ),
 ]
 Infer = Annotated[bool, typer.Option("--infer", help="Let completion stand in for views.")]
+EarlierPlan = Annotated[
+    str | None,
+    typer.Option(
+        "--plan",
+        metavar="plan.json",
+        help="Without a scene: an earlier plan, whose predictions are held against the scans.",
+        show_default="the one in the output folder",
+    ),
+]
 PlanFile = Annotated[
     str | None,
     typer.Option(

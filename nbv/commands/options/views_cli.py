@@ -24,6 +24,7 @@ from nbv.commands.options.view_options import (
     AveragingRadius,
     CandidatesFile,
     CompletionMode,
+    EarlierPlan,
     Incidence,
     Infer,
     KeepOut,
@@ -71,6 +72,7 @@ def plan(
     depth_scale: DepthScale = None,
     poses: Poses = None,
     origin: Origins = None,
+    earlier: EarlierPlan = None,
     region: Region = None,
     keep_out: KeepOut = None,
     noise: NoiseOption = "none",
@@ -87,6 +89,11 @@ def plan(
         raise typer.BadParameter("give SCENE, or --scans SCAN one or more times, or both")
     if scene is None and method == "cover":
         raise typer.BadParameter("--method cover knows the scene: give SCENE, or leave the method out")
+    if scene is not None and earlier is not None:
+        raise typer.BadParameter("--plan is an earlier plan of next stations: leave SCENE out, or --plan")
+    if scene is None and (site.without or site.options.start is not None):
+        option = "--without" if site.without else "--start"
+        raise typer.BadParameter(f"{option} is for plans of a known scene: give SCENE, or leave it out")
     if scheduler is not None and method != "cover":
         raise typer.BadParameter("--scheduler casts for planners that know the scene: add --method cover")
     if method != "cover" and (overlap is not None or time_budget is not None):
@@ -120,6 +127,7 @@ def plan(
         without=site.without,
         candidates=candidates,
         scans=given,
+        plan=earlier,
         region=box,
         keep_out=boxes,
         noise=noise,

@@ -30,7 +30,7 @@ from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.run.wording import percent, percent_within, square_metres
-from nbv.visibility.zones import Zones
+from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene
 
@@ -73,7 +73,9 @@ def with_inference(
         meanings=(Section("What counts as what", meanings(plan, coverage)),),
         curve=curve_of_classes(plan, coverage),
         overview="Where the surface is measured, and where inferred",
-        pictures=class_pictures(scene, coverage, n_threads, plan.zones),
+        pictures=class_pictures(
+            scene, coverage, n_threads, zones=plan.zones, cut_m=plan.site.cut_m if plan.site else None
+        ),
         note="The true scene from outside; surfaces that face away from the eye are left out. What is "
         "modelled and inferred is known after the last view alone.",
         surfaces=class_table(coverage),
@@ -199,7 +201,12 @@ def curve_of_classes(plan: Plan, coverage: Coverage) -> Picture:
 
 
 def class_pictures(
-    scene: Scene, coverage: Coverage, n_threads: int | None, zones: Zones
+    scene: Scene,
+    coverage: Coverage,
+    n_threads: int | None,
+    *,
+    zones: Zones = EVERYWHERE,
+    cut_m: float | None = None,
 ) -> tuple[Picture, ...]:
     """The scene from two opposite sides, by class."""
     if coverage.classes is None:
@@ -212,6 +219,7 @@ def class_pictures(
         title="Measured, modelled, inferred, unknown",
         n_threads=n_threads,
         zones=zones,
+        cut_m=cut_m,
     )
 
 

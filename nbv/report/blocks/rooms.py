@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from nbv.coverage.coverage import Coverage
 from nbv.plan.plan import Plan
 from nbv.plan.rules import RuleOutcome
 from nbv.report.page.page import Block, Cell, Section, Table, Text
-from nbv.run.wording import count, percent, square_metres
+from nbv.run.wording import count, percent, percent_within, square_metres
 
 APART_TEXTS = {
     "inside_a_solid": "within walls, slabs and furniture, or where two of these touch",
@@ -65,16 +66,20 @@ def rooms_section(plan: Plan) -> tuple[Section, ...]:
     """A row for each room with its stations; nothing where the scene is one room, or none."""
     if len(plan.rooms) < 2:
         return ()
-    columns = ("Room", "Stations", "Leads to", "#storey", "#floor, m\u00b2", "#level, m")
+    columns = (
+        "Room", "Stations", "Leads to", "#storey", "#floor, m\u00b2", "#level, m", "#surface, m\u00b2",
+        "#of it as required, %", "#can be reached, %",
+    )  # fmt: skip
     rows = tuple(_row(room) for room in plan.rooms)
     note = (
-        "A room is floor between doorways that has headroom; what stands on it is none. Rooms whose doors "
+        "A room is floor between doorways that has headroom; what stands on it is none. Its surface is all "
+        "that bounds its air, furniture included. Rooms whose doors "
         "are shut lead nowhere: leave doors out by their names (--without) where one will find them open."
     )
     return (Section("Rooms", (Table(columns, rows), Text(note, is_note=True))),)
 
 
-def _row(room: dict[str, object]) -> tuple[Cell, ...]:
+def _row(room: dict[str, Any]) -> tuple[Cell, ...]:
     stations = ", ".join(map(str, _numbers(room["stations"]))) or (
         "none" if room["is_asked_for"] else "not asked for"
     )
@@ -87,7 +92,17 @@ def _row(room: dict[str, object]) -> tuple[Cell, ...]:
         Cell(str(room["storey"])),
         Cell(square_metres(float(str(room["floor_m2"])))),
         Cell(f"{float(str(room['level_m'])):.2f}"),
+        *_shares(room),
     )
+
+
+def _shares(room: dict[str, Any]) -> tuple[Cell, ...]:
+    """How much surface bounds the room, and the shares of it with their standard errors."""
+    if not room.get("surface_m2"):
+        return (Cell(""), Cell(""), Cell(""))
+    met = percent_within(room["met"], room["met_standard_error"])
+    reachable = percent_within(room["reachable"], room["reachable_standard_error"])
+    return Cell(square_metres(room["surface_m2"])), Cell(met), Cell(reachable)
 
 
 def _numbers(value: object) -> list[int]:

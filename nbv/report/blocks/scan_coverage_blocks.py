@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from nbv.online.occupancy import SEEN
+from nbv.plan.plan import Plan
+from nbv.report.blocks.seen_rooms_blocks import seen_storey_plans
 from nbv.report.blocks.stations import field_length, fields_of, places_of, zones_caption
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, State, Table, Text
@@ -28,7 +30,6 @@ from scenes.pose import Pose
 from scenes.scan.palette import surface_colour
 
 _WIDTH = 760
-_CUT_M = 1.0  # above the floor
 _THICK_M = 0.15  # half the height over which seen voxels are drawn
 _COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
 
@@ -114,10 +115,16 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
     return tuple(pictures)
 
 
-def stations_plan(
-    scan_map: ScanMap, sensor: Sensor, poses: Sequence[Pose] = (), zones: Zones = EVERYWHERE
-) -> Picture:
-    """The floor plan: where the scans were taken, and where the next ones are to be."""
+def stations_plans(scan_map: ScanMap, sensor: Sensor, plan: Plan | None = None) -> tuple[Picture, ...]:
+    """The floor plan of each storey: where the scans were taken, and where the next ones are to be.
+
+    One of everything around an object, and where no floor was seen.
+    """
+    if scan_map.rooms is not None:
+        places = places_of([scan.world_from_sensor for scan in scan_map.scans])
+        return tuple(sheet.picture() for sheet in seen_storey_plans(scan_map.rooms, places, plan))
+    poses = [] if plan is None else [view.world_from_sensor for view in plan.views]
+    zones = EVERYWHERE if plan is None else plan.zones
     outline, height = _outline(scan_map)
     reach = field_length(scan_map.bounds)
     projections = [scan.projection for scan in scan_map.scans]
@@ -135,14 +142,14 @@ def stations_plan(
         caption += " Dots: the next stations, in order."
     caption += f" Around each its field of view up to {reach:.2g} m."
     caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
-    return plot.picture("Plan.", caption)
+    return (plot.picture("Plan.", caption),)
 
 
 def _outline(scan_map: ScanMap) -> tuple[FloatArray, str]:
     """Segments (k, 2, 2) around the seen voxels of a horizontal slice, and where it lies."""
     grid = scan_map.voxels.grid
     low, high = scan_map.bounds[:, 2]
-    level = (low + high) / 2 if scan_map.floor_m is None else min(scan_map.floor_m + _CUT_M, (low + high) / 2)
+    level = (low + high) / 2
     z = grid.origin[2] + (np.arange(grid.shape[2]) + 0.5) * grid.voxel_m
     layers = np.abs(z - level) <= max(_THICK_M, grid.voxel_m / 2)
     seen = (scan_map.voxels.labels == SEEN).reshape(grid.shape)[:, :, layers].any(axis=2)

@@ -18,6 +18,7 @@ from nbv.report.pictures.picture import Picture
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.scan.projection import Projection
 from scenes.world.scene import Scene
@@ -124,11 +125,13 @@ def places_of(poses: Sequence[Pose]) -> FloatArray:
 def outline_of(scene: Scene) -> FloatArray:
     """Segments (k, 2, 2) in which a level plane near the floor cuts the scene, x and y in metres."""
     low, high = scene.mesh.bounds()
-    return cut_of(scene, low[2] + min(_CUT_M, (high[2] - low[2]) / 2))
+    return cut_of(scene.mesh, low[2] + min(_CUT_M, (high[2] - low[2]) / 2))
 
 
-def cut_of(scene: Scene, height_m: float) -> FloatArray:
-    """Segments (k, 2, 2) in which the level plane at a height cuts the scene, x and y in metres."""
-    mesh = trimesh.Trimesh(scene.mesh.vertices, scene.mesh.faces, process=False)
-    cut = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, height_m + 1e-6))
+def cut_of(mesh: LabelledMesh, height_m: float) -> FloatArray:
+    """Segments (k, 2, 2) in which the level plane at a height cuts a mesh, x and y in metres."""
+    heights = mesh.vertices[:, 2][mesh.faces]
+    near = (heights.min(axis=1) <= height_m + 1e-6) & (heights.max(axis=1) >= height_m + 1e-6)
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces[near], process=False)
+    cut = trimesh.intersections.mesh_plane(solid, (0.0, 0.0, 1.0), (0.0, 0.0, height_m + 1e-6))
     return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]

@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from nbv.plan.plan import Plan
-from nbv.plan.station_list import Station, stations_of
+from nbv.plan.station_list import stations_of
 from nbv.report.blocks.stations import cut_of
 from nbv.report.figures.storey_plan import StoreyPlan
 from nbv.run.wording import count, square_metres
@@ -19,7 +19,7 @@ from nbv.visibility.standing.rooms import Room, Rooms
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene
 
-_HEIGHT_M = 1.6  # of the cut where no station says the instrument's
+CUT_M = 1.6  # of the cut where no station says the instrument's
 _BELOW_M = 0.5  # a way so far below a storey's floor still belongs to it
 _NEAR_M = 1.2  # a room's label keeps so far from its stations where there is space
 
@@ -33,22 +33,23 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
         return ()
     rooms, stations = plan.site.rooms, stations_of(plan)
     asked = [rooms.rooms[number - 1] for number in plan.site.chosen]
-    levels = {storey: _level(rooms.rooms, storey) for storey in {room.storey for room in rooms.rooms}}
+    levels = {storey: level_of(rooms.rooms, storey) for storey in {room.storey for room in rooms.rooms}}
     ways = _ways_of(plan, levels)
     found = []
     for storey in sorted({room.storey for room in asked}):
         here = [one for one in stations if one.room is not None and one.room.storey == storey]
         heights = [one.height_m for one in here]
-        height = float(np.median(heights)) if heights else _HEIGHT_M
+        height = float(np.median(heights)) if heights else CUT_M
+        places = np.array([one.position[:2] for one in here]).reshape(-1, 2)
         shown = [room for room in rooms.rooms if room.storey == storey and not room.is_outside]
         shown += [room for room in asked if room.storey == storey and room.is_outside]
         found.append(
             StoreyPlan(
                 storey=storey,
                 title=f"{scene.name}, storey {storey}: {count(len(here), 'station')}",
-                outline=_within(cut_of(scene, levels[storey] + height), rooms, storey),
+                outline=around_rooms(cut_of(scene.mesh, levels[storey] + height), rooms, storey),
                 cut_m=height,
-                rooms=[(_label(room), _label_place(rooms, room, here)) for room in shown],
+                rooms=[(label_of(room), label_place(rooms, room, places)) for room in shown],
                 stations=[(str(one.number), one.position[:2], one.headings_deg) for one in here],
                 ways=ways.get(storey, ()),
             )
@@ -56,25 +57,25 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
     return tuple(found)
 
 
-def _label(room: Room) -> str:
+def label_of(room: Room) -> str:
+    """What stands on a room: its name and its floor area."""
     return f"{room.name}\n{square_metres(room.floor_m2)} m\u00b2"
 
 
-def _level(rooms: Sequence[Room], storey: int) -> float:
+def level_of(rooms: Sequence[Room], storey: int) -> float:
     """Height of a storey's floor, metres: that of most of it."""
     here = [room for room in rooms if room.storey == storey]
     return max(here, key=lambda room: room.floor_m2).level_m
 
 
-def _label_place(rooms: Rooms, room: Room, stations: Sequence[Station]) -> FloatArray:
-    """Where a room's label stands (2,), metres: near its middle, off its walls and its stations."""
+def label_place(rooms: Rooms, room: Room, there: FloatArray) -> FloatArray:
+    """Where a room's label stands (2,), metres: near its middle, off its walls and the stations (n, 2)."""
     columns = rooms.floors.columns
     inside = np.zeros(columns.shape, np.bool_)
     inside.ravel()[columns.cell[rooms.room == room.number]] = True
     cells = np.flatnonzero(inside)
     off_walls = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1].ravel()[cells] * columns.cell_m
     places = columns.places(cells)
-    there = np.array([one.position[:2] for one in stations]).reshape(-1, 2)
     away = np.full(len(places), _NEAR_M)
     if len(there):
         away = np.minimum(cKDTree(there).query(places)[0], _NEAR_M)
@@ -82,7 +83,7 @@ def _label_place(rooms: Rooms, room: Room, stations: Sequence[Station]) -> Float
     return np.asarray(places[np.argmax(away + 2 * np.minimum(off_walls, _NEAR_M / 2) - 0.15 * middle)])
 
 
-def _within(outline: FloatArray, rooms: Rooms, storey: int) -> FloatArray:
+def around_rooms(outline: FloatArray, rooms: Rooms, storey: int) -> FloatArray:
     """What of an outline (k, 2, 2) lies around the rooms of a storey: grounds go on far beyond."""
     numbers = [room.number for room in rooms.rooms if room.storey == storey and not room.is_outside]
     columns = rooms.floors.columns

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from nbv.run.wording import letters
@@ -57,11 +58,13 @@ class FloorPlan:
         height = float(np.clip(width * extent[1] / extent[0], 2.2, 6.5))
 
         def draw(axes: Axes, theme: Theme) -> None:
-            for segment in self.outline:
-                axes.plot(*segment.T, color=theme.ink, linewidth=1.6, solid_capstyle="round")
+            lines = list(self.outline)
+            axes.add_collection(
+                LineCollection(lines, colors=theme.ink, linewidths=1.6, capstyle="round", zorder=2)
+            )
             for way in self.ways:
                 axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=1, alpha=0.6, zorder=2)
-            _draw_zones(axes, theme, self.zones)
+            draw_zones(axes, theme, self.zones)
             size = 0.07 * float(extent.max())
             _draw_fields(axes, self.given_fields, [theme.faint] * len(self.given_fields))
             _draw_given(axes, theme, self.given, size)
@@ -112,7 +115,7 @@ def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> Non
         _label(axes, given, names=names, colour=theme.ink, offset=(-6, -13), size=size)
 
 
-def _draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:
+def draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:
     """Draw the region in dashes, and hatch what is to be kept out of."""
     if zones.region is not None:
         x, y = _ring(zones.region)

@@ -181,7 +181,7 @@ def on_white(plot: Plot) -> bytes:
 
 def drawn_plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
     """Return the plot that `draw` makes of an axes, in both themes; `size` in inches."""
-    drawn = {theme: _drawn(draw, theme, size) for theme in (LIGHT, _DARK)}
+    drawn = {theme: _drawn(draw, theme, size) for theme in dict.fromkeys((LIGHT, _DARK))}
     return Plot(drawn[LIGHT], drawn[_DARK], round(size[0] * _DPI), round(size[1] * _DPI))
 
 

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from nbv.report.figures.floor_plan import draw_zones
 from nbv.report.figures.label_places import around, beside, boxes
 from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
 from nbv.report.pictures.picture import Picture
+from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 
 _SCALES = (20, 50, 100, 200, 500, 1000, 2000, 5000)
@@ -28,6 +29,7 @@ _FOOT_IN = 0.75  # below the plan: scale bar and text
 _PAGE_IN = 4.9  # width in a report
 _INCH_M, _INCH_PT = 0.0254, 72.0
 _NAME_PT, _NUMBER_PT, _DOT_PT = 6.5, 8.0, 4.2  # of rooms, of stations, and across these
+_SQUARE_PT = 5.0  # across a scan
 _WIDE, _HIGH = 0.7, 1.2  # of a letter and a line, in units of the font's size
 _HEADING_M = 0.6  # length of the stroke that shows where a camera looks
 
@@ -52,6 +54,10 @@ class StoreyPlan:
         Number and place of each station, and the headings of its views, degrees clockwise from +y.
     ways : sequence of (k, 2) float
         What of the tour lies on this storey.
+    given : sequence of (str, (2,) float)
+        Name and place of each scan that had been taken before.
+    zones : Zones
+        Where surface counts, and where no station may be.
     """
 
     storey: int
@@ -61,6 +67,8 @@ class StoreyPlan:
     rooms: Sequence[tuple[str, FloatArray]]
     stations: Sequence[tuple[str, FloatArray, Sequence[float]]]
     ways: Sequence[FloatArray] = ()
+    given: Sequence[tuple[str, FloatArray]] = ()
+    zones: Zones = EVERYWHERE
 
     def plot(self) -> Plot:
         """Return it as a picture of a page, no scale promised."""
@@ -79,6 +87,7 @@ class StoreyPlan:
         caption = (
             f"Dots are stations by their numbers{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
         )
+        caption += " Squares with letters: scans that have been taken." if self.given else ""
         caption += " Lines: what of the tour lies here." if self.ways else ""
         return self.plot().picture(f"Storey {self.storey}.", caption)
 
@@ -93,7 +102,7 @@ class StoreyPlan:
         """Return the smallest and the largest x and y, (2,) each, of all there is to see."""
         parts = [self.outline.reshape(-1, 2), *(np.reshape(way, (-1, 2)) for way in self.ways)]
         parts += [np.array([place for _, place, _ in self.stations]).reshape(-1, 2)]
-        parts += [np.array([place for _, place in self.rooms]).reshape(-1, 2)]
+        parts += [np.array([place for _, place in [*self.rooms, *self.given]]).reshape(-1, 2)]
         points = np.vstack(parts)
         return points.min(axis=0), points.max(axis=0)
 
@@ -123,6 +132,9 @@ class StoreyPlan:
         axes.add_collection(LineCollection(list(self.outline), colors=theme.ink, linewidths=1.3))
         for way in self.ways:
             axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=0.9, alpha=0.75, zorder=2)
+        draw_zones(axes, theme, self.zones)
+        for _, place in self.given:
+            axes.plot(*place, "s", markersize=_SQUARE_PT, color=theme.ink, fillstyle="none", zorder=4)
         for _, place, headings in self.stations:
             for heading in headings:
                 turn = np.radians(heading)
@@ -139,9 +151,11 @@ class StoreyPlan:
     def _draw_labels(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
         """Write the names of rooms clear of the stations, and numbers beside these clear of all of it."""
         ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
-        dots = np.array([place for _, place, _ in self.stations]).reshape(-1, 2) * metre_pt
+        signs = [(text, place, theme.inferred) for text, place, _ in self.stations]
+        signs += [(text, place, theme.ink) for text, place in self.given]
+        dots = np.array([place for _, place, _ in signs]).reshape(-1, 2) * metre_pt
         taken = boxes(dots, np.full_like(dots, _DOT_PT))
-        names, numbers = [text for text, _ in self.rooms], [text for text, *_ in self.stations]
+        names, numbers = [text for text, _ in self.rooms], [text for text, *_ in signs]
         sizes = np.array([_size_pt(text, _NAME_PT) for text in names]).reshape(-1, 2)
         middles = around(np.array([place for _, place in self.rooms]).reshape(-1, 2) * metre_pt, sizes, taken)
         for text, (x, y) in zip(names, (middles / metre_pt).tolist(), strict=True):
@@ -152,10 +166,10 @@ class StoreyPlan:
         taken = np.concatenate([taken, boxes(middles, sizes)])
         sizes = np.array([_size_pt(text, _NUMBER_PT) for text in numbers]).reshape(-1, 2)
         middles = beside(dots, sizes, _DOT_PT / 2, taken)
-        for text, (x, y) in zip(numbers, (middles / metre_pt).tolist(), strict=True):
+        for (text, _, colour), (x, y) in zip(signs, (middles / metre_pt).tolist(), strict=True):
             axes.text(
                 x, y, text, ha="center", va="center", fontsize=_NUMBER_PT, fontweight="bold",
-                color=theme.inferred, zorder=6,
+                color=colour, zorder=6,
             )  # fmt: skip
 
 
@@ -167,6 +181,8 @@ def _size_pt(text: str, font_pt: float) -> tuple[float, float]:
 
 def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:
     """Return the sheets of several storeys as one PDF."""
+    from matplotlib.backends.backend_pdf import PdfPages  # slow to import, and plans alone have sheets
+
     data = io.BytesIO()
     told = {"CreationDate": None, "Producer": None, "Creator": None}
     with _drawing(), PdfPages(data, metadata=told) as pages:

@@ -37,10 +37,13 @@ def is_single_camera(scans: Sequence[RangeImage]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelDrawings:
-    """What was measured, and that with what was inferred, ready for drawing; scans in world coordinates."""
+    """What was measured and what was inferred, ready for drawing.
 
-    before: MeshDrawing
-    after: MeshDrawing
+    `bounds` (2, 3) are those of nearly all of it, and `scans` in world coordinates.
+    """
+
+    model: MeshDrawing
+    bounds: FloatArray
     scans: tuple[RangeImage, ...]
 
     @classmethod
@@ -50,30 +53,34 @@ class ModelDrawings:
         """Set up a completed model; without colour its shape alone is drawn, in grey."""
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
-        front = mesh.face_normals()
-        kept = np.flatnonzero(mesh.face_surface != _INFERRED)
-        before = MeshDrawing(part_of(mesh, kept), front[kept], n_threads)
-        return cls(before, MeshDrawing(mesh, front, n_threads), completion.derived.scans)
+        bounds = solid_bounds(mesh) if len(mesh.faces) else np.zeros((2, 3))
+        return cls(MeshDrawing(mesh, n_threads=n_threads), bounds, completion.derived.scans)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no surface at all."""
+        return not len(self.model.mesh.faces)
 
     def is_inferred(self, layer: SeenFaces) -> BoolArray:
         """Return the pixels (rows, columns) that show inferred area."""
-        labels = self.after.mesh.face_surface
+        labels = self.model.mesh.face_surface
         return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
 
     def shown(self, camera: Camera) -> tuple[int, int]:
         """How much inferred area, and how much at all, a camera shows."""
-        layer = self.after.look(camera, camera.shape(_TRIAL_WIDTH))
+        layer = self.model.look(camera, camera.shape(_TRIAL_WIDTH))
         return int(self.is_inferred(layer).sum()), int(layer.hit.sum())
 
     def shoot(self, camera: Camera, where: str) -> tuple[Picture, Picture, Picture]:
-        """Return the pictures before, after, and after with inferred area marked."""
+        """Return the pictures as measured, completed, and completed with inferred area marked."""
         shape = camera.shape(_WIDTH)
-        first, last = self.before.look(camera, shape), self.after.look(camera, shape)
+        measured = self.model.mesh.face_surface != _INFERRED
+        first, last = self.model.look(camera, shape, measured), self.model.look(camera, shape)
         hidden, inferred = self._hidden(camera, ~first.hit), self.is_inferred(last)
         unknown = (hidden | inferred) & ~first.hit
-        colour = self.after.colour(last)
+        colour = self.model.colour(last)
         return (
-            picture_of(mark_unknown(self.before.colour(first), unknown), "Measured.", where),
+            picture_of(mark_unknown(self.model.colour(first), unknown), "Measured.", where),
             picture_of(
                 mark_unknown(colour, hidden & ~last.hit),
                 "Completed.",
@@ -84,11 +91,11 @@ class ModelDrawings:
 
     def shoot_marked(self, camera: Camera) -> Picture:
         """Return the last of these pictures alone."""
-        last = self.after.look(camera, camera.shape(_WIDTH))
-        return self._marked(last, self.after.colour(last), self._hidden(camera, ~last.hit))
+        last = self.model.look(camera, camera.shape(_WIDTH))
+        return self._marked(last, self.model.colour(last), self._hidden(camera, ~last.hit))
 
     def _marked(self, last: SeenFaces, colour: FloatArray, unknown: BoolArray) -> Picture:
-        marked = mark_inferred(colour, self.is_inferred(last), self.after.shade(last))
+        marked = mark_inferred(colour, self.is_inferred(last), self.model.shade(last))
         return picture_of(
             mark_unknown(marked, unknown),
             "Completed, marked.",
@@ -98,8 +105,7 @@ class ModelDrawings:
     def _hidden(self, camera: Camera, where: BoolArray) -> BoolArray:
         """Of the pixels (rows, columns) `where` nothing is seen those that look into what is hidden."""
         beside = not is_single_camera(self.scans) and len(self.scans) > 1
-        bounds = _inner(solid_bounds(self.after.mesh))
-        return passes_hidden(camera, where, self.scans, bounds, beside_counts=beside)
+        return passes_hidden(camera, where, self.scans, _inner(self.bounds), beside_counts=beside)
 
 
 def _inner(bounds: FloatArray) -> FloatArray:

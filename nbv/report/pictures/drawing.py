@@ -17,7 +17,7 @@ from scenes.rays.raycast import RayCaster
 from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
-_LAYERS = 12  # faces seen from behind that a ray may pass
+_LAYERS = 12  # faces seen from behind, or not shown, that a ray may pass
 _STEPS = 32  # places along a ray at which it is asked whether they are hidden
 _COARSE = 2  # pixels that share this answer, along each axis
 _LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])
@@ -56,8 +56,10 @@ class MeshDrawing:
         self.front = mesh.face_normals() if front is None else front
         self._caster = caster or RayCaster(mesh.vertices, mesh.faces, n_threads)
 
-    def look(self, camera: Camera, shape: tuple[int, int]) -> SeenFaces:
-        """Return what each pixel sees."""
+    def look(
+        self, camera: Camera, shape: tuple[int, int], shown: NDArray[np.bool_] | None = None
+    ) -> SeenFaces:
+        """Return what each pixel sees; of the faces `shown` (m,) alone where they are given."""
         ways = camera.rays(shape).reshape(-1, 3)
         n = len(ways)
         face, cosine = np.full(n, -1, np.int64), np.zeros(n)
@@ -71,7 +73,7 @@ class MeshDrawing:
             pending, ways, behind = pending[met], ways[met], start if len(start) == 1 else start[met]
             reached = behind + ways * hits.ranges[met, None]
             facing = -np.einsum("ij,ij->i", ways, self.front[hits.face[met]])
-            seen = facing > 0
+            seen = facing > 0 if shown is None else (facing > 0) & shown[hits.face[met]]
             done, from_hit = pending[seen], met[seen]
             face[done], points[done] = hits.face[from_hit], reached[seen]
             weights[done], cosine[done] = hits.barycentric[from_hit], facing[seen]

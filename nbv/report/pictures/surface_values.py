@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
 from nbv.report.pictures.camera import best_side, overview_cameras
+from nbv.report.pictures.cut_mesh import below
 from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
 from nbv.report.pictures.picture import Picture, picture_of
 from nbv.visibility.samples import SurfaceSamples
@@ -138,21 +139,27 @@ def state_pictures(
     title: str,
     n_threads: int | None = None,
     zones: Zones = EVERYWHERE,
+    cut_m: float | None = None,
 ) -> tuple[Picture, ...]:
     """The scene from two opposite sides, each point in the colour of its nearest sample's state (n,).
 
-    Faces that look away from the eye are left out; what lies outside the region is in one pale grey.
+    Faces that look away from the eye are left out, and all above `cut_m` (metres) where it is given; what
+    lies outside the region is in one pale grey.
     """
-    canvas = MeshDrawing(scene.mesh, caster=scene.ray_caster(n_threads))
-    cameras = overview_cameras(scene.mesh.bounds())
-    best = best_side(cameras, scene.mesh.corners)
+    mesh, source = scene.mesh, None
+    if cut_m is not None and cut_m > mesh.bounds()[0][2]:
+        mesh, source = below(mesh, cut_m)
+    canvas = MeshDrawing(mesh, caster=scene.ray_caster(n_threads) if source is None else None)
+    cameras = overview_cameras(mesh.bounds())
+    best = best_side(cameras, mesh.corners)
     pictures = []
     for side, number in (("one side", best), ("the other side", best + len(cameras) // 2)):
         camera = cameras[number % len(cameras)]
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
         found = np.full(hit.shape, -1, np.int64)
-        found[hit] = state[nearest_samples(samples, layer.points[hit], layer.face[hit])]
+        face = layer.face[hit] if source is None else source[layer.face[hit]]
+        found[hit] = state[nearest_samples(samples, layer.points[hit], face)]
         found[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
         image = paint_states(found, shade, {**marks.colours, _OUTSIDE: _PALE})
         if marks.dotted is not None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.report.pictures.camera import Camera, best_side, overview_cameras
 from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.layers import Colour, Layer
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,11 +87,10 @@ class Viewer:
 
     def bounds(self) -> FloatArray:
         """Smallest and largest coordinates (2, 3) of all surface, metres; zeros without any."""
-        ends = [layer.vertices[layer.faces].reshape(-1, 3) for layer in self.layers if len(layer.faces)]
-        if not ends:
+        columns = [_coordinates(self.layers, axis) for axis in range(3)]
+        if not len(columns[0]):
             return np.zeros((2, 3))
-        low, high = (np.array([end(part, axis=0) for part in ends]) for end in (np.min, np.max))
-        return np.stack([low.min(axis=0), high.max(axis=0)])
+        return np.array([[end(column) for column in columns] for end in (np.min, np.max)])
 
 
 _REMOTE = 0.005  # share of the faces at each end that need not be in the picture
@@ -107,13 +107,28 @@ def focus(layers: Sequence[Layer], forward: FloatArray, *, is_room: bool) -> Flo
 
     Of a room it is what turns its front to an eye that looks `forward` (3,).
     """
-    corners = _corners(layers)
-    if is_room and len(corners):
-        a, b, c = np.moveaxis(corners, 1, 0)
-        seen = np.cross(b - a, c - a) @ forward < 0
-        corners = corners[seen] if seen.any() else corners
-    points = corners.reshape(-1, 3)
-    return np.quantile(points, [_REMOTE, 1 - _REMOTE], axis=0) if len(points) else np.zeros((2, 3))
+    shown = [layer for layer in layers if layer.shown]
+    seen = [layer.faces[_faces_the_eye(layer, forward)] for layer in shown] if is_room else []
+    faces = seen if any(map(len, seen)) else None
+    columns = [_coordinates(shown, axis, faces) for axis in range(3)]
+    if not len(columns[0]):
+        return np.zeros((2, 3))
+    return np.stack([np.quantile(column, [_REMOTE, 1 - _REMOTE]) for column in columns], axis=1)
+
+
+def _faces_the_eye(layer: Layer, forward: FloatArray) -> BoolArray:
+    """Which faces (m,) turn their front to an eye that looks `forward` (3,)."""
+    a, b, c = (layer.vertices[layer.faces[:, k]] for k in range(3))
+    return np.asarray(np.cross(b - a, c - a) @ forward < 0, dtype=np.bool_)
+
+
+def _coordinates(
+    layers: Sequence[Layer], axis: int, faces: Sequence[NDArray[Any]] | None = None
+) -> FloatArray:
+    """One coordinate (3 * m,) of the corners of all faces, or of those given for each layer."""
+    chosen = [layer.faces for layer in layers] if faces is None else faces
+    parts = [layer.vertices[:, axis][some].ravel() for layer, some in zip(layers, chosen, strict=True)]
+    return np.concatenate([np.zeros(0), *parts])
 
 
 def _corners(layers: Sequence[Layer]) -> FloatArray:

@@ -96,13 +96,13 @@ def by_appearance(index: Integers) -> tuple[Integers, Integers]:
 
 
 _MOST_PIXELS = 3_000_000  # of all images together
-_QUALITY = 82  # of WebP
+_QUALITY, _METHOD = 82, 4  # of WebP
 _FRACTION = 65535  # steps of texture coordinates
 
 Indices = NDArray[np.int64]
 
 
-def corner_keys(places: Indices, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
+def corner_keys(places: Integers, skin: Appearance | None, order: Indices) -> tuple[Indices, Indices]:
     """Join corners that are alike in place, colour and texture.
 
     `places` (3 * m, 3) are of the corners of all faces in their `order` (m,), the skin of these before.
@@ -158,17 +158,17 @@ def _webp(image: NDArray[np.uint8], shrink: float) -> bytes:
         size = tuple(max(1, round(side * shrink)) for side in picture.size)
         picture = picture.resize((size[0], size[1]), Image.Resampling.LANCZOS)
     data = io.BytesIO()
-    picture.save(data, "WEBP", quality=_QUALITY, method=4)
+    picture.save(data, "WEBP", quality=_QUALITY, method=_METHOD)
     return data.getvalue()
 
 
-def _colours(skin: Appearance, order: Indices) -> Indices:
+def _colours(skin: Appearance, order: Indices) -> Integers:
     """Colours (3 * m, 3) of all corners in order, 0..255."""
-    colours = np.rint(np.clip(skin.corner_colour[order], 0, 1) * 255).astype(np.int64)
+    colours = np.rint(np.clip(skin.corner_colour[order], 0, 1) * 255).astype(np.uint8)
     return colours.reshape(-1, 3)
 
 
-def _number(rows: Indices) -> Indices:
+def _number(rows: Integers) -> Indices:
     """Number (n,) equal rows alike."""
     key = np.zeros(len(rows), np.int64)
     for column in rows.T:
@@ -176,7 +176,7 @@ def _number(rows: Indices) -> Indices:
     return key
 
 
-def _paired(one: Indices, other: Indices) -> Indices:
+def _paired(one: Indices, other: Integers) -> Indices:
     """Number (n,) pairs of non-negative numbers that are alike."""
     both = one * (int(other.max(initial=0)) + 1) + other
     return np.asarray(np.unique(both, return_inverse=True)[1], dtype=np.int64)

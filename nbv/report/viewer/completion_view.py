@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from nbv.report.viewer.scan_channels import (
     quality_channels,
     scan_sightings,
 )
+from nbv.scans.scan_map import with_known_noise
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 from scenes.run.mapping import trim
@@ -46,17 +48,31 @@ _NO_SURFACE = 0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pieces:
-    """Small faces of one surface or of the remainder, world coordinates; `image` is -1 without a texture."""
+    """Small faces (m, 3) of one surface, of the remainder, or of many of these; world coordinates.
 
-    corners: FloatArray
-    number: int
-    is_inferred: bool
-    provenance: NDArray[np.int64]
+    Of each face: the surface's `number`, `provenance`, `sd` in metres, `confidence`, `colour` (m, 3, 3) and
+    `uv` (m, 3, 2) of its corners, and `image`, which is -1 without a texture.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    number: NDArray[np.uint16]
+    provenance: NDArray[np.uint16]
     sd: FloatArray
     confidence: FloatArray
     colour: NDArray[np.float32]
-    uv: FloatArray
-    image: int
+    uv: NDArray[np.float32]
+    image: NDArray[np.int32]
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Pieces]) -> _Pieces:
+        """All of them, in their order."""
+        starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        faces = [part.faces + np.int32(start) for part, start in zip(parts, starts, strict=False)]
+        rest = [name for name in cls.__slots__ if name != "faces"]
+        return cls(
+            faces=np.concatenate(faces), **{n: np.concatenate([getattr(p, n) for p in parts]) for n in rest}
+        )
 
 
 def completion_view(
@@ -71,24 +87,29 @@ def completion_view(
     A room is looked into from outside; `camera` is where it is seen from at first.
     """
     world = completion.world_from_reference
-    scans = completion.derived.scans
+    scans = [with_known_noise(scan) for scan in completion.derived.scans]
     atlas = completion.derived.atlas
-    pieces = [*_surfaces(completion), _remainder(completion)]
-    occluders = {0, *occluding(completion.patches)}
-    measured = [p for p in pieces if not p.is_inferred]
+    occluders = set(occluding(completion.patches))
+    textured = completion.derived.textured
+    measured = [part for part in textured if part.provenance == Provenance.MEASURED]
+    of = partial(_surfaces, completion)
     groups = (
-        ("measured", "measured surfaces", [p for p in measured if p.number not in occluders]),
-        ("occluders", "occluders, measured", [p for p in measured if p.number in occluders]),
-        ("inferred", "hypothesised (inferred)", [p for p in pieces if p.is_inferred]),
+        ("measured", "measured surfaces", of([p for p in measured if p.number not in occluders])),
+        ("occluders", "occluders, measured", of([p for p in measured if p.number in occluders], rest=True)),
+        (
+            "inferred",
+            "hypothesised (inferred)",
+            of([part for part in textured if part.provenance != Provenance.MEASURED]),
+        ),
     )
     outlines = [
         world.apply(hole.points) for surface in completion.derived.surfaces for hole in surface.openings
     ]
     names = _names(completion)
-    most_sd = max((float(p.sd.max(initial=0)) for p in pieces), default=0.0)
+    most_sd = max(float(pieces.sd.max(initial=0)) for _, _, pieces in groups)
     layers = [
-        _layer(key, label, parts=parts, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
-        for key, label, parts in groups
+        _layer(key, label, pieces, names=names, most_sd=most_sd, atlas=atlas, scans=scans)
+        for key, label, pieces in groups
     ]
     return Viewer(
         "The completed model.",
@@ -110,14 +131,33 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
         behind = patch.evidence.occluder[patch.hypothesised]
         share = np.bincount(behind[behind > 0]) / max(len(behind), 1)
         found.update(int(number) for number in np.flatnonzero(share >= _HIDES))
+        trim()
     return sorted(found)
 
 
-def _surfaces(completion: CompletedModel) -> Iterator[_Pieces]:
-    """Measured and inferred pieces of each surface, the latter by provenance."""
+def _surfaces(completion: CompletedModel, parts: Sequence[TexturedMesh], *, rest: bool = False) -> _Pieces:
+    """Pieces of surfaces, and of what belongs to none with the `rest`."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
-    for part in completion.derived.textured:
-        yield _pieces(completion, part, total / _PIECES)
+    found = [_pieces(completion, part, total / _PIECES) for part in parts]
+    return _Pieces.joined([_nothing(), *found, *([_remainder(completion)] if rest else [])])
+
+
+def _nothing() -> _Pieces:
+    """No face at all."""
+    none, many, real = np.zeros(0, np.uint16), np.zeros((0, 3)), np.zeros(0)
+    corners = np.zeros((0, 3, 3), np.float32)
+    image = none.astype(np.int32)
+    return _Pieces(
+        vertices=many,
+        faces=many.astype(np.int32),
+        number=none,
+        provenance=none,
+        sd=real,
+        confidence=real,
+        colour=corners,
+        uv=corners[..., :2],
+        image=image,
+    )
 
 
 def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> _Pieces:
@@ -131,15 +171,15 @@ def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> 
     row, column = np.clip(np.floor(middle[:, 5:]).astype(np.int64), 0, top).T
     n = len(parts)
     return _Pieces(
-        corners=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)).reshape(-1, 3, 3),
-        number=part.number,
-        is_inferred=part.provenance != Provenance.MEASURED,
-        provenance=np.full(n, int(part.provenance)),
+        vertices=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)),
+        faces=np.arange(3 * n, dtype=np.int32).reshape(-1, 3),
+        number=np.full(n, part.number, np.uint16),
+        provenance=np.full(n, int(part.provenance), np.uint16),
         sd=patch.stated.standard_deviation(middle[:, :3]) if n else np.zeros(0),
         confidence=patch.confidence[row, column],
-        colour=np.full((n, 3, 3), 1.0 if part.page >= 0 else _GREY, np.float32),
-        uv=parts[..., 3:5],
-        image=part.page,
+        colour=np.broadcast_to(np.float32(1.0 if part.page >= 0 else _GREY), (n, 3, 3)),
+        uv=parts[..., 3:5].astype(np.float32),
+        image=np.full(n, part.page, np.int32),
     )
 
 
@@ -149,57 +189,53 @@ def _remainder(completion: CompletedModel) -> _Pieces:
     faces = rest.faces
     n = len(faces)
     return _Pieces(
-        corners=completion.world_from_reference.apply(rest.vertices)[faces],
-        number=_NO_SURFACE,
-        is_inferred=False,
-        provenance=np.zeros(n, np.int64),
+        vertices=completion.world_from_reference.apply(rest.vertices),
+        faces=faces,
+        number=np.full(n, _NO_SURFACE, np.uint16),
+        provenance=np.zeros(n, np.uint16),
         sd=rest.sd[faces].mean(axis=1) if n else np.zeros(0),
         confidence=np.ones(n),
-        colour=(rest.colour[faces] / 255.0).astype(np.float32),
-        uv=np.zeros((n, 3, 2)),
-        image=-1,
+        colour=rest.colour[faces].astype(np.float32) / np.float32(255),
+        uv=np.broadcast_to(np.float32(0), (n, 3, 2)),
+        image=np.full(n, -1, np.int32),
     )
 
 
 def _layer(
     key: str,
     label: str,
-    parts: Sequence[_Pieces],
+    pieces: _Pieces,
+    *,
     names: tuple[Category, ...],
     most_sd: float,
     atlas: Atlas,
     scans: Sequence[RangeImage],
 ) -> Layer:
     """Pieces as a layer with their values."""
-    is_inferred = key == "inferred"
-    corners = np.concatenate([np.zeros((0, 3, 3)), *(part.corners for part in parts)])
-    n, sizes = len(corners), [len(part.corners) for part in parts]
-    number = np.repeat([part.number for part in parts], sizes).astype(np.uint16)
-    sd = np.concatenate([np.zeros(0), *(part.sd for part in parts)])
-    provenance = np.concatenate([np.zeros(0, np.int64), *(part.provenance for part in parts)])
+    is_inferred, n = key == "inferred", len(pieces.faces)
     channels: list[Classes | Numbers] = [
         Classes("state", "State", (MEASURED, INFERRED), np.full(n, int(is_inferred), np.uint16)),
-        Classes("provenance", "Provenance", provenance_categories(), provenance.astype(np.uint16)),
-        deviation_channel(1000 * sd, 1000 * most_sd),
+        Classes("provenance", "Provenance", provenance_categories(), pieces.provenance),
+        deviation_channel(1000 * pieces.sd, 1000 * most_sd),
     ]
     sightings = None
     if is_inferred:
-        likely = np.concatenate([np.zeros(0), *(part.confidence for part in parts)])
-        channels.append(confidence_channel(likely))
+        channels.append(confidence_channel(pieces.confidence))
     else:
-        sightings = scan_sightings(scans, corners)
+        sightings = scan_sightings(scans, pieces.vertices, pieces.faces)
         channels += quality_channels(sightings, len(scans))
-    channels.append(Classes("surface", "Surface", names, number))
-    image = np.repeat([part.image for part in parts], sizes).astype(np.int32)
-    skin = Appearance(
-        np.concatenate([np.zeros((0, 3, 3), np.float32), *(part.colour for part in parts)]),
-        atlas.pages,
-        image if len(atlas.pages) else None,
-        np.concatenate([np.zeros((0, 3, 2)), *(part.uv for part in parts)]).astype(np.float32),
-    )
-    shown = (corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3), INFERRED if is_inferred else MEASURED)
+    channels.append(Classes("surface", "Surface", names, pieces.number))
+    pages = (atlas.pages, pieces.image, pieces.uv) if len(atlas.pages) else ()
     return Layer(
-        key, label, *shown, channels=tuple(channels), sightings=sightings, skin=skin, is_marked=is_inferred
+        key,
+        label,
+        pieces.vertices,
+        pieces.faces,
+        INFERRED if is_inferred else MEASURED,
+        channels=tuple(channels),
+        sightings=sightings,
+        skin=Appearance(pieces.colour, *pages),
+        is_marked=is_inferred,
     )
 
 

@@ -21,6 +21,7 @@ from nbv.report.viewer.byte_packing import Packer, add_images, by_appearance, co
 from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
 from scenes.checks import FloatArray
 from scenes.mesh.morton import morton_order
+from scenes.run.mapping import trim
 
 _FINEST_M = 0.00025  # step of the coordinates in large scenes; small ones have 2^16 steps
 _MOST_STEPS = 2**24  # what a 32-bit float of the graphics card holds
@@ -65,13 +66,14 @@ def _step(bounds: FloatArray) -> float:
 
 def _layer(packer: Packer, layer: Layer, origin: FloatArray, step: float) -> dict[str, Any]:
     """Pack a layer: faces along a Morton curve, those of one image together, corners and places as met."""
+    trim()
     faces = np.asarray(layer.faces, dtype=np.int64)
     order = morton_order(layer.vertices[faces].mean(axis=1))
     image = layer.skin.face_image if layer.skin is not None and layer.skin.images else None
     if image is not None:
         order = order[np.argsort(image[order], kind="stable")]
     corner = faces[order].ravel()
-    places = np.rint((layer.vertices - origin) / step).astype(np.int64)
+    places = np.clip(np.rint((layer.vertices - origin) / step), 0, _MOST_STEPS).astype(np.int32)
     index, kept = corner_keys(places[corner], layer.skin, order)
     used, members = _places(packer, layer, order)
     return {

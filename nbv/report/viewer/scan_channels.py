@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.extension.patch import Provenance
 from completion.result.labelled_points import PROVENANCE_NAMES
@@ -22,6 +24,7 @@ from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)
 INFERRED = Category("inferred", picture.INFERRED)
+_BLOCK = 1 << 16  # faces whose sightings are found together
 _PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10)  # of `Provenance`, numbers in the palette of surfaces
 
 
@@ -31,8 +34,24 @@ def provenance_categories() -> tuple[Category, ...]:
     return tuple(Category(PROVENANCE_NAMES[str(why.value)], colours[int(why)]) for why in Provenance)
 
 
-def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sightings:
-    """Which scans measured the middles of faces (m, 3, 3), and at which incidence."""
+def scan_sightings(scans: Sequence[RangeImage], vertices: FloatArray, faces: NDArray[Any]) -> Sightings:
+    """Which scans measured the middles of faces (m, 3), and at which incidence.
+
+    Faces of the vertices (n, 3) are asked for a block at a time.
+    """
+    known = [with_known_noise(scan) for scan in scans]
+    blocks = [faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK)]
+    found = [_sightings_of(known, vertices[block]) for block in blocks]
+    counts = [np.diff(one.start) for one in found]
+    return Sightings(
+        np.concatenate([[0], np.cumsum(np.concatenate([np.zeros(0, np.int64), *counts]))]),
+        np.concatenate([np.zeros(0, np.int64), *(one.view for one in found)]),
+        np.concatenate([np.zeros(0), *(one.incidence_deg for one in found)]),
+    )
+
+
+def _sightings_of(scans: Sequence[RangeImage], corners: FloatArray) -> Sightings:
+    """Which scans measured the middles of faces (m, 3, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
@@ -40,8 +59,8 @@ def scan_sightings(scans: Sequence[RangeImage], corners: FloatArray) -> Sighting
     zero = np.zeros(len(corners), np.int32)
     samples = SurfaceSamples(corners.mean(axis=1), unit, length / 2, zero, zero)
     numbered = []
-    for number, scan in enumerate(scans if len(corners) else (), start=1):
-        numbered.append((number, *measured_samples(with_known_noise(scan), samples)))
+    for number, scan in enumerate(scans, start=1):
+        numbered.append((number, *measured_samples(scan, samples)))
         trim()
     seen = VisibilityHistory.of(numbered, np.zeros(len(corners), np.int64), ())
     return Sightings(seen.start, seen.view, np.degrees(np.arccos(np.clip(seen.cosine, 0, 1))))

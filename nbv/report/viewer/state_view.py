@@ -79,7 +79,7 @@ def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
     vertices, faces, kept = thinned(state.mesh.vertices, faces, _MOST_FACES)
     scans = coverage.scan_map.scans
     value = state.state[kept][faces].max(axis=1, initial=0).astype(np.uint16)
-    sightings = scan_sightings(scans, vertices[faces])
+    sightings = scan_sightings(scans, vertices, faces)
     channels = (_states(value), *quality_channels(sightings, len(scans)))
     has_colour = any(scan.colour is not None for scan in scans)
     skin = Appearance((state.colour[kept][faces] / 255.0).astype(np.float32)) if has_colour else None

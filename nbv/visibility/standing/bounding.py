@@ -39,9 +39,7 @@ def bounding_surface(samples: SurfaceSamples, site: Site, caster: RayCaster) -> 
     A sample bounds the room whose air lies before it, on either side of its face. All free spans that are
     open to a room's floor are its air, those over and under furniture among them.
     """
-    air = room_of_air(site.rooms, caster)
-    columns = site.rooms.floors.columns
-    sides = np.column_stack([_air_before(columns, air, samples, side, caster) for side in (1.0, -1.0)])
+    sides = _sides(samples, site, caster)
     chosen = np.isin(sides, site.chosen).any(axis=1)
     storey = np.array([0, *(room.storey for room in site.rooms.rooms)])
     outside = np.array([False, *(room.is_outside for room in site.rooms.rooms)])
@@ -61,6 +59,23 @@ def bounding_surface(samples: SurfaceSamples, site: Site, caster: RayCaster) -> 
     areas = {name: float(samples.areas[reason == k].sum()) for k, name in enumerate(APART)}
     counted = replace(samples, areas=np.where(reason < 0, samples.areas, 0.0))
     return BoundingSurface(counted, reason, {name: area for name, area in areas.items() if area > 0})
+
+
+def room_before(samples: SurfaceSamples, site: Site, caster: RayCaster) -> NDArray[np.int64]:
+    """Return the room (n,) among those asked for that each sample bounds, 0 for none.
+
+    Of two it is that before the front of the sample's face.
+    """
+    front, back = _sides(samples, site, caster).T
+    asked_front, asked_back = np.isin(front, site.chosen), np.isin(back, site.chosen)
+    return np.where(asked_front, front, np.where(asked_back, back, 0))
+
+
+def _sides(samples: SurfaceSamples, site: Site, caster: RayCaster) -> NDArray[np.int64]:
+    """Room (n, 2) of the air before the front and the back of each sample's face."""
+    air = room_of_air(site.rooms, caster)
+    columns = site.rooms.floors.columns
+    return np.column_stack([_air_before(columns, air, samples, side, caster) for side in (1.0, -1.0)])
 
 
 def room_of_air(rooms: Rooms, caster: RayCaster) -> NDArray[np.int64]:

@@ -33,7 +33,7 @@ class Standing:
     candidates : Candidates
         What "reachable" refers to, and offline planners choose from.
     proposals : Candidates
-        What the online planner gets, who finds out himself what is free of it: in rooms the whole lattice.
+        What the online planner gets, who finds out himself what is free of it: in rooms a lattice.
     site : Site or None
         The rooms; None around an object.
     """
@@ -175,18 +175,17 @@ def sphere_candidates(
 
 
 def _lattice(scene: Scene, site: Site, options: SiteOptions) -> FloatArray:
-    """Positions (p, 3) over the levels of the chosen rooms, free or not, metres."""
+    """Positions (p, 3) over the levels of the chosen rooms, free or not, and of no other, metres."""
     levels = np.sort([site.rooms.rooms[number - 1].level_m for number in site.chosen])
     first = np.append(True, np.diff(levels) > _SAME_LEVEL_M)
     bounds, parts = scene.mesh.bounds(), []
     for level in levels[first]:
         bounds[0, 2] = level
-        parts.append(
-            room_lattice(
-                bounds,
-                spacing_m=site.spacing_m,
-                heights_m=options.heights_m or TRIPOD_HEIGHTS_M,
-                clearance_m=options.clearance_m,
-            )
+        lattice = room_lattice(
+            bounds,
+            spacing_m=site.spacing_m,
+            heights_m=options.heights_m or TRIPOD_HEIGHTS_M,
+            clearance_m=options.clearance_m,
         )
+        parts.append(lattice[site.asked_for(lattice, float(level))])
     return np.vstack(parts)

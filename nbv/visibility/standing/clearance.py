@@ -29,7 +29,18 @@ class Clearance:
         """Sample a mesh; its samples are at most two million, and then further apart."""
         spacing = max(clearance_m / _FINENESS, float(np.sqrt(mesh.face_areas().sum() / _MOST_SAMPLES)))
         samples = sample_surface(mesh, spacing)
-        return cls(clearance_m, cKDTree(samples.points))
+        tree = cKDTree(
+            samples.points, balanced_tree=False, compact_nodes=False
+        )  # built in a third of the time
+        return cls(clearance_m, tree)
+
+    @classmethod
+    def of_points(cls, points: FloatArray, clearance_m: float = CLEARANCE_M) -> Clearance:
+        """Return the clearance from points (n, 3) that lie densely on what is to be kept clear of, metres."""
+        cells = np.floor(points / (clearance_m / _FINENESS)).astype(np.int64)
+        low, high = cells.min(axis=0), cells.max(axis=0)
+        numbers = np.ravel_multi_index((cells - low).T, (high - low + 1).tolist())
+        return cls(clearance_m, cKDTree(points[np.unique(numbers, return_index=True)[1]]))
 
     def holds(self, positions: FloatArray) -> BoolArray:
         """Tell at which positions (p, 3) no surface is nearer than the clearance."""

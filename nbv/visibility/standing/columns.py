@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -46,6 +46,8 @@ class Columns:
         Whether that surface turns its back to the span, as the inside of a solid does.
     face : (n,) int32
         The face below.
+    is_partial : bool
+        Whether a line without spans was not seen, rather than filled.
     """
 
     low: FloatArray
@@ -58,6 +60,7 @@ class Columns:
     slope: FloatArray
     shows_back: BoolArray
     face: NDArray[np.int32]
+    is_partial: bool = False
 
     def places(self, cells: NDArray[np.int64]) -> FloatArray:
         """Where the lines of cells (n,) stand (n, 2), metres."""
@@ -69,6 +72,17 @@ class Columns:
         at = np.floor((places - self.low) / self.cell_m).astype(np.int64)
         inside = ((at >= 0) & (at < np.array(self.shape))).all(axis=1)
         return np.where(inside, at[:, 0] * self.shape[1] + at[:, 1], -1)
+
+    def seen_from_one_side(self) -> Columns:
+        """Return the spans for surface as scans show it, from one side and not all of it.
+
+        There is nothing to stand on where it turns its back, and lines without spans were not seen.
+        """
+        kept = ~self.shows_back
+        counts = np.bincount(self.cell[kept], minlength=len(self.start) - 1)
+        parts = {name: getattr(self, name)[kept] for name in ("cell", "bottom", "top", "slope", "face")}
+        start, backs = np.append(0, np.cumsum(counts)), self.shows_back[kept]
+        return replace(self, start=start, shows_back=backs, is_partial=True, **parts)
 
     def neighbours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Pairs (m,), (m,) of spans of cells side by side that are open to each other, by heights alone."""

@@ -27,11 +27,13 @@ def part_at_doorways(columns: Columns, floor: BoolArray, caster: RayCaster) -> N
     """Number (k,) the parts of a storey's floor spans (n,) between doorways, from 1; 0 for doorways.
 
     What counts is the plan 1.9 m above the floor. A doorway is where the headroom is lower than on both
-    sides over no more than a wall's thickness, or the plan half as wide as on both sides.
+    sides over no more than a wall's thickness, or the plan half as wide as on both sides. Where floor was
+    not seen nothing is taken to stand but what is seen to.
     """
     plan = _Plan(columns, floor)
     air = plan.air(caster)
-    doors = _under_lintels(np.where(air, plan.headroom, 0.0), air, columns.cell_m)
+    headroom = plan.under_sheets(air, caster)
+    doors = _under_lintels(np.where(air, headroom, 0.0), air, columns.cell_m)
     parts = _parted_where_narrow(air & ~doors, columns.cell_m)
     return np.asarray(parts.ravel()[columns.cell[floor]], dtype=np.int64)
 
@@ -53,24 +55,52 @@ class _Plan:
         headroom = np.zeros(columns.shape)
         room = np.minimum(columns.top, eye + _MOST_HEADROOM_M) - (eye - _EYE_M)
         headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], _MOST_HEADROOM_M)
+        if columns.is_partial:
+            unseen = np.diff(columns.start) == 0
+            unseen[columns.cell[holds & np.isinf(columns.top)]] = True
+            headroom = self._over_unseen(headroom, unseen.reshape(columns.shape))
         self.headroom: FloatArray = headroom
+
+    def _over_unseen(self, headroom: FloatArray, unseen: BoolArray) -> FloatArray:
+        """Return the headroom, where floor or ceiling was not seen that of the nearest cell with both."""
+        known = (headroom > 0) & ~unseen
+        if not known.any():
+            return headroom
+        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        return np.where(unseen & ~np.isnan(self.height), headroom[tuple(nearest)], headroom)
 
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""
-        columns, air = self.columns, self.headroom > 0
-        number = np.arange(air.size).reshape(air.shape)
-        walled = np.zeros(air.size, np.bool_)
+        air = self.headroom > 0
+        return air & ~self._stopped(air, np.full(air.shape, _EYE_M), caster)
+
+    def under_sheets(self, air: BoolArray, caster: RayCaster) -> FloatArray:
+        """Return the headroom (x, y), lower under a head of a doorway that is thinner than a cell.
+
+        It hangs at least as low as the highest of doors, or as the ceiling less what makes a lintel.
+        """
+        headroom = self.headroom
+        for head in (_DOOR_M, _GATE_M):
+            level = np.minimum(self.headroom - _LINTEL_M / 2, head)
+            under = self._stopped(air & (level > _EYE_M), level, caster)
+            headroom = np.where(
+                under, np.minimum(headroom, np.minimum(self.headroom - _LINTEL_M, head)), headroom
+            )
+        return headroom
+
+    def _stopped(self, among: BoolArray, above: FloatArray, caster: RayCaster) -> BoolArray:
+        """Tell the cells (x, y) with surface between them and one beside, so high above the floor, metres."""
+        columns, number = self.columns, np.arange(among.size).reshape(among.shape)
+        walled = np.zeros(among.size, np.bool_)
         for one, other in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
-            pair = (air.ravel()[one] & air.ravel()[other]).ravel()
+            pair = (among.ravel()[one] & among.ravel()[other]).ravel()
             first, second = one.ravel()[pair], other.ravel()[pair]
-            ends = [
-                np.column_stack([columns.places(side), self.height.ravel()[side] + _EYE_M])
-                for side in (first, second)
-            ]
+            level = np.minimum(*((self.height + above).ravel()[side] for side in (first, second)))
+            ends = [np.column_stack([columns.places(side), level]) for side in (first, second)]
             stopped = caster.blocked(ends[0], ends[1])
             walled[first[stopped]] = True
             walled[second[stopped]] = True
-        return np.asarray(air & ~walled.reshape(air.shape))
+        return walled.reshape(among.shape)
 
 
 def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolArray:

@@ -21,16 +21,16 @@ from scenes.rays.raycast import RayCaster
 
 HEADROOM_M = 1.8  # that a person needs who puts up a tripod
 STEP_M = 0.25  # the highest riser of stairs that building codes allow, and a little
-_SILL_M = 0.1  # lower steps are part of one level patch; furniture drops by more all round
-_WALKABLE = float(np.cos(np.radians(45.0)))  # steeper surface is no floor
+SILL_M = 0.1  # lower steps are part of one level patch; furniture drops by more all round
+WALKABLE = float(np.cos(np.radians(45.0)))  # steeper surface is no floor
 _SMALL_M2 = 2.0  # level patches of at most this that drop all round are furniture
 _ALL_ROUND = 0.9  # of the outline
 _MOSTLY = 0.35  # of the outline of what no step leads to, as tables against a wall
 _SOMEWHERE = 0.2  # of that of small ones, as seats and shelves between walls
 _FURNITURE_M = 1.2  # cupboards and counters that one could mistake for floor are not higher
-_FOOT_M = 0.25  # radius of a tripod's feet
+FOOT_M = 0.25  # radius of a tripod's feet
 RAMP_DEG = 5.0  # the steepest that it stands on
-_UNEVEN_M = 0.02
+UNEVEN_M = 0.02
 _CHEST_M, _ANKLE_M = 1.2, 0.1  # above the floor: where walls and panes stop who walks, or what falls
 
 
@@ -98,7 +98,7 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
     unless they are larger than 2 m2 and steps lead to them; so is what no step leads to and stands out above
     other floor.
     """
-    walkable = (columns.top - columns.bottom >= headroom_m) & (columns.slope >= _WALKABLE)
+    walkable = (columns.top - columns.bottom >= headroom_m) & (columns.slope >= WALKABLE)
     one, other = columns.neighbours()
     rise = columns.bottom[other] - columns.bottom[one]
     low = np.minimum(columns.top[one], columns.top[other]) - np.maximum(
@@ -106,7 +106,7 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
     )
     near = walkable[one] & walkable[other] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
     near[near] = ~_walled(columns, caster, one[near], other[near], _CHEST_M)
-    level = near & (np.abs(rise) <= _SILL_M)
+    level = near & (np.abs(rise) <= SILL_M)
     patch = _joined(walkable, one[level], other[level])
     walk = _joined(walkable, one[near], other[near])
     outline = _Outline.of(columns, caster, walkable, pairs=(one, other), near=near)
@@ -173,9 +173,7 @@ class _Outline:
         )
         key, most = 4 * high + side, np.full(4 * len(walkable), -np.inf)
         np.maximum.at(most, key, shared)
-        falls = (
-            walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > _SILL_M)
-        )
+        falls = walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > SILL_M)
         falls[falls] = ~_walled(columns, caster, high[falls], low[falls], _ANKLE_M)
         return cls((one[near], other[near]), high[falls], low[falls])
 
@@ -242,8 +240,8 @@ def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> 
 
 def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:
     """Tell where floor lies all around within a tripod's feet, no steeper than a ramp and no drop."""
-    slack = _FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + _UNEVEN_M
-    radius = _FOOT_M / columns.cell_m + 0.5  # cells; half a one, for a place lies beside its cell's line
+    slack = FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + UNEVEN_M
+    radius = FOOT_M / columns.cell_m + 0.5  # cells; half a one, for a place lies beside its cell's line
     reach = int(radius)
     steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     far = (steps**2).sum(axis=1)

@@ -24,7 +24,7 @@ _BACK, _MOSTLY_BACK = 0.9, 0.5  # of floor that turns its back: the inside of a 
 _ORDERLY = 0.1  # where no more than this of the largest floors does so from the second share on
 _OPEN = 0.5  # of a room's floor that lies under the sky, or
 _OPEN_SIDE = 0.25  # of its outline that is open to what does: outside
-_ROOFED = 0.2  # of all floor under ceilings: with less the model has none
+_ROOFED = 0.2  # of the floor within walls under ceilings: with less the model has none
 _ESCAPES = 0.5  # of the level rays from a floor without ceiling that meet no wall: outside
 _RAYS, _MOST_PLACES = 32, 50  # level rays from each of so many places of a floor
 _EYE_M = 1.5
@@ -139,13 +139,15 @@ def _described(
     outside = _outside(floors, room, len(order))
     whole = area[order]
     if len(order) and whole[~outside].sum() < _ROOFED * whole.sum():
-        outside = _unwalled(floors, room, len(order), caster)
-        walled = int((~outside).sum())
-        doubts = [
-            *doubts,
-            f"no ceiling over {whole.sum():.0f} m2 of floor: "
-            f"{count(walled, 'floor with walls around is', 'floors with walls around are')} taken for rooms",
-        ]
+        unwalled = _unwalled(floors, room, len(order), caster)
+        bare = outside & ~unwalled
+        if bare.any() and whole[~outside].sum() < _ROOFED * whole[~unwalled].sum():
+            outside, walled = unwalled, int((~unwalled).sum())
+            floor = count(walled, "floor with walls around is", "floors with walls around are")
+            doubts = [
+                *doubts,
+                f"no ceiling over {whole[bare].sum():.0f} m2 of floor: {floor} taken for rooms",
+            ]
     joined, stairs = _ways(floors, room, storey, len(order))
     found = []
     for one, source in enumerate(order.tolist(), start=1):

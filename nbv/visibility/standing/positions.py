@@ -16,7 +16,6 @@ from nbv.visibility.standing.rooms import Room, Rooms
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import line_positions
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.memory import require
 
 _SPACING_M, _WIDE_M = 0.5, 1.0
@@ -104,9 +103,15 @@ class RoomPositions:
 
 
 def room_positions(
-    mesh: LabelledMesh, rooms: Rooms, chosen: tuple[int, ...], *, options: SiteOptions, spacing_m: float
+    bounds: FloatArray,
+    rooms: Rooms,
+    chosen: tuple[int, ...],
+    *,
+    options: SiteOptions,
+    spacing_m: float,
+    clear: Clearance,
 ) -> RoomPositions:
-    """Return where the sensor may be in the chosen rooms.
+    """Return where the sensor may be in the chosen rooms of a place with these bounds (2, 3), metres.
 
     A room that no place of the lattice falls in gets one in its middle; the start, where one is asked for, is
     a place, too.
@@ -118,10 +123,9 @@ def room_positions(
     """
     floors = rooms.floors
     asked = [rooms.rooms[number - 1] for number in chosen]
-    low, high = mesh.bounds()
+    low, high = bounds
     x, y = (line_positions(low[axis], high[axis], spacing_m, options.clearance_m) for axis in range(2))
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    clear = Clearance.of(mesh, options.clearance_m)
     heights = np.array(options.heights_above_floor_m)
     stands = floors.can_stand & np.isin(rooms.room, chosen)
     found, of = _over(places, heights, rooms, stands, clear)

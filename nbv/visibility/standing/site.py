@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from nbv.run.wording import count
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.view import View
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.standing.columns import cut_columns
-from nbv.visibility.standing.floors import Platform, find_floors
+from nbv.visibility.standing.floors import STEP_M, Platform, find_floors
 from nbv.visibility.standing.partition import find_rooms
 from nbv.visibility.standing.positions import check_fits, lattice_spacing, room_positions
 from nbv.visibility.standing.rooms import Rooms
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, sensor_directions
-from scenes.checks import FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.world.scene import Scene
 
 _BELOW_CEILING_M = 0.1
@@ -96,6 +97,32 @@ class Site:
         xy = np.round(positions[:, :2], 6) + 0.0
         return np.column_stack([xy, self.rooms.span_of(positions)])
 
+    def parts(self, positions: FloatArray) -> NDArray[np.int64]:
+        """Return the storey of positions (p, 3), and the number of what one walks to; -1 off the floor."""
+        span = self.rooms.span_of(positions)
+        storeys = np.array([-1, *(room.storey for room in self.rooms.rooms)])
+        walk = np.append(self.rooms.floors.walk, -1)[span]
+        return np.column_stack([storeys[self.rooms.room_of(positions)], walk]).astype(np.int64)
+
+    def asked_for(self, positions: FloatArray, level_m: float) -> BoolArray:
+        """Tell which positions (p, 3) over a level, metres, may belong to the rooms that are asked for.
+
+        Left out are those over the floor of other rooms, over a drop, and under the open sky unless a room
+        outside is asked for. What stands in the rooms, and within walls, is not told from free space.
+        """
+        span, columns = self.rooms.span_of(positions), self.rooms.floors.columns
+        of, known = self.rooms.room_of(positions), span >= 0
+        bottom, top = np.append(columns.bottom, level_m)[span], np.append(columns.top, level_m)[span]
+        outdoors = any(self.rooms.rooms[number - 1].is_outside for number in self.chosen)
+        sky = outdoors or not self.is_roofed
+        mine = np.isin(of, self.chosen) | ((of == 0) & (np.isfinite(top) | sky))
+        return np.asarray(~known | (mine & (bottom >= level_m - STEP_M)))
+
+    @property
+    def is_roofed(self) -> bool:
+        """Whether all rooms that are asked for have ceilings."""
+        return all(self.rooms.rooms[number - 1].ceiling_m is not None for number in self.chosen)
+
     def platform_entries(self) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each platform."""
         return tuple(platform.to_json() for platform in self.rooms.floors.platforms)
@@ -128,7 +155,9 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
     spacing, widened = lattice_spacing(asked, options, turns=turns)
-    found = room_positions(scene.mesh, rooms, chosen, options=options, spacing_m=spacing)
+    clear = Clearance.of(scene.mesh, options.clearance_m)
+    bounds = np.asarray(scene.mesh.bounds())
+    found = room_positions(bounds, rooms, chosen, options=options, spacing_m=spacing, clear=clear)
     if not len(found.positions):
         level = sum(room.floor_m2 for room in rooms.rooms)
         n_rooms = count(len(rooms.rooms), "room")

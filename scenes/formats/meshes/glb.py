@@ -19,7 +19,10 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  #
 
 
 def glb_of(parts: Sequence[MeshPart]) -> bytes:
-    """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform."""
+    """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform.
+
+    Parts that name a block of space hang from the node of that block.
+    """
     if not any(len(part.faces) for part in parts):
         return empty_glb()
     import trimesh  # slow to load: only where a mesh is written
@@ -27,6 +30,8 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
     scene = trimesh.Scene(base_frame="world")
     transform = node_transform(np.vstack([part.vertices for part in parts]))
     origin = (np.linalg.inv(_Y_UP) @ transform)[:3, 3]
+    for block in dict.fromkeys(part.block for part in parts if part.block):
+        scene.graph.update(frame_to=block, frame_from="world", matrix=np.eye(4))
     pages: dict[int, tuple[str, Image.Image]] = {}
     for part in parts:
         mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
@@ -37,7 +42,13 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
             mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
         elif part.colour is not None:
             mesh.visual.vertex_colors = part.colour
-        scene.add_geometry(mesh, node_name=part.name, geom_name=part.name, transform=transform)
+        scene.add_geometry(
+            mesh,
+            node_name=part.name,
+            geom_name=part.name,
+            parent_node_name=part.block or None,
+            transform=transform,
+        )
     data: bytes = scene.export(file_type="glb")
     return data
 

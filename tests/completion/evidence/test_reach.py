@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What is known of tiles holds for each of their pixels; what is left out changes nothing."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,18 @@ def grid_of(name):
     return ChartGrid.over(surface, np.full(2, -half), np.full(2, half), half / 50, full_turn=full_turn)
 
 
+@cache
+def seen_of(kind, seed):
+    """A drawn scan as it was observed, at the origin."""
+    return observe(draw_scan(kind, seed), Pose.identity(), 0.003)
+
+
+@cache
+def known_of(kind, seed):
+    """The same with what beams and tiles of it tell."""
+    return seen_of(kind, seed), sight_of(seen_of(kind, seed), TOLERANCE), reach_of(seen_of(kind, seed))
+
+
 def places_on(plane, middle, radius, rng, n=150):
     turn = rng.uniform(0, 2 * np.pi, n)
     at = plane.to_uv(middle[None]) + (radius * np.sqrt(rng.random(n)) * [np.cos(turn), np.sin(turn)]).T
@@ -59,7 +73,7 @@ def places_on(plane, middle, radius, rng, n=150):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_boxes_and_parts_bound_all_points_of_their_tile(kind):
-    seen, rng = observe(draw_scan(kind, 3), Pose.identity(), 0.003), np.random.default_rng(0)
+    seen, rng = seen_of(kind, 3), np.random.default_rng(0)
     reach, (rows, columns) = reach_of(seen), seen.valid.shape
     points = seen.points_at(np.arange(rows * columns)).reshape(rows, columns, 3) - seen.scan.origin
     directions = rng.normal(size=(20, 3))
@@ -87,7 +101,7 @@ def test_reach_takes_half_a_byte_a_pixel():
 def test_windows_hold_the_pixels_of_all_places_in_a_sphere(kind):
     rng, n_empty, n_small = np.random.default_rng(2), 0, 0
     for trial in range(80):
-        sight = sight_of(observe(draw_scan(kind, trial % 5), Pose.identity(), 0.003), TOLERANCE)
+        sight = known_of(kind, trial % 5)[1]
         middle = np.array(sight.eye.origin) + rng.normal(size=3) * rng.choice([0.3, 1.0, 5.0])
         radius = float(rng.choice([0.01, 0.2, 1.0]))
         top, bottom, left, right = window_of(sight.eye, sight.angles, triple(middle), radius)
@@ -108,8 +122,7 @@ def test_beyond_means_hidden_at_every_place(kind):
     behind = SURFACES["wall behind"][0].flipped()
     walls = [SURFACES["wall"][0], Plane(behind.point + 0.2, behind.normal_direction), behind]
     for trial in range(200):
-        seen = observe(draw_scan(kind, trial % 20), Pose.identity(), 0.003)
-        sight, reach = sight_of(seen, TOLERANCE), reach_of(seen)
+        seen, sight, reach = known_of(kind, trial % 20)
         plane, radius = walls[trial % 3], float(rng.choice([0.02, 0.1, 0.5]))
         rays = seen.rays_at(rng.integers(0, seen.valid.size, 50))
         reached = plane.ray_ranges(seen.scan.origin, rays)

@@ -72,4 +72,7 @@ def test_a_cylinder_closes_behind_its_limb_whose_pixels_saw_the_wall_as_well(wid
     pixel = 2.0 / camera.fx
     passed = np.arcsin(np.sqrt(2 * (width + 1) * pixel / 0.25)) if width else 0.0  # of the back, either side
     assert patch.hypothesised_m2 > 0.95 * (np.pi - 2 * passed) * 0.25 * height
+    beside = patch.evidence.through & patch.evidence.limb  # of the wall's beams, which no echo was lost of
+    assert beside.any()
+    assert not (patch.hypothesised & beside & (patch.evidence.labels == Label.NO_RETURN)).any()
     assert found.free_space_violation_m2 == 0

@@ -24,6 +24,7 @@ SEEN = {
     "vault": (VAULT, None, None),
     "box": (Plane((0, 2, 0), (0, -1, 0)), np.array([-0.6, 0.0]), np.array([0.0, 1.0])),
     "board": (Plane((0, 2.2, 0), (0, -1, 0)), np.array([0.3, 0.7]), np.array([1.0, 1.6])),
+    "seat": (Plane((0, 0, 0.4), (0, 0, 1)), np.array([-9.0, 0.3]), np.array([0.7, 0.5])),
     "pipe": (Cylinder((0.8, 2.5, 0), (0, 0, 1), 0.2), None, None),
 }
 
@@ -54,6 +55,8 @@ TABLE = {  # seen; what encloses; pairs side by side; probability that a thing s
         ("wall floor board", "wall floor", "wall-floor wall-board", 0.25 / 2),
     "one that stands and one that hangs":
         ("wall floor box board", "wall floor", "wall-floor wall-box wall-board floor-box", 1.25 / 3),
+    "a seat that hides nearly all of the floor":
+        ("wall floor seat", "wall floor", "wall-floor wall-seat floor-seat", 0.25),
     "a pipe that stands": ("wall floor pipe", "wall floor", "wall-floor wall-pipe floor-pipe", 1.25 / 2),
     "a vault over a floor": ("vault floor", "vault floor", "vault-floor", 0.25),
 }  # fmt: skip

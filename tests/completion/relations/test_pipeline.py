@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.completion.relations.figure_one import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
@@ -21,7 +22,7 @@ from completion.relations.pipeline import impose, infer
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane, Torus
-from tests.helpers.part_examples import BASE, BORE, SIDE, WIDE, exact, figure_one, walls
+from tests.helpers.part_examples import exact, walls
 
 SIGMA = 0.2  # mm
 

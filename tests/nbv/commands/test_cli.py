@@ -13,6 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from completion.observe.tolerance import EvidenceOptions
+from completion.result import observed_points
 from nbv.cli import app
 from nbv.commands.complete import coarser_cells
 from nbv.report.page.page import Page
@@ -394,9 +395,14 @@ def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
     assert len(models) == len(changes)
 
 
-def test_the_cells_and_the_search_are_told(scan, tmp_path):
-    succeed("complete", scan, "--resolution", 0.08, "--texture", "budget", "-o", tmp_path)
-    surfaces = json.loads((tmp_path / "completion.json").read_text())["surfaces"]
+def test_the_cells_and_the_search_are_told(scan, tmp_path, monkeypatch):
+    monkeypatch.setattr(observed_points, "_MOST_POINTS", 500)
+    succeed(
+        "complete", scan, "--resolution", 0.08, "--texture", "budget", "--observed", "full", "-o", tmp_path
+    )
+    record = json.loads((tmp_path / "completion.json").read_text())
+    assert record["observed_step"] == 1
+    surfaces = record["surfaces"]
     planes = [surface for surface in surfaces if surface["kind"] == "plane"]
     assert planes
     assert all(surface["cell_m"] == pytest.approx(0.08, rel=0.1) for surface in planes)
@@ -407,14 +413,17 @@ def test_the_cells_and_the_search_are_told(scan, tmp_path):
     assert "give --texture or --no-texture, not both" in both.stderr
 
 
-def test_what_is_wanted_is_told(scan, tmp_path):
+def test_what_is_wanted_is_told(scan, tmp_path, monkeypatch):
+    monkeypatch.setattr(observed_points, "_MOST_POINTS", 500)
     said = succeed(
         "complete", scan, "--only", "floors, pipes", "--only", "ceilings", "--no-texture", "-o", tmp_path
     )
     assert "left as measured: " in said.stdout
+    assert "rows and columns of the scans; --observed full writes them all" in said.stdout
     record = json.loads((tmp_path / "completion.json").read_text())
     assert record["choice"]["only"] == ["floors", "pipes", "ceilings"]
     assert record["choice"]["n_left_out"] > 0
+    assert record["observed_step"] > 1
     page = (tmp_path / "report.html").read_text()
     assert "Only floors, pipes, ceilings were asked for" in page
     assert "flat to 1 mm" in page

@@ -86,7 +86,9 @@ def test_the_next_station_without_a_scene(following):
     assert set(contents(out)) == {"plan.json", "plan.csv", "trajectory.txt", "coverage.json", "report.html"}
     plan = read_plan(out / "plan.json")
     assert summary["views"] == len(plan.views) == 2
-    assert summary["floor_m"] == pytest.approx(0, abs=0.02)
+    (room,) = summary["rooms"]
+    assert room["level_m"] == pytest.approx(0, abs=0.02)
+    assert room["stations"] == [1, 2]
     assert plan.coverage is None
     assert plan.target is None
     assert all(view.predicted_gain_m2 > 0 for view in plan.views)
@@ -96,9 +98,54 @@ def test_the_next_station_without_a_scene(following):
 
 def test_the_next_station_is_the_same_again_and_said_in_words(taken, following, tmp_path):
     text = plan_from(taken, "--views", 2, "--threads", 2, "-o", tmp_path).stdout
-    assert "station 1: at " in text
+    assert "station 1 in room 1: at " in text
     assert "areas of boundary, not of surface" in text
     assert contents(tmp_path) == contents(following[0])
+
+
+def test_the_record_holds_what_was_predicted_against_what_was_measured(taken, tmp_path):
+    small = ("--sensor", taken / "small.toml", "--threads", 1, "-o", tmp_path / "next", "--json")
+    first = json.loads(succeed("plan", "--scans", taken / "a.npz", *small).stdout)
+    (entry,) = first["record"]
+    assert entry["said"] is None
+    assert entry["expected_m2"] is None
+    plan = read_plan(tmp_path / "next" / "plan.json")
+    station = plan.views[0].world_from_sensor
+    at, look = (",".join(map(str, p)) for p in (station.translation, station.apply([0.0, 0.0, 1.0])))
+    file = tmp_path / "next.npz"
+    succeed("scan", ROOM, "--at", at, "--look", look, "--sensor", taken / "small.toml", "-o", file, "-q")
+    both = ("--scans", taken / "a.npz", "--scans", file)
+    second = json.loads(succeed("plan", *both, *small).stdout)
+    assert second["record"][0]["said"] is None
+    entry = second["record"][1]
+    assert entry["said"]["station"] == 1
+    assert entry["said"]["predicted_gain_m2"] == pytest.approx(plan.views[0].predicted_gain_m2)
+    assert 0 < entry["settled_m2"] <= entry["expected_m2"]
+    # named, the earlier plan says the same; that of other scans is refused when it is named
+    other = tmp_path / "other"
+    known = ("--plan", tmp_path / "next" / "plan.json", "-o", other)
+    again = json.loads(succeed("plan", *both, *small, *known).stdout)
+    assert again["record"][1]["said"] == entry["said"]
+    b = ("--scans", taken / "b.npz", "--sensor", taken / "small.toml", *known)
+    assert_fails_in_one_line(run("plan", *b), "was made after other scans than these")
+    kept = run("plan", *b[:4], "-o", tmp_path / "next", "-q")
+    assert kept.exit_code == 0, kept.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--plan", "none.json"), "none.json"),
+        (("--start", "1,1"), "--start is for plans of a known scene: give SCENE"),
+        (("--without", "*door*"), "--without is for plans of a known scene: give SCENE"),
+        (("--rooms", "9"), "there is no room 9: the scans show 1 room"),
+        ((ROOM, "--plan", "plan.json"), "leave SCENE out, or --plan"),
+    ],
+)
+def test_what_next_stations_cannot_take_is_refused(taken, tmp_path, options, said):
+    result = plan_from(taken, *options, "-o", tmp_path)
+    assert result.exit_code == (2 if "SCENE" in said else 1)
+    assert said in result.stderr
 
 
 def test_the_files_of_a_next_station_serve_as_a_plan(following, tmp_path):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from nbv.online.gain import best_view
+from nbv.online.image_normals import image_normals
 from nbv.online.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
-from nbv.online.surfels import Surfels, image_normals
+from nbv.online.surfels import Surfels
 from nbv.online.targets import GainOptions, find_targets
 from nbv.online.view_evaluation import cell_directions, cell_of
 from nbv.scanning.scanner import scan_scene

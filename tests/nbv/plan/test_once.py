@@ -12,6 +12,7 @@ from nbv.coverage.measurement import measure_coverage
 from nbv.plan.baselines import compare_with_baselines
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
+from nbv.report.pictures.cut_mesh import below
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from scenes.rays.raycast import RayCaster
@@ -58,7 +59,8 @@ def test_a_plan_with_its_baselines_and_reports_builds_one_tree_and_casts_each_vi
     page = coverage_page(scene, coverage, plan.views, coverage.history, SENSOR, 1)
     assert "Coverage report" in page.to_html()
     assert len(cast) == 6
-    assert built == [len(scene.mesh.faces)]
+    # and one of what the plan's pictures show, cut below the ceiling
+    assert built == [len(scene.mesh.faces), len(below(scene.mesh, plan.site.cut_m)[0].faces)]
 
 
 def test_the_tree_of_a_scene_serves_any_number_of_threads_and_is_not_pickled():

@@ -45,7 +45,7 @@ def room_plan():
 
 def test_the_online_planner_covers_the_room(room_plan):
     coverage = room_plan.coverage
-    assert len(room_plan.views) <= 25
+    assert len(room_plan.views) <= 30  # 23 where a station may stand on the box of 1.8 m
     assert coverage.met >= 0.95 * coverage.reachable
     assert coverage.reachable >= 0.995  # of what bounds the room
     under_boxes = 2 * (1.4 * 1.0 + 0.7 * 0.7)  # their bottoms, and the floor below

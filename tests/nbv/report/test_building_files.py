@@ -159,3 +159,17 @@ def test_report_shows_each_storey(made):
     for storey in (1, 2):
         assert f"Storey {storey}." in page
     assert "walls are cut 1.50 m above the floor" in page
+
+
+def test_each_room_tells_the_shares_of_its_surface_and_they_make_up_the_whole(made):
+    scene, plan = made
+    rooms = [room for room in plan.rooms if room["is_asked_for"]]
+    areas = np.array([room["surface_m2"] for room in rooms])
+    assert areas.sum() == pytest.approx(plan.coverage.total_m2)
+    for share in ("met", "reachable"):
+        parts = np.array([room[share] for room in rooms])
+        assert parts @ areas == pytest.approx(getattr(plan.coverage, share) * areas.sum())
+        assert all(0 < room[f"{share}_standard_error"] < 0.1 for room in rooms)
+    assert all(room["surface_m2"] > 2 * room["floor_m2"] for room in rooms)
+    html = plan_page(scene, plan, plan.coverage, 1).to_html()
+    assert "of it as required" in html

@@ -278,7 +278,9 @@ def test_the_page_may_load_nothing(browser, file):
     tab.close()
 
 
-@pytest.mark.parametrize("kind", KINDS if SCREENSHOTS else FEW)
+@pytest.mark.parametrize(
+    "kind", KINDS if SCREENSHOTS else [*FEW, pytest.param("study", marks=pytest.mark.long)]
+)
 def test_each_kind_of_report_comes_to_life(browser, tmp_path, kind):
     """With UNSEEN_SCREENSHOTS=FOLDER pictures of all kinds, light and dark, wide and narrow, go there."""
     file = tmp_path / "report.html"

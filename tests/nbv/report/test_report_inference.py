@@ -32,7 +32,7 @@ from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.zones import EVERYWHERE, Box, Zones
+from nbv.visibility.zones import Box, Zones
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 from tests.nbv.commands.test_cli import contents, succeed
@@ -143,7 +143,7 @@ def test_a_plan_by_views_alone_is_reported_as_before(plan):
         *("Where the surface is measured", "Views", "What cannot be reached, and why", "Surface by surface"),
     ]
     with pytest.raises(TypeError, match="by views alone has no classes"):
-        class_pictures(ROOM, plain.coverage, 1, EVERYWHERE)
+        class_pictures(ROOM, plain.coverage, 1)
 
 
 def test_the_table_of_surfaces_holds_a_column_for_each_class(plan):
@@ -168,7 +168,7 @@ def test_pictures_show_each_class_in_its_colour(plan):
     assert min(areas.values()) > 0
     for kind, (low, high) in BLUENESS.items():
         only = replace(plan.coverage, classes=np.full(len(SAMPLES), kind, np.int8))
-        red, _, blue, alpha = np.moveaxis(pixels_of(class_pictures(ROOM, only, 1, EVERYWHERE)), 2, 0)
+        red, _, blue, alpha = np.moveaxis(pixels_of(class_pictures(ROOM, only, 1)), 2, 0)
         drawn = (blue - red)[alpha > 0]
         assert low < drawn.min() <= drawn.max() < high
 

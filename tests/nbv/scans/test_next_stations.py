@@ -17,6 +17,7 @@ from nbv.scanning.view import View
 from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
+from nbv.scans.scan_record import record_scans
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.clearance import Clearance
@@ -53,8 +54,10 @@ def test_the_scan_map_finds_volume_and_floor(scan_map):
     low, high = scan_map.bounds
     assert (low > [-0.5, -0.5, -0.5]).all()
     assert (high < [6.5, 5.5, 3.2]).all()
-    assert scan_map.floor_m == pytest.approx(0.0, abs=0.01)
-    heights = np.unique(scan_map.candidates(SENSOR).positions[:, 2])
+    (room,) = scan_map.rooms.rooms.rooms
+    assert room.level_m == pytest.approx(0.0, abs=0.01)
+    assert scan_map.rooms.stood.tolist() == [1, 1]
+    heights = np.unique(scan_map.candidates(SENSOR).positions[:, 2].round(3))
     assert heights == pytest.approx([0.4, 1.0, 1.6, 2.2], abs=0.01)
 
 
@@ -72,9 +75,7 @@ def test_stations_stand_in_truly_free_space_at_tripod_heights(scan_map, plan):
     assert len(positions) == 4
     assert Clearance.of(ROOM.mesh, 0.1).holds(positions).all()
     stood = [scan.origin for scan in scan_map.scans]
-    on_tripod = [
-        np.isclose(z - scan_map.floor_m, [0.4, 1.0, 1.6, 2.2], atol=1e-6).any() for z in positions[:, 2]
-    ]
+    on_tripod = [np.isclose(z, [0.4, 1.0, 1.6, 2.2], atol=0.01).any() for z in positions[:, 2]]
     again = [min(np.linalg.norm(p - s) for s in stood) < 1e-6 for p in positions]
     assert all(a or b for a, b in zip(on_tripod, again, strict=True))
 
@@ -121,11 +122,11 @@ def test_a_region_and_what_to_keep_out_of_hold(scan_map):
 def test_without_floor_stations_are_wherever_space_is_free():
     up = Pose.looking_at(np.array([3.0, 1.0, 1.0]), np.array([3.3, 2.0, 2.7]))
     scan_map = scan_map_of_room([up])
-    assert scan_map.floor_m is None
+    assert scan_map.rooms is None
     plan = plan_next_stations(scan_map, SENSOR, options=COARSE)
     assert plan.views
     nothing = replace(plan, views=(), stopped_because="nothing is left")
-    page = next_stations_page(nothing, cover_by_scans(scan_map), "up", 1)
+    page = next_stations_page(nothing, cover_by_scans(scan_map), (), "up")
     assert "No floor was seen below the scanners" in page.warnings[0]
     assert "No further station: nothing is left." in page.summary
 
@@ -150,7 +151,7 @@ def test_an_object_is_looked_at_from_around():
 
 def test_the_report_shows_where_to_stand(scan_map, plan):
     coverage = cover_by_scans(scan_map)
-    html = next_stations_page(plan, coverage, "room", 1).to_html()
+    html = next_stations_page(plan, coverage, record_scans(coverage), "room").to_html()
     assert "Where to stand next" in html
     assert "Squares with letters" in html
 

@@ -69,6 +69,14 @@ def test_an_output_folder_gives_its_summary(written):
     assert set(completed["outputs"]) >= {"completed.obj", "completed.e57", "polygons.json"}
 
 
+def test_stations_whose_overlaps_nobody_asked_after_are_told_without(written, tmp_path):
+    plan = ("--sensor", written / "tiny.toml", "--views", 1, "--method", "nbv")
+    succeed("plan", ROOM, *plan, "-o", tmp_path / "plan", "-q")
+    stations = info(tmp_path / "plan")["stations"]
+    assert stations["stations"] == 1
+    assert "overlaps" not in stations
+
+
 def test_json_of_ours_is_told_by_its_manifest_alone(written, tmp_path):
     content = (written / "plan" / "plan.json").read_bytes()
     (tmp_path / "plan.json").write_bytes(b'{"views": 3}')

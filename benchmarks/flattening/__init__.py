@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Flattening against the truth: generated walls with relief, under generated ripple."""

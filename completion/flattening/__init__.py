@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Flattening: the ripple of a sensor goes from planes, their relief stays."""

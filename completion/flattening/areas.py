@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""Areas: pieces between which there is no evidence of a step are one; the plane is one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from completion.flattening.levels import Levels
+from completion.flattening.pieces import Labels, borders_of
+from completion.flattening.ripple import Ripple
+from scenes.checks import BoolArray, FloatArray
+
+PRICE = 2.0  # nats a cell of border: what a border may take where there is none
+PIECE = 2.0  # nats for a piece
+_EQUAL = (
+    4.5  # nats by which another area is more probably level with the plane than not, before it is measured
+)
+_LARGE = 0.2  # of the largest area: smaller ones are not the plane
+_APART = 0.05  # of its border: an area that shares no more of it with the plane is apart from it
+_MISPLACED = 0.1  # of the ripple's sd
+_KNOWN = 0.3  # of the ripple's sd: levels that are known less well say nothing
+_NEAR = 0.5  # of the ripple's sd: how far the mean of the plane may lie from zero
+_RIM = 3  # cells beside a border that are not as high as their area: the border slopes, or is a cell off
+_LEAST_RIM = 8  # cells of border
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Join:
+    """An area that was joined to a larger one: it may be relief, but was not shown to be."""
+
+    pieces: tuple[int, ...]
+    height_m: float
+    sd_m: float
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Areas:
+    """Pieces as areas.
+
+    Attributes
+    ----------
+    owner : (n,) int
+        The area of each piece, from 0.
+    levels : Levels
+        Of the areas, over the plane.
+    plane : int
+        The area that is the plane.
+    joins : tuple of Join
+        What was joined, in turn.
+    """
+
+    owner: Labels
+    levels: Levels
+    plane: int
+    joins: tuple[Join, ...]
+
+
+def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: BoolArray) -> Areas:
+    """Areas of the pieces (rows, columns) of heights on a canvas.
+
+    Two neighbours are joined while half the chi-square of their equal levels is below the price of their
+    border, the least first. Then levels are estimated again without the rims of the areas, where borders
+    slope, and areas apart from the plane join it that are more probably level with it than as high as the
+    ripple. The plane is what is largest and near zero where heights are `known`.
+    """
+    owner, joins = _join_neighbours(Levels.fitted(heights, pieces, ripple, known), pieces, known)
+    areas = owner[pieces]
+    levels = Levels.fitted(heights, _with_rims(areas), ripple, known)
+    ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
+    plane = _plane_of(levels, areas, heights, ripple_m, known)
+    found = _join_plane(levels, areas, plane, ripple_m)
+    joins += [replace(one, pieces=tuple(np.flatnonzero(owner == one.pieces[0]).tolist())) for one in found]
+    owner = np.where(np.isin(owner, [one.pieces[0] for one in found]), plane, owner)
+    plane = int(np.searchsorted(np.unique(owner), plane))
+    owner = np.unique(owner, return_inverse=True)[1]
+    return Areas(owner, Levels.fitted(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
+
+
+def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> list[Join]:
+    """Areas apart from the plane that are level with it, the most probable first.
+
+    Those that border on it are not asked, since the step there is evident, nor those of which little is left
+    without rims. What rims leave of misplaced borders is a systematic error of a tenth of the ripple.
+    """
+    border = _borders(areas)
+    around, joins = border.sum(axis=1), list[Join]()
+    left = np.ones(len(border), np.bool_)
+    left[plane] = False
+    while len(others := np.flatnonzero(left & (border[plane] <= _APART * around))):
+        above = _above_level(levels, np.full(len(others), plane), others, ripple_m)
+        least = int(np.argmin(above))
+        if above[least] > 0:
+            break
+        other = int(others[least])
+        step = float(levels.height_m[other] - levels.height_m[plane])
+        variance = (
+            levels.variance_between(np.array([plane]), others[[least]])[0] + (_MISPLACED * ripple_m) ** 2
+        )
+        worth = step**2 / variance / 2 - PRICE * around[other] - PIECE
+        joins.append(Join((other,), step, float(np.sqrt(variance)), float(worth)))
+        levels = levels.with_equal(plane, other)
+        border[plane] += border[other]
+        left[other] = False
+    return joins
+
+
+def _borders(labels: Labels) -> FloatArray:
+    """Lengths (n, n) of the borders between labelled areas, cells."""
+    n = int(labels.max()) + 1
+    first, second, length = borders_of(labels)
+    border = np.zeros((n, n))
+    border[first, second] = border[second, first] = length
+    return border
+
+
+def _join_neighbours(levels: Levels, pieces: Labels, known: BoolArray) -> tuple[Labels, list[Join]]:
+    """For each piece the number of its area, from 0, and what was joined."""
+    n, border = len(levels.height_m), _borders(pieces)
+    area = np.bincount(pieces[known], minlength=n)
+    owner, joins = np.arange(n), []
+    while True:
+        first, second = np.nonzero(np.triu(border))
+        if not len(first):
+            break
+        evidence = levels.against(first, second) - PRICE * border[first, second] - PIECE
+        least = int(np.argmin(evidence))
+        if evidence[least] > 0:
+            break
+        big, small = int(first[least]), int(second[least])
+        if area[small] > area[big]:
+            big, small = small, big
+        step = levels.height_m[small] - levels.height_m[big]
+        sd = float(np.sqrt(levels.variance_between(np.array([big]), np.array([small]))[0]))
+        members = tuple(np.flatnonzero(owner == small).tolist())
+        joins.append(Join(members, float(step), sd, float(evidence[least])))
+        levels = levels.with_equal(big, small)
+        owner[owner == small] = big
+        border[big] += border[small]
+        border[:, big] += border[:, small]
+        border[small], border[:, small], border[big, big] = 0, 0, 0
+        area[big] += area[small]
+    return np.unique(owner, return_inverse=True)[1], joins
+
+
+def _with_rims(areas: Labels) -> Labels:
+    """Areas (rows, columns) whose rims are areas of their own, for each neighbour and cell away from it."""
+    out, n = areas.copy(), int(areas.max()) + 1
+    first, second, length = borders_of(areas)
+    new = n
+    long = length >= _LEAST_RIM
+    pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])[np.r_[long, long]]
+    boxes = ndimage.find_objects(areas + 1)
+    deepest = _depths(areas, n)
+    for one, other in pairs:
+        box = tuple(slice(max(side.start - _RIM, 0), side.stop + _RIM) for side in boxes[other])
+        inside, near = areas[box] == one, areas[box] == other
+        for _ in range(min(_RIM, deepest[one] - 1)):
+            near = ndimage.binary_dilation(near, np.ones((3, 3)))
+            rim = near & inside & (out[box] == one)
+            if rim.any():
+                out[box][rim] = new
+                new += 1
+    return out
+
+
+def _depths(areas: Labels, n: int) -> Labels:
+    """How many cells (n,) lie between the border of each area and its inmost one, counted to `_RIM` + 1."""
+    depth = np.zeros(n, np.int64)
+    for k in range(_RIM + 1):
+        size = 2 * k + 1
+        whole = ndimage.maximum_filter(areas, size) == ndimage.minimum_filter(areas, size)
+        depth[np.unique(areas[whole])] = k + 1
+    return depth
+
+
+def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: float, known: BoolArray) -> int:
+    """The area that is the plane: with all that is level with it it is large, and on the mean near zero."""
+    n = int(areas.max()) + 1
+    size = np.bincount(areas[known], minlength=n).astype(np.float64)
+    total = np.bincount(areas[known], heights[known], minlength=n)
+    one, other = np.divmod(np.arange(n * n), n)
+    level = _above_level(levels, one, other, ripple_m).reshape(n, n) <= 0
+    together, sums = level @ size, level @ total
+    near = (sums / np.maximum(together, 1) / (_NEAR * ripple_m)) ** 2
+    score = np.log(np.maximum(together, 1e-9)) - near / 2
+    score[size < _LARGE * size.max()] = -np.inf
+    return int(np.argmax(score))
+
+
+def _above_level(levels: Levels, one: Labels, other: Labels, ripple_m: float) -> FloatArray:
+    """Nats by which areas are more probably as high over others as the ripple than level with them."""
+    step = levels.height_m[other] - levels.height_m[one]
+    variance = levels.variance_between(one, other) + (_MISPLACED * ripple_m) ** 2
+    above = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
+    return np.where(variance <= (_KNOWN * ripple_m) ** 2, above, np.inf)

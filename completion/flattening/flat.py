@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: MIT
+"""What flattening gives: heights or vertices, and the regions that stayed or went, each with its p value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import BoolArray, FloatArray
+
+
+class RegionKind(StrEnum):
+    """What became of a region."""
+
+    RELIEF = "relief"
+    FLATTENED = "flattened"
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A part of a plane that may be relief.
+
+    Attributes
+    ----------
+    kind : RegionKind
+        Relief that stayed, or what was flattened since a wall without relief may well show it.
+    p : float
+        How probably a wall of this size, with this ripple and without relief, shows such a region anywhere.
+    evidence : float
+        Against its being level with the plane, nats, less the price of its border.
+    height_m, sd_m : float
+        Its mean level over the plane, and the standard deviation of that.
+    area_m2 : float
+        Its area in the plane.
+    is_cleared : bool
+        Whether the ripple was taken from it too; else it is as it was measured.
+    """
+
+    kind: RegionKind
+    p: float
+    evidence: float
+    height_m: float
+    sd_m: float
+    area_m2: float
+    is_cleared: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatHeights:
+    """Heights over a plane, flattened.
+
+    Attributes
+    ----------
+    heights : (rows, columns) float
+        Metres over the plane: 0 where it was flattened, NaN where nothing was known.
+    label : (rows, columns) int
+        0 for the plane, k for `regions[k - 1]` that stayed, -1 for what was not known.
+    ripple : (rows, columns) float
+        The ripple under plane and relief, without noise, gaps filled.
+    regions : tuple of Region
+        First what stayed, then what was flattened though it stood out most; by p.
+    ripple_sd_m, noise_sd_m : float
+        Sd of the ripple, of the noise of a cell.
+    plane_m : float
+        Mean of the heights that were flattened: by how much the plane given lies below them.
+    reason : str
+        Why nothing was done, where nothing was; else empty.
+    """
+
+    heights: FloatArray
+    label: NDArray[np.int32]
+    ripple: FloatArray
+    regions: tuple[Region, ...]
+    ripple_sd_m: float
+    noise_sd_m: float
+    plane_m: float
+    reason: str = ""
+
+    @property
+    def kept(self) -> BoolArray:
+        """Where relief stayed (rows, columns)."""
+        return self.label > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatSurface:
+    """What became of one labelled plane of a mesh; as in `FlatHeights`."""
+
+    label: int
+    regions: tuple[Region, ...]
+    ripple_sd_m: float
+    noise_sd_m: float
+    plane_m: float
+    cell_m: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlattenedMesh:
+    """A mesh with its planes flattened: same vertices and faces, in the same order.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        In the mesh's frame, metres.
+    moved_m : (n,) float
+        How far each vertex was moved.
+    is_relief : (n,) bool
+        Vertices of regions that stayed.
+    is_held : (n,) bool
+        Vertices that stayed since a face would have turned over or crossed another.
+    surfaces : tuple of FlatSurface
+        Of each label that is a plane.
+    """
+
+    vertices: FloatArray
+    moved_m: FloatArray
+    is_relief: BoolArray
+    is_held: BoolArray
+    surfaces: tuple[FlatSurface, ...]

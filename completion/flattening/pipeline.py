@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: MIT
+"""Flattening on one page: ripple goes from planes, relief stays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.fitting.result import SurfaceFit
+from completion.flattening.flat import FlatHeights, FlatSurface, FlattenedMesh, Region, RegionKind
+from completion.flattening.meshes.chart_grid import ChartGrid, grid_of
+from completion.flattening.meshes.movement import hold_back, move_creases, move_onto
+from completion.flattening.null import learn_null
+from completion.flattening.options import FlatteningOptions
+from completion.flattening.regions import Candidate
+from completion.flattening.separation import separate
+from scenes.checks import FloatArray, InputError, check_faces, check_points, check_rng
+from scenes.surfaces.catalogue import Plane
+
+_LEAST_SIDE, _LEAST_CELLS = 24, 1000  # cells: of fewer no ripple is learned
+_LEAST = 4  # cells: errors of fewer are no relief, however evident
+_CLEAN = 0.25  # of the ripple's sd: how well the level of relief is known from which ripple is taken
+_USUAL = 2.0  # times the ripple's sd: relief that varies by more has a shape of its own
+
+
+def flatten_heights(
+    heights: FloatArray,
+    cell_m: float,
+    options: FlatteningOptions = FlatteningOptions(),
+    rng: np.random.Generator | int | None = 0,
+) -> FlatHeights:
+    """Take the ripple away from a height map of a plane, and leave its relief.
+
+    After Cantzler, Fisher & Devy (2002), Improving architectural 3D reconstruction by plane and edge
+    constraining, as shown in Fisher (2004), figure 3; how relief is told from ripple is ours.
+
+    Parameters
+    ----------
+    heights : (rows, columns) float
+        Over the plane, metres, NaN where nothing is known: in the chart of the plane, or along the rays of a
+        range image whose pixels are nearly as dense everywhere.
+    cell_m : float
+        Side of a cell, metres.
+    options : FlatteningOptions
+        The level of the test, and whether relief is cleared too.
+    rng : Generator, int or None
+        Of the walls without relief from which p values are learned.
+
+    Raises
+    ------
+    InputError
+        Heights that are no field of two dimensions, or a cell that is no length.
+    """
+    heights = np.asarray(heights, dtype=np.float64)
+    if heights.ndim != 2:
+        raise InputError(f"expected heights with shape (rows, columns), got {heights.shape}")
+    if not 0 < cell_m < np.inf:
+        raise InputError(f"the side of a cell is a length above 0, not {cell_m} m")
+    known = np.isfinite(heights)
+    if min(heights.shape) < _LEAST_SIDE or known.sum() < _LEAST_CELLS:
+        return _untouched(
+            heights, f"{known.sum()} cells on {heights.shape[0]} x {heights.shape[1]} are too few"
+        )
+
+    # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
+    parts = separate(np.where(known, heights, 0.0), known)
+    null = learn_null(parts, np.random.default_rng(rng))
+    p = [null.p(one.evidence, int(known.sum())) for one in parts.candidates]
+
+    # 2. Keep what a wall without relief would hardly show; all else is the plane.
+    kept = tuple(
+        one
+        for one, q in zip(parts.candidates, p, strict=True)
+        if one.stands_out and one.n_cells >= _LEAST and q <= options.level
+    )
+    level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
+    error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)
+    ripple = parts.ripple.smoothed(error)[: heights.shape[0], : heights.shape[1]]
+    plane = known & (level == 0)
+    ripple_sd = float(np.std(ripple[plane])) if plane.any() else 0.0
+
+    # 3. The plane is flat; relief loses its ripple where that is told from its shape.
+    flat = np.where(plane, 0.0, np.where(known, heights, np.nan))
+    label = np.where(known, 0, -1).astype(np.int32)
+    regions = list[Region]()
+    for one, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1]):
+        if one in kept:
+            cells = parts.cells(one)[: heights.shape[0], : heights.shape[1]] & known
+            size = float(np.sqrt(np.mean(ripple[cells] ** 2)))
+            clear = options.clears_relief and one.sd_m <= _CLEAN * ripple_sd and size <= _USUAL * ripple_sd
+            if clear:
+                flat[cells] -= ripple[cells]
+            regions.append(_region(one, RegionKind.RELIEF, q, cell_m, clear))
+            label[cells] = len(regions)
+    regions += [
+        _region(one, RegionKind.FLATTENED, q, cell_m, True)
+        for one, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
+        if one not in kept and one.evidence > null.start
+    ]
+    noise_sd = float(np.sqrt(parts.ripple.noise_power()))
+    mean = float(np.mean(heights[plane])) if plane.any() else 0.0
+    return FlatHeights(
+        flat, label, ripple, tuple(regions), ripple_sd_m=ripple_sd, noise_sd_m=noise_sd, plane_m=mean
+    )
+
+
+def flatten_mesh(
+    vertices: FloatArray,
+    faces: NDArray[np.int32],
+    labels: NDArray[np.int64],
+    fits: Sequence[SurfaceFit],
+    options: FlatteningOptions = FlatteningOptions(),
+    *,
+    origin: FloatArray | None = None,
+    rng: np.random.Generator | int | None = 0,
+) -> FlattenedMesh:
+    """Take the ripple away from the planes of a mesh, and leave their relief.
+
+    Vertices move along the normal of their plane, or, where `origin` says from where they were measured,
+    along the rays; those on two or three planes go to where these meet. No face turns over or crosses
+    another anew: vertices that would make one stay where they were.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        Metres.
+    faces : (m, 3) int
+        Vertices of triangles.
+    labels : (n,) int
+        The surface of each vertex, from 1; 0 for none.
+    fits : sequence of SurfaceFit
+        Surface 1, 2, ...; those that are no planes are left alone.
+    options : FlatteningOptions
+        The level of the test, the cells.
+    origin : (3,) or (n, 3) float or None
+        Where the sensor stood, for range images: the pixels of a surface are the vertices, and the triangles
+        between neighbouring pixels the faces.
+    rng : Generator, int or None
+        Of the walls without relief from which p values are learned; each plane learns from the same.
+
+    Raises
+    ------
+    InputError
+        Arrays whose shapes do not fit, or labels without a fit.
+    """
+    vertices = check_points("vertices", vertices)
+    faces = check_faces(faces, len(vertices))
+    labels = np.asarray(labels)
+    if labels.shape != (len(vertices),):
+        raise InputError(f"expected one label for each of {len(vertices)} vertices, got {labels.shape}")
+    if len(labels) and labels.max() > len(fits):
+        raise InputError(f"label {labels.max()} has no fit: there are {len(fits)}")
+    rays = None if origin is None else np.broadcast_to(np.asarray(origin, dtype=np.float64), vertices.shape)
+    seed = int(check_rng(rng).integers(2**63))
+    moved, flat = vertices.copy(), np.zeros(len(vertices), np.int64)
+    is_relief = np.zeros(len(vertices), np.bool_)
+    planes, surfaces = dict[int, tuple[Plane, float]](), list[FlatSurface]()
+
+    # 1. Flatten the heights of each plane, and move its vertices to them.
+    for label, fit in enumerate(fits, 1):
+        own = np.flatnonzero(labels == label)
+        if not isinstance(fit.surface, Plane) or len(own) < 3:
+            continue
+        number = np.full(len(vertices), -1)
+        number[own] = np.arange(len(own))
+        inner = number[faces[np.all(labels[faces] == label, axis=1)]].astype(np.int32)
+        grid = grid_of(vertices[own], inner, fit.surface, options.cell_m, options.most_cells)
+        found = flatten_heights(grid.heights, grid.cell_m, options, seed)
+        surfaces.append(
+            FlatSurface(
+                label=label,
+                regions=found.regions,
+                ripple_sd_m=found.ripple_sd_m,
+                noise_sd_m=found.noise_sd_m,
+                plane_m=found.plane_m,
+                cell_m=grid.cell_m,
+                reason=found.reason,
+            )
+        )
+        if found.reason:
+            continue
+        height, region = _heights_of(grid, found, fit.surface.distance(vertices[own]))
+        moved[own] = move_onto(vertices[own], fit.surface, height, None if rays is None else rays[own])
+        is_relief[own] = region > 0
+        flat[own[region == 0]] = label
+        planes[label] = fit.surface, fit.rms
+
+    # 2. Creases stay creases; what would turn over or cross stays where it was.
+    if rays is None:
+        moved = move_creases(vertices, moved, faces, flat, planes)
+    moved, is_held = hold_back(vertices, moved, faces)
+    away = np.linalg.norm(moved - vertices, axis=1)
+    return FlattenedMesh(moved, away, is_relief, is_held, tuple(surfaces))
+
+
+def _heights_of(
+    grid: ChartGrid, found: FlatHeights, height: FloatArray
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """New heights (n,) of vertices that were at some over the plane, and their regions, 0 for the plane."""
+    place = np.clip(np.rint(grid.places).astype(np.int64), 0, np.array(grid.heights.shape) - 1)
+    region = found.label[place[:, 0], place[:, 1]]
+    clear = np.array([False, *(one.is_cleared for one in found.regions)])[np.maximum(region, 0)]
+    ripple = ndimage.map_coordinates(found.ripple, grid.places.T, order=1, mode="nearest")
+    return np.where(region == 0, 0.0, np.where(clear, height - ripple, height)), region
+
+
+def _region(one: Candidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> Region:
+    """A candidate as a region."""
+    return Region(
+        kind, p, one.evidence, one.height_m, one.sd_m, area_m2=one.n_cells * cell_m**2, is_cleared=clear
+    )
+
+
+def _untouched(heights: FloatArray, reason: str) -> FlatHeights:
+    """Nothing done."""
+    label = np.where(np.isfinite(heights), 0, -1).astype(np.int32)
+    return FlatHeights(
+        heights,
+        label,
+        np.zeros_like(heights),
+        regions=(),
+        ripple_sd_m=0.0,
+        noise_sd_m=0.0,
+        plane_m=0.0,
+        reason=reason,
+    )

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: MIT
+"""Scan record: what each scan was predicted to bring, by an earlier plan and by the scans before, and did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.run.wording import letters, square_metres
+from nbv.scans.scan_coverage import ScanCoverage
+from scenes.checks import InputError
+from scenes.formats.documents import read_json
+from scenes.formats.guard import one_line
+from scenes.pose import Pose
+
+_SAME = 1e-6  # metres, and of a rotation matrix: two records of one pose
+_NEAR_M = 1.0  # a scan farther from every station that was planned is not one of them
+_CURE = "give the plan.json that `unseen plan --scans` wrote after fewer of these scans"
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What an earlier plan said of a scan: which station it was, how far off it stands, and the gain."""
+
+    station: int
+    off_m: float
+    predicted_gain_m2: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRecord:
+    """One scan of a record.
+
+    Attributes
+    ----------
+    pose : Pose
+        Where it was taken.
+    said : Said or None
+        What the plan before said of it; None where no plan is known that named a station within a metre.
+    expected_m2, settled_m2 : float or None
+        What the scans before said that it would settle from where it stood, as the planner counts gain, and
+        how much of that it did settle; square metres, None where they knew nothing of that place.
+    measured_m2, met_m2 : float
+        Surface that no scan before had measured, or not as required; square metres.
+    """
+
+    pose: Pose
+    said: Said | None
+    expected_m2: float | None
+    settled_m2: float | None
+    measured_m2: float
+    met_m2: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        own = {name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")}
+        said = None if self.said is None else asdict(self.said)
+        return {"world_from_sensor": self.pose.matrix.tolist(), "said": said, **own}
+
+
+def record_scans(coverage: ScanCoverage, said: Sequence[Said | None] = ()) -> tuple[ScanRecord, ...]:
+    """Return the record of a coverage's scans; `said` holds for each what an earlier plan said of it."""
+    scans, growth, before = coverage.scan_map.scans, coverage.growth, (0.0, 0.0)
+    found = []
+    for number, (scan, area) in enumerate(zip(scans, growth, strict=True)):
+        settled = coverage.scan_map.settled[number]
+        found.append(
+            ScanRecord(
+                pose=scan.world_from_sensor,
+                said=said[number] if number < len(said) else None,
+                expected_m2=None if settled is None else settled.expected_m2,
+                settled_m2=None if settled is None else settled.settled_m2,
+                measured_m2=area.total_m2 - before[0],
+                met_m2=area.met_m2 - before[1],
+            )
+        )
+        before = (area.total_m2, area.met_m2)
+    return tuple(found)
+
+
+def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
+    """Return a sentence on what the last scan was predicted to settle, and did; nothing of the first scan."""
+    if len(record) < 2:
+        return []
+    last = record[-1]
+    name = letters(len(record) - 1)
+    said = ""
+    if last.said is not None and last.said.predicted_gain_m2 is not None:
+        said = (
+            f"was station {last.said.station} of the plan before, {last.said.off_m:.2f} m off, which "
+            f"predicted {square_metres(last.said.predicted_gain_m2)} m2; it "
+        )
+    brought = f"measured {square_metres(last.measured_m2)} m2 of surface for the first time"
+    if last.expected_m2 is None or last.settled_m2 is None:
+        return [f"scan {name} {said}stood where the scans before knew nothing; it {brought}"]
+    return [
+        f"scan {name} {said}settled {square_metres(last.settled_m2)} m2 of the "
+        f"{square_metres(last.expected_m2)} m2 expected from where it stood, and {brought}"
+    ]
+
+
+def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
+    """Read what an earlier plan of next stations said of scans.
+
+    Those that it knew keep what its own record says. Each other is the nearest of its stations that is left,
+    in the scans' order, if that is within a metre.
+
+    Parameters
+    ----------
+    path : Path
+        Its plan.json.
+    poses : sequence of Pose
+        Of all scans, in order.
+
+    Raises
+    ------
+    InputError
+        No such file, not a plan of next stations, or none that knew any of these scans.
+    """
+    content = read_json(path, dict)
+    try:
+        known = [Pose(matrix) for matrix in content["resumed_from"]["world_from_sensor"]]
+        record = [_said_of(entry["said"]) for entry in content["record"]]
+        planned = [Pose(view["world_from_sensor"]).translation for view in content["views"]]
+        gains = [view["predicted_gain_m2"] for view in content["views"]]
+        if len(record) != len(known):
+            raise InputError(f"its record has {len(record)} scans, and it was made after {len(known)}")
+        gains = [None if gain is None else float(gain) for gain in gains]
+    except KeyError as error:
+        raise InputError(f"{path} is not a plan of next stations: it has no {error}; {_CURE}") from error
+    except (InputError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{path} is not a plan of next stations: {one_line(str(error))}; {_CURE}") from error
+    before = [_number_of(pose, known) for pose in poses]
+    if all(number is None for number in before):
+        raise InputError(f"{path} was made after other scans than these; {_CURE}")
+    left, found = dict(enumerate(planned, start=1)), list[Said | None]()
+    for pose, number in zip(poses, before, strict=True):
+        if number is not None:
+            found.append(record[number])
+            continue
+        away = {station: float(np.linalg.norm(place - pose.translation)) for station, place in left.items()}
+        station = min(away, key=lambda one: away[one], default=0)
+        if not station or away[station] > _NEAR_M:
+            found.append(None)
+            continue
+        del left[station]
+        found.append(Said(station, away[station], gains[station - 1]))
+    return tuple(found)
+
+
+def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
+    """Number of the pose that is the same as this, None for none."""
+    return next((k for k, one in enumerate(among) if np.allclose(one.matrix, pose.matrix, atol=_SAME)), None)
+
+
+def _said_of(entry: dict[str, Any] | None) -> Said | None:
+    """Return what an entry of a record holds; errors are as of reading numbers."""
+    if entry is None:
+        return None
+    gain = entry["predicted_gain_m2"]
+    return Said(int(entry["station"]), float(entry["off_m"]), None if gain is None else float(gain))

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Blocks of space: parts of a large model by where they are, so that a viewer shows some of them alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray
+from scenes.mesh.mesh_parts import MeshPart
+
+_SIDE_M = 10.0  # of a block: a room with what stands in it
+_MOST = 16  # blocks along an axis
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Boxes that fill a larger one, counted from 1 along each axis from its lowest corner.
+
+    Attributes
+    ----------
+    low, size : (3,) float
+        Its lowest corner and its sides, metres.
+    counts : (3,) int
+        Blocks along each.
+    """
+
+    low: FloatArray
+    size: FloatArray
+    counts: NDArray[np.int64]
+
+    @classmethod
+    def over(cls, parts: Sequence[MeshPart]) -> Blocks:
+        """Blocks over all vertices of `parts`, alike: of about 10 m, or a sixteenth of the longest side."""
+        ends = [end for part in parts if len(part.vertices) for end in _ends(part.vertices)] or [np.zeros(3)]
+        low, high = _ends(np.array(ends))
+        side = max(_SIDE_M, float((high - low).max()) / _MOST)
+        return cls(low, high - low, np.maximum(np.rint((high - low) / side), 1).astype(np.int64))
+
+    @property
+    def sides(self) -> FloatArray:
+        """Sides (3,) of each block, metres."""
+        return np.asarray(self.size / self.counts, dtype=np.float64)
+
+    def numbers(self, points: FloatArray) -> NDArray[np.int64]:
+        """Return the block (n, 3) that points (n, 3) of the box, metres, lie in."""
+        steps = np.floor((points - self.low) / np.maximum(self.sides, 1e-12)).astype(np.int64)
+        return np.asarray(np.clip(steps, 0, self.counts - 1) + 1, dtype=np.int64)
+
+
+def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
+    """Return parts with the block that each is in, `block 1 2 1` for the second along y.
+
+    Models of one block, up to some 15 m, are left as they are.
+
+    What is of a surface stays whole: it is in the block of its middle, or in none where it reaches across
+    more than one block's side. Of what is of no surface (0) each block has a part of its own, whose triangles
+    have their middles there; its name ends in the block's numbers.
+
+    Examples
+    --------
+    >>> triangle = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    >>> faces = np.array([[0, 1, 2], [3, 4, 5]])
+    >>> loose = MeshPart("rest", np.concatenate([triangle, triangle + [25, 0, 0]]), faces, 0)
+    >>> wall = MeshPart("wall", triangle + [12, 0, 0], faces[:1], 1)
+    >>> [(part.name, part.block) for part in in_blocks([loose, wall])]
+    [('rest 1 1 1', 'block 1 1 1'), ('rest 3 1 1', 'block 3 1 1'), ('wall', 'block 2 1 1')]
+    """
+    blocks = Blocks.over(parts)
+    if blocks.counts.max() == 1:
+        return list(parts)
+    found: list[MeshPart] = []
+    for part in parts:
+        if part.surface == 0:
+            found += _cut(part, blocks)
+        elif len(part.vertices):
+            low, high = _ends(part.vertices)
+            is_wide = bool((high - low > blocks.sides + 1e-9).any())
+            middle = blocks.numbers((low + high)[None] / 2)[0]
+            found.append(part if is_wide else replace(part, block=_name(middle)))
+    return found
+
+
+def _cut(part: MeshPart, blocks: Blocks) -> Iterator[MeshPart]:
+    """A part for each block in which there are triangles, with the vertices that these have."""
+    middles = sum(part.vertices[part.faces[:, k]] for k in range(3)) / 3
+    numbers, which = np.unique(blocks.numbers(np.asarray(middles)), axis=0, return_inverse=True)
+    for index, number in enumerate(numbers):
+        used, faces = np.unique(part.faces[which.reshape(-1) == index], return_inverse=True)
+        name = _name(number)
+        yield replace(
+            part,
+            name=part.name + name.removeprefix("block"),
+            vertices=part.vertices[used],
+            faces=faces.reshape(-1, 3).astype(np.int64),
+            colour=None if part.colour is None else part.colour[used],
+            uv=None if part.uv is None else part.uv[used],
+            block=name,
+        )
+
+
+def _name(number: NDArray[np.int64]) -> str:
+    return "block " + " ".join(map(str, number.tolist()))
+
+
+def _ends(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The lowest and the highest coordinates."""
+    return points.min(axis=0), points.max(axis=0)
