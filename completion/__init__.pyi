@@ -15,7 +15,13 @@ from .fitting.result import inflated as inflated
 from .fitting.selection import select as select
 from .observe.tolerance import EvidenceOptions as EvidenceOptions
 from .options import CompletionOptions as CompletionOptions
+from .parts.files import write_part as write_part
+from .parts.part import Part as Part
+from .parts.pipeline import model_part as model_part
 from .pipeline import complete as complete
+from .relations.options import RelationOptions as RelationOptions
+from .relations.stated import StatedRelation as StatedRelation
+from .relations.stated import read_part_relations as read_part_relations
 from .result.completion import Completion as Completion
 from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification

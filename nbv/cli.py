@@ -306,7 +306,7 @@ def fit(
     shared: Shared,
     points: Annotated[str, typer.Argument(metavar="POINTS", help="A file of points or scans; PATH#k.")],
     shape: Annotated[
-        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"],
+        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"],
         typer.Option("--shape", help="What to fit; auto chooses by evidence."),
     ] = "auto",
     metric: Annotated[
@@ -328,13 +328,72 @@ def fit(
             show_default="from the file",
         ),
     ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(
+            "--radius",
+            metavar="R",
+            help="Given, in metres, and held: of a sphere, cylinder, or a torus' circle.",
+        ),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            "--axis", metavar="X,Y,Z", help="A direction, given and held: of the axis, or a plane's normal."
+        ),
+    ] = None,
     units: UnitsOption = "m",
 ) -> None:
     """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
     stood = None if origin is None else parse_numbers(origin, 3, "--origin")
+    given = {"radius": radius, "axis": None if axis is None else parse_numbers(axis, 3, "--axis")}
     from nbv.commands.fit import run_fit
 
-    run_fit(shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, units=units)
+    run_fit(
+        shared, points, shape=shape, metric=metric, robust=robust, rays=rays, origin=stood, given=given,
+        units=units,
+    )  # fmt: skip
+
+
+@app.command(short_help="A part as surfaces, and what these are to each other.")
+@with_shared
+def part(
+    shared: Shared,
+    shape: Annotated[str, typer.Argument(metavar="POINTS|MESH", help="A file of points, or a mesh.")],
+    relations: Annotated[
+        str,
+        typer.Option(
+            "--relations",
+            metavar="auto|off|FILE",
+            help="Parallel, coaxial, of one radius: inferred; off; or with what a file states and forbids.",
+        ),
+    ] = "auto",
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            "--noise",
+            metavar="M",
+            min=0,
+            help="Deviation of the points along the normal.",
+            show_default="estimated",
+        ),
+    ] = None,
+    ignore_labels: Annotated[
+        bool, typer.Option("--ignore-labels", help="Divide the points anew, whatever labels the file holds.")
+    ] = False,
+    units: UnitsOption = "m",
+) -> None:
+    """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
+
+    What these are to each other (parallel, coaxial, of one radius) is inferred, tested and imposed:
+    relations.json.
+    """
+    from nbv.commands.part import PartRequest, run_part
+
+    request = PartRequest(
+        shape=shape, relations=relations, noise_m=noise, ignores_labels=ignore_labels, units=units
+    )
+    run_part(shared, request)
 
 
 @app.command(short_help="What a scene, a scan or another file holds.")

@@ -28,6 +28,7 @@ from .surfaces.catalogue import EllipticCylinder as EllipticCylinder
 from .surfaces.catalogue import Plane as Plane
 from .surfaces.catalogue import Sphere as Sphere
 from .surfaces.catalogue import Surface as Surface
+from .surfaces.catalogue import Torus as Torus
 from .surfaces.catalogue import surfaces_close as surfaces_close
 from .surfaces.surface import Opening as Opening
 from .world.builtin import builtin_names as builtin_names

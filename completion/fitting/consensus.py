@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.fitting.held import Held
 from completion.fitting.result import FitError
+from completion.fitting.revolution import torus_about
 from scenes.checks import FloatArray, InputError
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 
 _N_SCORED = 600
 _LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set
@@ -17,6 +19,7 @@ _NAMES = {
     "cylinder": "a cylinder",
     "cone": "a cone",
     "elliptic-cylinder": "an elliptic cylinder",
+    "torus": "a torus",
 }
 _MINIMAL = {  # points in a set, sets drawn
     "plane": (1, 200),
@@ -24,16 +27,20 @@ _MINIMAL = {  # points in a set, sets drawn
     "cylinder": (2, 600),
     "cone": (3, 1500),
     "elliptic-cylinder": (7, 1500),
+    "torus": (4, 1500),
 }
 
 
-def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, tolerance: float) -> Surface:
+def consensus_surface(
+    points: FloatArray, normals: FloatArray, shape: str, tolerance: float, held: Held | None = None
+) -> Surface:
     """Find the surface of one shape with the least truncated squared distance (MSAC), from minimal sets.
 
     Minimal sets of oriented points: one for a plane, two for a sphere or cylinder, three for a cone (its apex
-    is where three tangent planes meet); two for an elliptic cylinder's axis, and five points for its section.
-    Points (n, 3) are in metres, some hundreds to thousands are enough; normals (n, 3) need no side: they
-    count as lines. Beyond `tolerance`, metres, a point is an outlier. The sets are drawn with a fixed seed.
+    is where three tangent planes meet), four for a torus (its axis meets four normals); two for an elliptic
+    cylinder's axis, and five points for its section. Points (n, 3) are in metres, some hundreds to thousands
+    are enough; normals (n, 3) need no side: they count as lines. Beyond `tolerance`, metres, a point is an
+    outlier. The sets are drawn with a fixed seed; what is `held` is imposed on each.
 
     Raises
     ------
@@ -50,16 +57,25 @@ def consensus_surface(points: FloatArray, normals: FloatArray, shape: str, toler
         if surface is None:
             continue
         n_spanned += 1
-        distance = np.minimum(np.abs(surface.distance(points[sample])), tolerance)
-        cost = float(distance @ distance)
-        if cost < least:
-            best, least = surface, cost
+        for near in _with_given(surface, points[drawn].mean(axis=0), held):
+            distance = np.minimum(np.abs(near.distance(points[sample])), tolerance)
+            cost = float(distance @ distance)
+            if cost < least:
+                best, least = near, cost
     if best is None:
         raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {_NAMES[shape]}")
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
     if n_agree < 0.2 * len(points):
         raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")
     return best
+
+
+def _with_given(surface: Surface, place: FloatArray, held: Held | None) -> list[Surface]:
+    """The surface, or those with the given values that are near it about a place (3,)."""
+    try:
+        return [surface] if held is None else list(held.imposed(surface, place))
+    except InputError:
+        return []
 
 
 def _spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
@@ -69,6 +85,8 @@ def _spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | N
             return Plane(points[0], normals[0])
         if shape == "cone":
             return _spanned_cone(points, normals)
+        if shape == "torus":
+            return _spanned_torus(points, normals)
         if shape == "sphere":
             return _spanned_sphere(points, normals)
         return _spanned_cylinder(shape, points, normals)
@@ -136,3 +154,39 @@ def _spanned_cone(points: FloatArray, normals: FloatArray) -> Cone | None:
     if np.abs(agrees).max() > 0.2:
         return None
     return Cone(apex + height * axis, axis, height * float(np.tan(half_angle)), half_angle)
+
+
+def _spanned_torus(points: FloatArray, normals: FloatArray) -> Torus | None:
+    """The axis meets all four normals, which two lines do; about it the points lie on one circle."""
+    centre = points.mean(axis=0)
+    offset = points - centre
+    lines = np.hstack([np.cross(offset, normals), normals])
+    first, second = np.linalg.svd(lines)[2][4:]
+    # (c + t c') . (m + t m') = 0: a line among the complexes
+    a, b, c = second[:3] @ second[3:], first[:3] @ second[3:] + second[:3] @ first[3:], first[:3] @ first[3:]
+    best: Torus | None = None
+    least = 0.1  # of the tube's radius: how far the normals may be from the tube's middle
+    for turn in np.roots([a, b, c]):
+        line = first + float(turn.real) * second
+        length = float(np.linalg.norm(line[:3]))
+        if abs(turn.imag) > 1e-9 or length < 1e-9:
+            continue
+        axis, moment = line[:3] / length, line[3:] / length
+        found = _torus_about(offset, normals, np.cross(axis, moment), axis)
+        if found is not None and found[1] < least:
+            torus, least = found
+            best = Torus(torus.centre + centre, torus.direction, torus.radius, torus.tube_radius)
+    return best
+
+
+def _torus_about(
+    points: FloatArray, normals: FloatArray, point: FloatArray, axis: FloatArray
+) -> tuple[Torus, float] | None:
+    """The torus about an axis through the points, and how far off they and their normals are (in radii)."""
+    charts = torus_about(points, point, axis)
+    if not charts:
+        return None
+    torus = charts[0].surface(np.zeros(3), 1.0, False)
+    aligned = np.abs(np.einsum("ij,ij->i", torus.normal(points), normals))
+    off = np.abs(torus.distance(points)) / torus.tube_radius
+    return torus, float(max(off.max(), (1 - aligned).max()))

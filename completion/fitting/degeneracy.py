@@ -8,9 +8,9 @@ from scipy.special import chdtri
 
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 
-LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7}
+LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7, "torus": 7}
 _ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}
 _FLAT = 1e-9  # singular values below this part of the greatest count as zero
 _LEAST_RADIUS = 4.0  # times the residuals' rms
@@ -90,8 +90,9 @@ def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> N
 def check_layer(found: SurfaceFit) -> None:
     """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
     surface = found.surface
-    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder):
-        least = surface.radii[1] if isinstance(surface, EllipticCylinder) else surface.radius
+    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder | Torus):
+        radii = [surface.radii[1]] if isinstance(surface, EllipticCylinder) else [surface.radius]
+        least = min(radii + ([surface.tube_radius] if isinstance(surface, Torus) else []))
         if least < _LEAST_RADIUS * found.rms:
             raise FitError(
                 f"{undetermined(found.n, surface.kind)}: the radius {least:.3g} m is within the noise, "
@@ -104,7 +105,7 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
 
     The likelihood ratio against the plane, the fall of the sum of squares over the residuals' variance, is
     distributed as chi squared where the truth is a plane (Wilks 1938); a bend counts when noise on a plane
-    would show as much once in a thousand times.
+    would show as much once in a thousand times. Where the radius was given, that bends it.
 
     Raises
     ------
@@ -112,8 +113,9 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
         A plane explains them as well.
     """
     used = points if found.inliers is None else points[found.inliers]
-    n_more = len(found.covariance) - 3
-    if isinstance(found.surface, Plane) or found.degrees_of_freedom < 1 or not found.rms > 0:
+    n_more = max(found.n - found.degrees_of_freedom - 3, 1)
+    is_known = isinstance(found.surface, Plane) or "radius" in found.held
+    if is_known or found.degrees_of_freedom < 1 or not found.rms > 0:
         return
     sample = used[:: max(1, len(used) // _N_SAMPLE)]
     if len(sample) > 100 and _plane_residual(sample) > 2 * found.rms**2 * len(sample):

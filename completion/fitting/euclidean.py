@@ -9,6 +9,7 @@ import numpy as np
 
 from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, chart_of
 from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.held_chart import HeldChart
 from completion.fitting.degeneracy import (
     centroid,
     check_enough,
@@ -17,9 +18,10 @@ from completion.fitting.degeneracy import (
     principal,
     undetermined,
 )
+from completion.fitting.held import Held
 from completion.fitting.polish import Cloud, Normal, full_step, polished
 from completion.fitting.result import FitError, SurfaceFit
-from completion.fitting.starts import cones_along, starts
+from completion.fitting.starts import cones_along, starts, starts_along
 from scenes.checks import BoolArray, FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
@@ -92,6 +94,7 @@ def fit_euclidean(
     *,
     n_steps: int = 300,
     damped: bool = True,
+    held: Held | None = None,
 ) -> SurfaceFit:
     """Fit one shape by orthogonal distances to checked points.
 
@@ -109,6 +112,8 @@ def fit_euclidean(
         Most steps.
     damped : bool
         Whether steps are damped, and thin layers of points refused.
+    held : Held, optional
+        Values that are given.
 
     Raises
     ------
@@ -117,11 +122,13 @@ def fit_euclidean(
     """
     check_enough(len(points), shape)
     if shape == "plane":
-        return fit_plane(points)
+        return fit_plane(points) if held is None else _fit_level(points, held)
     cloud = normalised(points, weights)
     what = undetermined(len(points), shape)
     if start is None:
-        chart = _searched(shape, cloud, what)
+        chart = _searched(shape, cloud, what, held)
+    elif held is not None:
+        chart = _best_held([chart_of(start, cloud.centre, cloud.scale)], cloud, what, held)
     else:
         chart = chart_of(start, cloud.centre, cloud.scale)
         _check_off_axis(chart, cloud)
@@ -129,16 +136,30 @@ def fit_euclidean(
     chart, normal, converged = polished(chart, sample, what, n_steps, damped)
     if not converged:
         raise FitError(f"no convergence: {what}; the last radius is {chart.size() * cloud.scale:.3g} m")
+    chart, is_turned = _growing(chart)
     if len(sample.points) < len(points):
         for _ in range(2):
             chart, normal = full_step(chart, cloud, what)
-    elif isinstance(chart, ConeChart) and chart.phi > 0:
-        chart = chart.growing()
+    elif is_turned:
         chart, normal = full_step(chart, cloud, what)
     found = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
+    if held is not None:
+        found = held.marked(found)
     if damped:
         check_layer(found)
     return found
+
+
+def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
+    """Fit a plane whose normal is given: its offset is the points' mean."""
+    free = fit_plane(points)
+    assert held.direction is not None
+    plane = Plane(points.mean(axis=0), held.direction, free.surface.u_direction)  # type: ignore[attr-defined]
+    residual = plane.distance(points)
+    rms = float(np.sqrt(residual @ residual / (len(points) - 1)))
+    covariance = np.zeros((3, 3))
+    covariance[0, 0] = rms**2 / len(points)
+    return held.marked(SurfaceFit(plane, rms, covariance, len(points)))
 
 
 def normalised(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
@@ -161,16 +182,40 @@ def _result(chart: Chart, normal: Normal, cloud: Cloud, concave: bool, what: str
     if n > k:
         units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
         covariance = rms**2 * normal.inverse() * np.outer(units, units)
+    if isinstance(chart, HeldChart):
+        covariance = chart.widened(covariance)
     return SurfaceFit(surface, rms, covariance, n)
 
 
-def _searched(shape: str, cloud: Cloud, what: str) -> Chart:
+def _growing(chart: Chart) -> tuple[Chart, bool]:
+    """The chart with a cone's axis the way it grows, and whether that was the other way round."""
+    inner = chart.inner if isinstance(chart, HeldChart) else chart
+    if not isinstance(inner, ConeChart) or inner.phi <= 0:
+        return chart, False
+    grown = inner.growing()
+    return (HeldChart(grown, chart.free) if isinstance(chart, HeldChart) else grown), True
+
+
+def _best_held(candidates: list[Chart], cloud: Cloud, what: str, held: Held) -> Chart:
+    """The candidate that polishes best when it has the given values."""
+    sample = cloud.thinned(_START_SAMPLE)
+    best = _best_polished(held.scaled(1 / cloud.scale).starts(candidates), sample)
+    if best is None:
+        names = " and ".join(held.names)
+        raise FitError(f"{what} with the given {names}: none of {len(candidates)} starts is near it")
+    return best[1]
+
+
+def _searched(shape: str, cloud: Cloud, what: str, held: Held | None) -> Chart:
     """The start that polishes best on a sample."""
     spread, _ = principal(cloud.thinned(_SUBSAMPLE).points, cloud.centre)
     check_spread(len(cloud.points), spread, cloud.centre, 2)
     sample = cloud.thinned(_START_SAMPLE)
     n_best = 40 if len(sample.points) <= _FEW else 8 if shape == "cone" else 3
     unit = cloud.thinned(_SUBSAMPLE).unit()
+    if held is not None:
+        axis = [] if held.direction is None else starts_along(shape, unit, held.direction)
+        return _best_held([*axis, *starts(shape, unit, n_best)], cloud, what, held)
     best = _best_polished(starts(shape, unit, n_best), sample)
     if shape == "cone":
         along = _best_polished(starts("cylinder", unit, min(n_best, 8)), sample)

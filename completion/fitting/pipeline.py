@@ -7,6 +7,7 @@ import numpy as np
 
 from completion.fitting.degeneracy import LEAST_POINTS, check_bend, check_enough, check_sample
 from completion.fitting.euclidean import fit_euclidean
+from completion.fitting.held import holding
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.rays import fit_along_rays
 from completion.fitting.result import FitError, Metric, Shape, SurfaceFit
@@ -24,6 +25,8 @@ def fit(
     robust: bool = False,
     start: Surface | None = None,
     rays: object | None = None,
+    radius: float | None = None,
+    axis: object | None = None,
 ) -> SurfaceFit:
     """Fit a surface to points.
 
@@ -31,7 +34,7 @@ def fit(
     ----------
     points : (n, 3) float
         Metres; anywhere: they are centred first.
-    shape : {"auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"}
+    shape : {"auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"}
         What to fit; "auto" lets the evidence decide, and raises where it does not.
     metric : {"euclidean", "taubin", "algebraic"}
         Orthogonal distances (the least-squares fit), or the closed forms, kept for comparison.
@@ -42,6 +45,10 @@ def fit(
     rays : (n, 3) float, optional
         The beam that each point lies on, of any length, where the noise is a scanner's range noise: errors
         are then measured along the rays, and rays that graze or miss are left out (Euclidean only).
+    radius : float, optional
+        Given and held exactly, metres: of a sphere, a cylinder, or the circle in a torus' tube.
+    axis : (3,) float, optional
+        A direction, of any length, given and held exactly: of the axis, or a plane's normal.
 
     Raises
     ------
@@ -59,20 +66,27 @@ def fit(
     0.3
     """
     _check_options(shape, metric, robust, rays)
+    held = holding(shape, radius, axis)
+    if held is not None and metric != "euclidean":
+        raise InputError(f"given values are held by Euclidean fits alone; drop them or metric={metric!r}")
     cloud = _checked(points)
     check_enough(len(cloud), "plane" if shape == "auto" else shape)
     check_sample(cloud, shape)
     along = None if rays is None else _unit_rays(rays, len(cloud))
     selection = select(cloud, robust=robust) if shape == "auto" else None
     kind = shape if selection is None else selection.decided()
+    if metric != "euclidean" and kind == "torus":
+        raise FitError(f"a torus is no quadric: {metric!r} cannot fit it; use the euclidean metric")
     if metric != "euclidean" and kind != "plane":  # a plane's three metrics are one
         return fit_by_quadric(cloud, kind, metric)
     if selection is not None:
         found = selection.fits[kind]
     else:
-        found = fit_robust(cloud, kind, start) if robust else fit_euclidean(cloud, kind, start)
+        found = (
+            fit_robust(cloud, kind, start, held) if robust else fit_euclidean(cloud, kind, start, held=held)
+        )
     check_bend(found, cloud)
-    return found if along is None else fit_along_rays(found, cloud, along)
+    return found if along is None else fit_along_rays(found, cloud, along, held)
 
 
 def _check_options(shape: str, metric: str, robust: bool, rays: object | None) -> None:

@@ -14,8 +14,10 @@ import numpy as np
 
 from completion.fitting.charts.axial_charts import chart_of
 from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.held_chart import HeldChart
 from completion.fitting.degeneracy import undetermined
 from completion.fitting.euclidean import normalised
+from completion.fitting.held import Held
 from completion.fitting.polish import Cloud, Normal
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
@@ -43,13 +45,15 @@ class _Crossings:
         return self.met & (np.abs(self.slope) > least)
 
 
-def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> SurfaceFit:
+def fit_along_rays(
+    found: SurfaceFit, points: FloatArray, rays: FloatArray, held: Held | None = None
+) -> SurfaceFit:
     """Refit by Gauss-Newton on the errors along the rays, from an orthogonal fit.
 
     The residual of a point (n, 3), metres, is its range beyond the place where its unit ray (n, 3) meets the
     surface; with J the chart's gradient there and n the normal, it changes by J / (n . ray). Rays that miss,
     or graze by less than 6 degrees, are left out. From a robust fit the refit is robust, by Tukey's weights
-    on the new residuals.
+    on the new residuals. What is `held` stays as the fit has it.
 
     Raises
     ------
@@ -58,7 +62,9 @@ def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> S
     """
     cloud, is_robust = normalised(points), found.inliers is not None
     what = f"{undetermined(len(points), found.surface.kind)} along rays"
-    chart = chart_of(found.surface, cloud.centre, cloud.scale)
+    chart: Chart = chart_of(found.surface, cloud.centre, cloud.scale)
+    if held is not None:
+        chart = held.chart(found.surface, cloud.centre, cloud.scale)
     weights: FloatArray = np.ones(len(points))
     if found.inliers is not None:
         weights = found.inliers.astype(np.float64)
@@ -89,7 +95,8 @@ def fit_along_rays(found: SurfaceFit, points: FloatArray, rays: FloatArray) -> S
                 tukey_variance(error, sigma, k) if is_robust else float(error @ error) / (len(error) - k)
             )
             inverse = Normal(rows @ rows.T, normal.gradient, cost, normal.basis).inverse()
-            return _result(found, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
+            result = _result(found, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
+            return result if held is None else held.marked(result)
     raise FitError(f"no convergence along the rays: {what}")
 
 
@@ -133,4 +140,7 @@ def _result(
     surface: Surface = chart.surface(cloud.centre, cloud.scale, concave)
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     rms = float(np.sqrt(error @ error / (len(error) - len(covariance))))
-    return SurfaceFit(surface, rms, covariance * np.outer(units, units), len(error), inliers=used)
+    covariance = covariance * np.outer(units, units)
+    if isinstance(chart, HeldChart):
+        covariance = chart.widened(covariance)
+    return SurfaceFit(surface, rms, covariance, len(error), inliers=used)

@@ -10,9 +10,9 @@ import numpy as np
 
 from completion.fitting.charts.axial_charts import chart_of
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 
-Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone"]
+Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"]
 Metric = Literal["euclidean", "taubin", "algebraic"]
 
 
@@ -33,8 +33,9 @@ class SurfaceFit:
     covariance : (k, k) float
         Of the chart's parameters: for a plane the offset along the normal and the slopes along u and v
         (k = 3); for a sphere its centre and radius (4); else the two shifts and two tilts of the axis and
-        the radius (cylinder, 5), the radius and half angle (cone, 6), or the mean radius, half the difference
-        of the radii and the turn times it (elliptic cylinder, 7). NaN where the points leave no degree of
+        the radius (cylinder, 5), the radius and half angle (cone, 6), the mean radius, half the difference
+        of the radii and the turn times it (elliptic cylinder, 7), or the shift along the axis, the radius and
+        the tube's (torus, 7). NaN where the points leave no degree of
         freedom, and for the algebraic metrics, which predict none.
     n : int
         Number of points that took part.
@@ -46,6 +47,9 @@ class SurfaceFit:
         Robust fits and fits along rays: which of all the points given took part.
     metric : str
         "euclidean", "taubin" or "algebraic".
+    held : tuple of str
+        Parameters that were given and held exactly: "direction" ("normal" of a plane), "radius". Their
+        variances and covariances are zero.
     """
 
     surface: Surface
@@ -56,11 +60,13 @@ class SurfaceFit:
     converged: bool = True
     inliers: BoolArray | None = None
     metric: str = "euclidean"
+    held: tuple[str, ...] = ()
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Points less parameters."""
-        return self.n - len(self.covariance)
+        """Points less parameters that were sought."""
+        n_held = sum(1 if name == "radius" else 2 for name in self.held)
+        return self.n - len(self.covariance) + n_held
 
     @property
     def covariance_independent(self) -> FloatArray:
@@ -154,6 +160,10 @@ def surface_parameters(surface: Surface) -> dict[str, object]:
         return {"point": surface.point.tolist(), "normal": surface.normal_direction.tolist()}
     if isinstance(surface, Sphere):
         return {"centre": surface.centre.tolist(), "radius": surface.radius, "concave": surface.concave}
+    if isinstance(surface, Torus):
+        place = {"centre": surface.centre.tolist(), "direction": surface.direction.tolist()}
+        radii = {"radius": surface.radius, "tube_radius": surface.tube_radius}
+        return place | radii | {"concave": surface.concave}
     if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
         raise TypeError(f"no parameters are known for a {type(surface).__name__}")
     axis = {"point": surface.point.tolist(), "direction": surface.direction.tolist()}
@@ -210,7 +220,7 @@ def warped(fit: SurfaceFit, points: FloatArray, relief_m: float) -> SurfaceFit:
 
 
 def _chart_origin(surface: Surface) -> FloatArray:
-    if isinstance(surface, Sphere):
+    if isinstance(surface, Sphere | Torus):
         return surface.centre
     if isinstance(surface, Plane | Cylinder | Cone | EllipticCylinder):
         return surface.point
@@ -226,6 +236,10 @@ def _natural_jacobians(surface: Surface) -> dict[str, FloatArray]:
         return {"point": point, "normal": np.column_stack([zero, -across.T])}
     if isinstance(surface, Sphere):
         return {"centre": np.eye(4)[:3], "radius": np.eye(4)[3:]}
+    if isinstance(surface, Torus):
+        unit, frame = np.eye(7), chart_of(surface, surface.centre, 1.0).frame
+        place = {"centre": frame.T @ unit[[0, 1, 4]], "direction": frame[:2].T @ unit[2:4]}
+        return place | {"radius": unit[5:6], "tube_radius": unit[6:]}
     if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
         raise TypeError(f"no parameters are known for a {type(surface).__name__}")
     k = {Cylinder: 5, Cone: 6, EllipticCylinder: 7}[type(surface)]

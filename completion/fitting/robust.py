@@ -6,26 +6,29 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from completion.fitting.charts.axial_charts import chart_of
+from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.held_chart import HeldChart
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.degeneracy import check_layer
+from completion.fitting.held import Held
+from completion.fitting.oriented import N_NEIGHBOURS, oriented
 from completion.fitting.polish import Cloud, normal_equations, polished
 from completion.fitting.result import FitError, SurfaceFit
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Plane, Surface
 
 _N_SAMPLE = 1_500  # points that take part in the consensus
-_N_TREE = 50_000
 _N_ANNEALED = 20_000  # points that the scale is annealed on before two last rounds on all
-_N_NEIGHBOURS = 24
 _CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
 TUKEY = 4.685  # sigma
 _N_FINAL = 20
 
 
-def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> SurfaceFit:
+def fit_robust(
+    points: FloatArray, shape: str, start: Surface | None = None, held: Held | None = None
+) -> SurfaceFit:
     """Fit a shape to points of which up to about half are outliers.
 
     MSAC from minimal sets of oriented points (normals by local principal components), then iteratively
@@ -40,6 +43,8 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
         As for `fit`, "auto" excepted.
     start : Surface, optional
         Instead of the consensus.
+    held : Held, optional
+        Values that are given.
 
     Returns
     -------
@@ -51,43 +56,51 @@ def fit_robust(points: FloatArray, shape: str, start: Surface | None = None) -> 
     FitError
         Too few points, no consensus, or too few points left with a weight.
     """
-    if len(points) < _N_NEIGHBOURS:
-        raise FitError(f"a robust fit needs {_N_NEIGHBOURS} points, got {len(points)}")
+    if len(points) < N_NEIGHBOURS:
+        raise FitError(f"a robust fit needs {N_NEIGHBOURS} points, got {len(points)}")
     sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
     normals, sigma = oriented(sample, points)
-    surface = start if start is not None else consensus_surface(sample, normals, shape, 3 * sigma)
+    surface = (
+        _held_start(start, held, sample)
+        if start is not None
+        else consensus_surface(sample, normals, shape, 3 * sigma, held)
+    )
     part = points[:: max(1, len(points) // _N_ANNEALED)]
     for cut in _CUTS:
-        surface, sigma = _reweighted(part, surface, cut, sigma)
-    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL)
+        surface, sigma = _reweighted(part, surface, cut, sigma, held)
+    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL, held)
     if len(part) < len(points):
-        surface, sigma, inliers = _settled(points, surface, sigma, 2)
-    return _robust_result(points, surface, sigma, inliers)
+        surface, sigma, inliers = _settled(points, surface, sigma, 2, held)
+    found = _robust_result(points, surface, sigma, inliers, held)
+    return found if held is None else held.marked(found)
+
+
+def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surface:
+    """The start with the given values, nearest to most points (n, 3)."""
+    if held is None:
+        return start
+    near = held.imposed(start, points.mean(axis=0))
+    return min(near, key=lambda surface: float(np.median(np.abs(surface.distance(points)))))
+
+
+def _chart(surface: Surface, cloud: Cloud, held: Held | None) -> Chart:
+    """The chart at a surface, with what is given held."""
+    if held is None:
+        return chart_of(surface, cloud.centre, cloud.scale)
+    return held.chart(surface, cloud.centre, cloud.scale)
 
 
 def _settled(
-    points: FloatArray, surface: Surface, sigma: float, n_rounds: int
+    points: FloatArray, surface: Surface, sigma: float, n_rounds: int, held: Held | None
 ) -> tuple[Surface, float, BoolArray]:
     """Reweigh at the last cut until the same points have a weight, at most so many times."""
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
     for _ in range(n_rounds):
-        surface, sigma = _reweighted(points, surface, TUKEY, sigma)
+        surface, sigma = _reweighted(points, surface, TUKEY, sigma, held)
         before, inliers = inliers, np.abs(surface.distance(points)) < TUKEY * sigma
         if (before == inliers).all():
             break
     return surface, sigma, inliers
-
-
-def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
-    """Normals (m, 3), without a side, of sample points by their neighbours, and the typical roughness."""
-    thinned = points[:: max(1, len(points) // _N_TREE)]
-    _, nearest = cKDTree(thinned).query(sample, k=min(_N_NEIGHBOURS, len(thinned)))
-    around = thinned[nearest]
-    around = around - around.mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", around, around) / (around.shape[1] - 3))
-    extent = float(np.sqrt(np.einsum("ij,ij->", sample - sample.mean(axis=0), sample - sample.mean(axis=0))))
-    roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0.0))))
-    return vectors[:, :, 0], max(roughness, 1e-9 * extent / np.sqrt(len(sample)))
 
 
 def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
@@ -95,13 +108,18 @@ def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
     return np.asarray(np.maximum(1 - (residual / cut) ** 2, 0.0) ** 2, dtype=np.float64)
 
 
-def _reweighted(points: FloatArray, surface: Surface, cut: float, sigma: float) -> tuple[Surface, float]:
+def _reweighted(
+    points: FloatArray, surface: Surface, cut: float, sigma: float, held: Held | None
+) -> tuple[Surface, float]:
     """The surface after a weighted fit, and the scale of its residuals within the cut."""
     weights = tukey_weights(surface.distance(points), cut * sigma)
     cloud = _weighted_cloud(points, weights, surface.kind)
     what = f"{len(cloud.points)} of {len(points)} points left with a weight determine no {surface.kind}"
-    chart, _, _ = polished(chart_of(surface, cloud.centre, cloud.scale), cloud, what, 12)
-    moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    chart, _, _ = polished(_chart(surface, cloud, held), cloud, what, 12)
+    try:
+        moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
+    except InputError as error:
+        raise FitError(f"{what}: {error}") from error
     residual = np.abs(moved.distance(points))
     return moved, max(scale_within(residual[residual < cut * sigma], sigma), 1e-12 * cloud.scale)
 
@@ -131,20 +149,24 @@ def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud
     return Cloud(near, centre, scale or 1.0, weights[kept])
 
 
-def _robust_result(points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray) -> SurfaceFit:
+def _robust_result(
+    points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray, held: Held | None
+) -> SurfaceFit:
     """The fit with the M-estimator's covariance."""
     kept = points[inliers]
     cloud = replace(_weighted_cloud(points, inliers.astype(np.float64), surface.kind), weights=None)
     if isinstance(surface, Plane):  # its chart's origin: the point nearest to the centroid
         height = float(surface.distance(cloud.centre[None])[0])
         surface = Plane(cloud.centre - height * surface.normal_direction, surface.normal_direction)
-    chart = chart_of(surface, cloud.centre, cloud.scale)
+    chart = _chart(surface, cloud, held)
     normal = normal_equations(chart, cloud)
     n, k = len(kept), chart.n_parameters
     residual = surface.distance(kept)
     variance = tukey_variance(residual, sigma, k)
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     covariance = variance * normal.inverse() * np.outer(units, units)
+    if isinstance(chart, HeldChart):
+        covariance = chart.widened(covariance)
     rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
     placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     found = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)

@@ -99,7 +99,9 @@ def weigh(
 
     Without outliers, BIC = n log(mean r^2) + k log n. Where a fit was robust, residuals are cut at 4.685
     times the least scale among the fits, and BIC = sum min(r / s, 4.685)^2 + k log n. Residuals below
-    rounding (1e-12 of `extent`, metres) count as rounding, so that the simplest exact shape wins.
+    rounding (1e-12 of `extent`, metres) count as rounding, so that the simplest exact shape wins. A torus
+    bends to every other shape in a limit: it is chosen where it is clearly the best, and leaves no other in
+    doubt.
 
     Raises
     ------
@@ -121,14 +123,24 @@ def weigh(
         else:
             misfit = n * float(np.log(max(np.mean(residuals[shape] ** 2), floor**2)))
         bic[shape] = misfit + len(fit.covariance) * float(np.log(n))
-    order = sorted(bic, key=lambda shape: bic[shape])
-    least = bic[order[0]]
-    evidence = {shape: float(np.exp(min((bic[shape] - least) / 2, 700.0))) for shape in order}
-    decided = len(order) == 1 or evidence[order[1]] >= LEAST_RATIO
+    evidence = _ratios(bic)
+    if next(iter(evidence)) == "torus" and len(bic) > 1 and list(evidence.values())[1] < LEAST_RATIO:
+        del bic["torus"]  # it bends to every other in a limit, so doubt is for the other
+        failures = failures | {"torus": f"evidence for it is below {LEAST_RATIO:g} : 1"}
+        evidence = _ratios(bic)
+    order = list(evidence)
+    rivals = [shape for shape in order[1:] if shape != "torus"]
+    decided = not rivals or evidence[rivals[0]] >= LEAST_RATIO
     ranked = {shape: tried[shape] for shape in order}
     return Selection(
         cast("Shape", order[0]) if decided else None, ranked, {s: bic[s] for s in order}, evidence, failures
     )
+
+
+def _ratios(bic: dict[str, float]) -> dict[str, float]:
+    """How many times more probable the best shape is than each, best first."""
+    order = sorted(bic, key=lambda shape: bic[shape])
+    return {shape: float(np.exp(min((bic[shape] - bic[order[0]]) / 2, 700.0))) for shape in order}
 
 
 def _scale(fit: SurfaceFit, robust: bool, tried: dict[str, SurfaceFit]) -> float:

@@ -5,7 +5,7 @@ For a direction W the algebraic circular fit is linear least squares in the mome
 costs the same for any number of points (Eberly, Fitting 3D data with a cylinder). The hemisphere is searched
 at about 600 Fibonacci directions and the best are refined. A cone adds height and its square to the
 regressors of the squared radius or, where it is blunt, has the squared height for dependent variable; an
-elliptic cylinder adds the section's two other quadratic forms.
+elliptic cylinder adds the section's two other quadratic forms. Tori begin from `revolution`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
 from completion.fitting.charts.chart import Chart, SphereChart, axis_frame, turned_frame
 from completion.fitting.quadrics import moments
+from completion.fitting.revolution import torus_about, torus_starts
 from scenes.checks import FloatArray
 
 _N_DIRECTIONS = 600
@@ -28,6 +29,8 @@ _RIDGE = 1e-13  # of the diagonal: directions across which nothing is spread sta
 
 def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
     """Charts to polish from, best first, for points (n, 3) near the unit ball."""
+    if shape == "torus":
+        return [*torus_starts(unit)]
     gram = moments(unit, np.zeros(3)).gram() / len(unit)
     if shape == "sphere":
         return [*_spheres(gram), *_shallow(unit, shape)]
@@ -51,6 +54,19 @@ def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
         for axis in _best_axes(gram, "blunt", n_best):
             found.extend(_blunt_cones(gram, axis_frame(axis)))
     return found
+
+
+def starts_along(shape: str, unit: FloatArray, axis: FloatArray) -> list[Chart]:
+    """Charts to polish from about a unit axis (3,) of a given direction."""
+    gram = moments(unit, np.zeros(3)).gram() / len(unit)
+    frame = axis_frame(axis)
+    round_ones: list[Chart] = [*_cylinders(gram, frame)]
+    if shape == "torus":
+        places = [chart.origin for chart in round_ones] or [np.zeros(3)]
+        return [chart for place in places for chart in torus_about(unit, place, axis)]
+    if shape == "cone":
+        return [*_cones(gram, frame), *_blunt_cones(gram, frame)]
+    return _ellipses(gram, frame) if shape == "elliptic-cylinder" else round_ones
 
 
 def _spheres(gram: FloatArray) -> list[Chart]:

@@ -53,7 +53,9 @@ def _extent(
     if relation.kind in ("radius", "distance") and options.round_length_m is not None:
         return options.round_length_m
     if what == RADIUS:
-        radii = [estimate.at[number].radius for number in relation.surfaces]
+        placed = [estimate.at[number] for number in relation.surfaces]
+        is_ring = relation.kind == "equal_ring_radius"
+        radii = [one.ring_radius if is_ring else one.radius for one in placed]
         return 2 * _SHARE * max(radii)
     return 2 * _SHARE * size_m if what == LENGTH else float(2 * _ASIDE)
 

@@ -35,7 +35,7 @@ def infer(
     Parameters
     ----------
     fits : sequence of SurfaceFit
-        Planes, spheres, cylinders and cones, in one frame, with covariances that hold.
+        Planes, spheres, cylinders, cones and tori, in one frame, with covariances that hold.
     given : sequence of Relation
         What a person states, and what he forbids (`is_forbidden`): surfaces by their places in `fits`.
     options : RelationOptions

@@ -13,7 +13,7 @@ from completion.relations.engine.placement import Placement
 from completion.relations.engine.relation import Relation, RelationKind
 from completion.relations.options import RelationOptions
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 _MOST_SD = float(np.radians(5.0))  # of a direction: less well known, it says nothing
 _GATE = float(np.radians(6.0))  # within which directions come into question, or within three deviations
@@ -27,7 +27,7 @@ STAGES: tuple[tuple[RelationKind, ...], ...] = (
     ("parallel", "perpendicular", "vertical", "horizontal"),
     ("angle", "half_angle"),
     ("coaxial", "coplanar", "axis_in_plane"),
-    ("equal_radius", "radius"),
+    ("equal_radius", "equal_ring_radius", "radius"),
     ("distance", "equal_distance"),
 )
 """The kinds in the order in which they are examined; those that a person stated come first within each."""
@@ -131,15 +131,16 @@ def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]
 
 
 def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
-    """Equal radii, and round ones."""
-    spheres, cylinders = (
-        [number for number, fit in enumerate(estimate.fits) if isinstance(fit.surface, kind)]
-        for kind in (Sphere, Cylinder)
+    """Equal radii, and round ones; a fillet's tube, straight or round, is one with other tubes."""
+    spheres, tubes, rings = (
+        [number for number, fit in enumerate(estimate.fits) if isinstance(fit.surface, kinds)]
+        for kinds in (Sphere, (Cylinder, Torus), Torus)
     )
-    for some in (spheres, cylinders):
+    for some in (spheres, tubes):
         yield from _clustered("equal_radius", some, estimate)
+    yield from _clustered("equal_ring_radius", rings, estimate)
     if options.round_length_m is not None:
-        for number in spheres + cylinders:
+        for number in spheres + tubes:
             value = float(
                 np.rint(estimate.at[number].radius / options.round_length_m) * options.round_length_m
             )

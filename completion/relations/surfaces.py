@@ -18,16 +18,14 @@ from completion.relations.engine.wald import with_only
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
+from completion.relations.settled import is_settled
 from completion.relations.stated import StatedRelation
 from completion.uncertainty.pipeline import StatedFits
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Plane
 
 MOST_LEAST, LEAST_LEAST, LEAST_SHARE = 1_200, 200, 0.004
 """Pixels of a surface that relations are inferred of: that share of a scan's, between the other two."""
-_MOST_TILT = float(np.radians(10.0))  # standard deviation of a direction, both ways together
-_MOST_SHARE = 0.1  # of a radius that may be doubtful
 _SHARE_OFF = 0.95
 _MOST_OFF = 0.5  # of the scatter of its points about it, by which a surface may be moved off them
 _N_SAMPLE = 1_000  # pixels that tell how far a surface was moved off what was measured
@@ -128,7 +126,7 @@ def relate_surfaces(
     large = {
         k
         for k, (one, own) in enumerate(zip(edited, told, strict=True))
-        if one.surface.n_pixels >= least and _is_settled(own)
+        if one.surface.n_pixels >= least and is_settled(own)
     }
     numbers = sorted(large.union(*named))
     if not numbers:
@@ -150,15 +148,6 @@ def relate_surfaces(
     places = tuple(number + 1 for number in numbers)
     found = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
     return RelatedSurfaces(tuple(surfaces), tuple(told), found)
-
-
-def _is_settled(fit: SurfaceFit) -> bool:
-    """Whether a surface is known so well that its equations are linear within what is doubtful of it."""
-    told = fit.parameter_deviations()
-    if isinstance(fit.surface, Plane):
-        return told["normal"] < _MOST_TILT
-    radius = float(getattr(fit.surface, "radius", np.inf))
-    return told["direction"] < _MOST_TILT and told["radius"] < _MOST_SHARE * radius
 
 
 def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list[FloatArray]:

@@ -26,9 +26,13 @@ def run_fit(
     robust: bool,
     rays: bool,
     origin: tuple[float, ...] | None,
+    given: dict[str, Any],
     units: Units,
 ) -> None:
-    """Fit `shape` to the points of a file and print it as JSON; with an output file also there."""
+    """Fit `shape` to the points of a file and print it as JSON; with an output file also there.
+
+    `given` holds `radius` and `axis`, None where they are not given.
+    """
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
     with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         run.watch.enter("load")
@@ -39,13 +43,14 @@ def run_fit(
         run.watch.enter("fit")
         options = {
             "shape": shape, "metric": metric, "robust": robust, "rays": along is not None, "origin": origin,
-            "units": units,
+            "units": units, **given,
         }  # fmt: skip
         try:
-            selection = select(cloud.points, robust=robust) if shape == "auto" else None
+            is_auto = shape == "auto" and not any(value is not None for value in given.values())
+            selection = select(cloud.points, robust=robust) if is_auto else None
             chosen = shape if selection is None else selection.decided()
             start = None if selection is None else selection.fits[chosen].surface
-            fitted = fit(cloud.points, chosen, metric=metric, robust=robust, start=start, rays=along)
+            fitted = fit(cloud.points, chosen, metric=metric, robust=robust, start=start, rays=along, **given)
             held = fit_record(fitted, cloud, options, selection)
         except FitError as error:
             raise FitError(f"{points}: {error}") from error
@@ -64,7 +69,7 @@ def fit_record(
     Lengths in metres; deviations of directions in radians, what ends in `_deg` in degrees. The deviations
     hold for independent residuals; `standard_deviation_correlated` allows for neighbours that err alike.
     `evidence` says how many times more probable the chosen shape is than each other, null where the shape
-    was asked for.
+    was asked for. `held` names what was given and held exactly; its deviation is 0.
     """
     correlated = inflated(fitted, cloud.points)
     return {
@@ -77,6 +82,7 @@ def fit_record(
         "inflation": correlated.inflation,
         "n_points": len(cloud.points),
         "converged": fitted.converged,
+        "held": list(fitted.held),
         "evidence": None if selection is None else selection.evidence,
         "not_fitted": {} if selection is None else selection.failures,
         "options": options,

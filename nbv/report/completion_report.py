@@ -29,11 +29,12 @@ from nbv.report.page.page import (
 )
 from nbv.report.pictures.camera import Camera, aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
-from nbv.report.pictures.picture import Picture, picture_of, range_colours, segment_pixels, surface_colour
+from nbv.report.pictures.picture import Picture, picture_of, range_colours, segment_pixels
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
+from scenes.scan.palette import surface_colour
 from scenes.scan.thumbnail import standing
 
 _MOST_SCANS = 3  # of which pictures are shown

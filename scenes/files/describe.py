@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.files.describe_scans import describe_points, describe_poses, describe_scans
+from scenes.files.part_files import is_mesh_ply
 from scenes.files.point_files import POINT_SUFFIXES, TEXT_SUFFIXES
 from scenes.files.scan_files import MESH_SUFFIXES, SCAN_SUFFIXES, Intrinsics, Units, open_scans, split_index
 from scenes.files.scene_files import open_scene
@@ -72,7 +72,7 @@ def describe(
     text = os.fspath(path)
     base, number = split_index(text)
     suffix = base.suffix.lower()
-    if text.startswith("builtin:") or suffix in MESH_SUFFIXES or _is_mesh_ply(base):
+    if text.startswith("builtin:") or suffix in MESH_SUFFIXES or is_mesh_ply(base):
         return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
     if not base.is_dir() and check_file(base) and suffix not in _KNOWN:
         raise InputError(f"{base}: {_stranger(base)}")
@@ -126,15 +126,6 @@ def _stranger(path: Path) -> str:
 def _plain(value: dict[str, Any]) -> dict[str, Any]:
     plain: dict[str, Any] = to_plain(value)
     return plain
-
-
-def _is_mesh_ply(path: Path) -> bool:
-    """A PLY file with faces; organised scans and clouds have none."""
-    if path.suffix.lower() != ".ply" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(1 << 22).partition(b"end_header")[0]
-    return re.search(rb"element\s+face\s+[1-9]", head) is not None
 
 
 def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError, check_point, frozen_copy, usable_rows
+from scenes.checks import ColourArray, FloatArray, InputError, IntArray, check_point, frozen_copy, usable_rows
 from scenes.files.scan_files import ScanSource, Units, check_units, itself, open_scans, split_index
 from scenes.formats.arrays import open_arrays
 from scenes.formats.e57.e57 import E57File
@@ -27,6 +27,7 @@ from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
+_MOST_LABEL = 2**31 - 1
 POINT_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".ptx")
 
 
@@ -48,6 +49,12 @@ class PointCloud:
         The file's name, with #k where one scan was picked.
     warnings : tuple of str
         What was left out or assumed while reading.
+    label : (n,) int, optional
+        What the file calls the surface of each point; 0 and less for none.
+    rows : (n,) int, optional
+        Place of each point among all `n_rows` of the file, where some were left out.
+    n_rows : int
+        Points of the file, those that were left out too.
     """
 
     points: FloatArray
@@ -56,6 +63,9 @@ class PointCloud:
     colour: ColourArray | None = None
     name: str = ""
     warnings: tuple[str, ...] = ()
+    label: IntArray | None = None
+    rows: IntArray | None = None
+    n_rows: int = 0
 
     def __post_init__(self) -> None:
         for field in ("points", "normals", "origins"):
@@ -63,6 +73,10 @@ class PointCloud:
                 object.__setattr__(self, field, frozen_copy(getattr(self, field), np.float64))
         if self.colour is not None:
             object.__setattr__(self, "colour", frozen_copy(self.colour, np.uint8))
+        for field in ("label", "rows"):
+            if getattr(self, field) is not None:
+                object.__setattr__(self, field, frozen_copy(getattr(self, field), np.int64))
+        object.__setattr__(self, "n_rows", max(self.n_rows, len(self.points)))
 
     def rays(self, origin: object | None = None) -> FloatArray:
         """The rays (n, 3), metres, from where the scanner stood to the points; `origin` (3,) if it is said.
@@ -86,7 +100,8 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     path : str or path
         `.xyz .txt .csv .pts .asc .ds` (text), `.ply .pcd .las .laz .e57 .npz .ptx`, or an RGB-D folder. Scans
         give all their valid points in world coordinates, those of several scans one after the other. An
-        `.npz` holds `points` (n, 3) and perhaps `normals`, or a scan.
+        `.npz` holds `points` (n, 3) and perhaps `normals` and `label` (n,), or a scan. Labels of surfaces are
+        also read from text with a column, and PLY with a property, of that name.
     units : "mm", "cm", "m" or "in"
         Unit of the lengths in the file.
 
@@ -129,7 +144,22 @@ def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
         colour=colour,
         name=name,
         warnings=warnings,
+        label=None if raw.label is None else _labels(raw.label[kept]),
+        rows=None if kept.all() else np.flatnonzero(kept),
+        n_rows=len(kept),
     )
+
+
+def _labels(label: FloatArray) -> IntArray:
+    """Labels as whole numbers; an empty field is none."""
+    whole = np.nan_to_num(label, nan=0.0)
+    strange = np.flatnonzero((whole != np.rint(whole)) | (np.abs(whole) > _MOST_LABEL))
+    if len(strange):
+        raise InputError(
+            f"{len(strange)} of {len(label)} labels are no whole numbers up to {_MOST_LABEL} "
+            f"(first {whole[strange[0]]:g})"
+        )
+    return whole.astype(np.int64)
 
 
 def _from_file(file: Path, number: int | None) -> RawPoints:
@@ -152,7 +182,7 @@ def _from_file(file: Path, number: int | None) -> RawPoints:
             raise InputError(f"holds one cloud, so there is no #{number}")
         if suffix in TEXT_SUFFIXES:
             table = read_point_table(file)
-            return RawPoints(table.points, table.normals, warnings=table.warnings)
+            return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label)
         if suffix == ".ply":
             if is_scan_ply(file):
                 return _from_scans(open_scans(file).read())
@@ -182,7 +212,7 @@ def _from_several(opened: Callable[[Path], E57File | PtxFile], file: Path, numbe
 
 
 def _from_npz(file: Path, number: int | None) -> RawPoints:
-    """Arrays `points` and `normals`, or else a scan."""
+    """Arrays `points`, `normals` and `label`, or else a scan."""
     with open_arrays(file) as arrays:
         if "points" not in arrays.files:
             readers = tuple(partial(itself, scan) for scan in scans_in(arrays, file.stem))
@@ -191,9 +221,13 @@ def _from_npz(file: Path, number: int | None) -> RawPoints:
             raise InputError(f"holds one cloud, so there is no #{number}")
         points = np.asarray(arrays["points"], dtype=np.float64)
         normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
+        label = np.asarray(arrays["label"], np.float64).ravel() if "label" in arrays.files else None
     if points.ndim < 2 or points.shape[-1] != 3 or (normals is not None and normals.shape != points.shape):
         shape = "" if normals is None else f" and normals {normals.shape}"
         raise InputError(
             f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
         )
-    return RawPoints(points.reshape(-1, 3), None if normals is None else normals.reshape(-1, 3))
+    points = points.reshape(-1, 3)
+    if label is not None and len(label) != len(points):
+        raise InputError(f"holds {len(label)} labels for {len(points)} points; give one a point")
+    return RawPoints(points, None if normals is None else normals.reshape(-1, 3), label=label)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Surfaces: planes, spheres, cylinders and cones, each with a metric chart."""
+"""Surfaces: planes, spheres, cylinders, cones and tori, each with a chart."""

@@ -12,15 +12,17 @@ from scenes.surfaces.elliptic_cylinder import EllipticCylinder
 from scenes.surfaces.plane import Plane
 from scenes.surfaces.sphere import Sphere
 from scenes.surfaces.surface import Surface
+from scenes.surfaces.torus import Torus
 
-__all__ = ["Cone", "Cylinder", "EllipticCylinder", "Plane", "Sphere", "Surface", "surfaces_close"]
+__all__ = ["Cone", "Cylinder", "EllipticCylinder", "Plane", "Sphere", "Surface", "Torus", "surfaces_close"]
 
 
 def surfaces_close(first: Surface, second: Surface, *, angle: float, length: float) -> bool:
     """Tell whether two surfaces of one kind agree within `angle` (radians) and `length` (metres).
 
     Planes are compared at the first one's chart origin; surfaces with an axis by axis distance there, and by
-    their radii; spheres by centre and radius; cones also by half angle, and both ways of their axis differ.
+    their radii; spheres by centre and radius; tori by centre, axis and both radii; cones also by half angle,
+    and both ways of their axis differ.
     The side from which they are seen does not count.
 
     Parameters
@@ -44,6 +46,10 @@ def surfaces_close(first: Surface, second: Surface, *, angle: float, length: flo
         opens_alike = float(first.direction @ second.direction) > 0
         same_angle = abs(first.half_angle - second.half_angle) <= angle
         return _same_axis(first, second, angle, length) and opens_alike and same_radius and same_angle
+    if isinstance(first, Torus) and isinstance(second, Torus):
+        apart = float(np.linalg.norm(first.centre - second.centre))
+        radii = abs(first.radius - second.radius), abs(first.tube_radius - second.tube_radius)
+        return _parallel(first.direction, second.direction, angle) and max(apart, *radii) <= length
     if isinstance(first, EllipticCylinder) and isinstance(second, EllipticCylinder):
         same_radii = bool(np.abs(np.subtract(first.radii, second.radii)).max() <= length)
         turned = float(np.linalg.norm(np.cross(first.zero_direction, second.zero_direction)))

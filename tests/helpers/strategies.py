@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 
 EPS = float(np.finfo(np.float64).eps)
 REACH_M = 50.0  # no coordinate that a strategy draws is larger
@@ -70,6 +70,13 @@ def elliptic_cylinders(draw: st.DrawFn, concave: bool = False) -> EllipticCylind
     return EllipticCylinder(pose.translation, pose.rotation[:, 2], radii, pose.rotation[:, 0], concave)
 
 
+@st.composite
+def tori(draw: st.DrawFn, concave: bool = False) -> Torus:
+    """Any torus with a tube between 5 cm and 2 m about a circle up to ten times and 5 % as large."""
+    pose, tube, ratio = draw(poses()), draw(st.floats(0.05, 2.0)), draw(st.floats(1.05, 10.0))
+    return Torus(pose.translation, pose.rotation[:, 2], ratio * tube, tube, pose.rotation[:, 0], concave)
+
+
 SURFACES: dict[str, st.SearchStrategy[Surface]] = {
     "plane": planes(),
     "convex cylinder": cylinders(),
@@ -80,5 +87,7 @@ SURFACES: dict[str, st.SearchStrategy[Surface]] = {
     "concave cone": cones(concave=True),
     "convex elliptic-cylinder": elliptic_cylinders(),
     "concave elliptic-cylinder": elliptic_cylinders(concave=True),
+    "convex torus": tori(),
+    "concave torus": tori(concave=True),
 }
 surfaces = st.one_of(*SURFACES.values())

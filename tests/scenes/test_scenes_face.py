@@ -24,6 +24,7 @@ NAMES = [
     "SphericalProjection",
     "Sphere",
     "Surface",
+    "Torus",
     "builtin_names",
     "builtin_scene",
     "surfaces_close",

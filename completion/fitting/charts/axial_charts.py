@@ -17,8 +17,9 @@ from completion.fitting.charts.chart import (
     radius_about,
     turned_frame,
 )
+from completion.fitting.charts.torus_chart import TorusChart
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.elliptic_cylinder import ellipse_feet, ellipse_normal
 
 
@@ -197,6 +198,10 @@ def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
         return PlaneChart((surface.point - centre) / scale, frame)
     if isinstance(surface, Sphere):
         return SphereChart((surface.centre - centre) / scale, surface.radius / scale)
+    if isinstance(surface, Torus):
+        frame = axis_frame(surface.direction)
+        middle = (surface.centre - centre) / scale
+        return TorusChart(middle, frame, surface.radius / scale, surface.tube_radius / scale)
     if isinstance(surface, Cylinder | Cone | EllipticCylinder):
         point = (surface.point - centre) / scale
         along = -float(point @ surface.direction)

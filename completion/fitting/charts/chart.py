@@ -22,7 +22,10 @@ from scenes.surfaces.surface import perpendicular
 class Chart(Protocol):
     """A surface near which to linearise; lengths in the unit of the points."""
 
-    n_parameters: ClassVar[int]
+    @property
+    def n_parameters(self) -> int:
+        """How many parameters it has."""
+        ...
 
     @property
     def origin(self) -> FloatArray:

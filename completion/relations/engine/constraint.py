@@ -61,7 +61,7 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> 
     """
     one = relation.surfaces[0]
     kind = relation.kind
-    if kind in ("radius", "half_angle", "equal_radius"):
+    if kind in ("radius", "half_angle", "equal_radius", "equal_ring_radius"):
         return _sizes(relation, at)
     if kind in ("vertical", "horizontal"):
         return _against_gravity(relation, at, frame)
@@ -193,9 +193,17 @@ def _sizes(relation: Relation, at: Mapping[int, Placement]) -> Constraint:
             raise InputError("only a cone has a half angle")
         value = at[one].half_angle - float(relation.value or 0.0)
         return _built((np.float64(value), {one: at[one].by_half_angle}), ANGLE)
+    if relation.kind == "equal_ring_radius":
+        one, two = relation.surfaces
+        if min(at[one].ring_radius, at[two].ring_radius) <= 0:
+            raise InputError("only tori have a ring")
+        value = at[one].ring_radius - at[two].ring_radius
+        return _built(
+            (np.float64(value), {one: at[one].by_ring_radius, two: -at[two].by_ring_radius}), RADIUS
+        )
     for number in relation.surfaces:
         if at[number].radius <= 0 or at[number].half_angle > 0:
-            raise InputError("only spheres and cylinders have one radius")
+            raise InputError("only spheres, cylinders and tubes of tori have one radius")
     one, *others = relation.surfaces
     if not others:
         value = at[one].radius - float(relation.value or 0.0)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from completion.fitting.result import SurfaceFit
@@ -26,6 +26,7 @@ from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 
 _N_ROUNDS = 20
+_LOOSE = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)  # of an equation's variance: what it may be off
 _GROWTH = 0.2  # of the rank, after which all is solved together again
 _EVERY = 60  # equations, up to which that is done after each
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
@@ -80,7 +81,7 @@ class Estimate:
     Parameters
     ----------
     fits : sequence of SurfaceFit
-        Planes, spheres, cylinders and cones with finite covariances.
+        Planes, spheres, cylinders, cones and tori with finite covariances.
     up : (3,) float, optional
         Unit vector against gravity.
     sd : (3,) float
@@ -231,9 +232,21 @@ class Estimate:
         return jacobian, value, np.concatenate([self.built_within(part) for part in parts])
 
     def factor(self, jacobian: csr_array, within: FloatArray) -> tuple[FloatArray, tuple[FloatArray, bool]]:
-        """Sigma A' as (n, m), and the Cholesky factor of S."""
+        """Sigma A' as (n, m), and the Cholesky factor of S.
+
+        Equations that are told apart where they were tested may depend on one another where all of them hold.
+        Then each holds to as small a part of its own deviation as makes S positive definite.
+        """
         gain = np.asarray((jacobian @ self._prior).T)
-        return gain, cho_factor(jacobian @ gain + np.diag(within))
+        variance = np.asarray(jacobian @ gain + np.diag(within))
+        for share in _LOOSE:
+            try:
+                return gain, cho_factor(variance + np.diag(share * np.diag(variance)))
+            except LinAlgError:
+                continue
+        raise InputError(
+            f"the {len(variance)} equations of the relations depend on one another; state fewer of them"
+        )
 
     def anew(self) -> Estimate:
         """Return the estimate from the same fits with nothing imposed, that begins where this one is."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.fitting.charts.chart import axis_frame
 from scenes.checks import FloatArray, InputError
-from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 
 _LEAST_HALF_ANGLE = 1e-9  # radians; a cone that is narrower is a cylinder
 
@@ -23,14 +23,16 @@ class Placement:
     direction : (3,) float
         A plane's unit normal, a unit axis; zero for a sphere.
     point : (3,) float
-        On the plane, on the axis, or a sphere's centre; metres.
+        On the plane, on the axis, or a sphere's or torus' centre; metres.
     radius, half_angle : float
-        Metres, radians; 0 where there is none.
+        Metres, radians; 0 where there is none. A torus' radius is here that of its tube, as a cylinder's.
+    ring_radius : float
+        Of the circle in a torus' tube, metres; else 0.
     across : (2, 3) float
         Two unit vectors at right angles to the direction that the surface had before it was moved.
     by_direction, by_point : (3, k) float
         Derivatives.
-    by_radius, by_half_angle : (1, k) float
+    by_radius, by_half_angle, by_ring_radius : (1, k) float
         Derivatives.
     """
 
@@ -43,6 +45,8 @@ class Placement:
     by_point: FloatArray
     by_radius: FloatArray
     by_half_angle: FloatArray
+    by_ring_radius: FloatArray
+    ring_radius: float = 0.0
 
     @property
     def is_plane(self) -> bool:
@@ -75,6 +79,7 @@ def place(surface: Surface, change: FloatArray) -> Placement:
             by_point=by_point,
             by_radius=none,
             by_half_angle=none,
+            by_ring_radius=none,
         )
     if isinstance(surface, Sphere):
         unit, none = np.eye(4), np.zeros((3, 4))
@@ -88,11 +93,37 @@ def place(surface: Surface, change: FloatArray) -> Placement:
             by_point=unit[:3],
             by_radius=unit[3:],
             by_half_angle=none[:1],
+            by_ring_radius=none[:1],
         )
     if isinstance(surface, Cylinder | Cone):
         return _place_axis(surface, change)
-    raise InputError(
-        f"{type(surface).__name__}: relations are known of planes, spheres, cylinders and cones alone"
+    if isinstance(surface, Torus):
+        return _place_torus(surface, change)
+    raise _unknown(surface)
+
+
+def _unknown(surface: Surface) -> InputError:
+    names = "planes, spheres, cylinders, cones and tori"
+    return InputError(f"{type(surface).__name__}: relations are known of {names} alone")
+
+
+def _place_torus(surface: Torus, change: FloatArray) -> Placement:
+    """A change (7,) of a torus: shifts across its axis, tilts, the shift along it, and both radii."""
+    unit, frame = np.eye(7), axis_frame(surface.direction)
+    shifts, tilts = frame.T @ unit[[0, 1, 4]], frame[:2].T @ unit[2:4]
+    direction, by_direction = _unit(surface.direction + tilts @ change, tilts)
+    return Placement(
+        direction=direction,
+        point=surface.centre + shifts @ change,
+        radius=surface.tube_radius + float(change[6]),
+        half_angle=0.0,
+        across=frame[:2],
+        by_direction=by_direction,
+        by_point=shifts,
+        by_radius=unit[6:],
+        by_half_angle=np.zeros((1, 7)),
+        by_ring_radius=unit[5:6],
+        ring_radius=surface.radius + float(change[5]),
     )
 
 
@@ -113,6 +144,7 @@ def _place_axis(surface: Cylinder | Cone, change: FloatArray) -> Placement:
         by_point=shifts,
         by_radius=unit[4:5],
         by_half_angle=by_half_angle,
+        by_ring_radius=np.zeros((1, len(change))),
     )
 
 
@@ -147,6 +179,13 @@ def moved(surface: Surface, change: FloatArray) -> Surface:
             zero_direction=surface.zero_direction,
             concave=surface.concave,
         )
-    raise InputError(
-        f"{type(surface).__name__}: relations are known of planes, spheres, cylinders and cones alone"
-    )
+    if isinstance(surface, Torus):
+        return Torus(
+            centre=at.point,
+            direction=at.direction,
+            radius=at.ring_radius,
+            tube_radius=at.radius,
+            zero_direction=surface.zero_direction,
+            concave=surface.concave,
+        )
+    raise _unknown(surface)

@@ -21,6 +21,7 @@ RelationKind = Literal[
     "equal_distance",
     "radius",
     "equal_radius",
+    "equal_ring_radius",
     "half_angle",
     "axis_in_plane",
     "vertical",
@@ -56,7 +57,8 @@ class Relation:
         "parallel", "perpendicular": normals of planes, axes of what has one. "angle": between these, `value`
         in radians. "coplanar", "coaxial". "distance": between two parallel planes or axes, `value` in metres.
         "equal_distance": of the first two as of the last two. "radius", "half_angle": `value` in metres or
-        radians. "equal_radius". "axis_in_plane": a plane, then what has an axis. "vertical", "horizontal": a
+        radians. "equal_radius" (of tori the tubes'); "equal_ring_radius" of the circles in tori's tubes.
+        "axis_in_plane": a plane, then what has an axis. "vertical", "horizontal": a
         plane or an axis, against gravity.
     surfaces : tuple of int
         Which.

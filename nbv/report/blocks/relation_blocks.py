@@ -12,8 +12,8 @@ from completion.relations.engine.relation import Relation, Status
 from completion.relations.graph import RelationGraph
 from completion.relations.record import Misfit, misfit_of
 from nbv.report.page.page import Block, Cell, Section, Table, Text
-from nbv.report.pictures.picture import surface_colour
 from nbv.run.wording import count
+from scenes.scan.palette import surface_colour
 
 _MOST_ROWS = 40  # of each kind of status
 FAULT_SD = 3.0
@@ -30,6 +30,7 @@ _WORDS = {
     "equal_distance": "as far apart, pair by pair",
     "radius": "of radius {value:g} m",
     "equal_radius": "of one radius",
+    "equal_ring_radius": "rings of one radius",
     "half_angle": "of half angle {value:g}\u00b0",
     "axis_in_plane": "plane and axis in it",
     "vertical": "vertical",

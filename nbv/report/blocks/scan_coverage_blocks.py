@@ -16,7 +16,7 @@ from nbv.report.page.page import Bar, BarShare, Block, Cell, Headline, State, Ta
 from nbv.report.pictures.camera import aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
 from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, paint_states
-from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of, surface_colour
+from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of
 from nbv.report.viewer.scene_view import PALE
 from nbv.report.viewer.state_view import state_view
 from nbv.run.wording import count, square_metres
@@ -27,6 +27,7 @@ from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
+from scenes.scan.palette import surface_colour
 
 _WIDTH = 760
 _THICK_M = 0.15  # half the height over which seen voxels are drawn

@@ -14,16 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import BoolArray, FloatArray
+from scenes.scan.palette import surface_rgb
 
 # Blue and orange (Okabe and Ito's palette) stay apart under all common kinds of colour blindness; unknown
 # area is hatched as well, and modelled area, a lighter tone of measured, is dotted, so that they survive a
 # grey print.
 MODELLED = (0.82, 0.84, 0.84)
 MEASURED, INFERRED, UNKNOWN = (0.62, 0.64, 0.64), (0.18, 0.48, 0.80), (0.90, 0.62, 0.10)
-_SURFACES = (
-    "#4477aa", "#ddaa33", "#228833", "#cc6677", "#66ccee", "#aa3377", "#999933", "#117733",
-    "#88ccee", "#882255", "#bbaa55", "#44aa99", "#6655aa", "#ee8866", "#77aadd", "#aaaa00",
-)  # fmt: skip
 _PNG_LEVEL = 4  # of zlib: 6 takes two thirds more time for four percent less
 
 
@@ -73,17 +70,6 @@ def dots(shape: tuple[int, int], period: int = 8) -> FloatArray:
     row, column = (np.cos(2 * np.pi * np.arange(side) / period) for side in shape)
     opacity: FloatArray = 1 / (1 + np.exp(-6 * (row[:, None] + column - 0.9)))
     return opacity
-
-
-def surface_colour(number: int) -> str:
-    """Return the CSS colour of surface `number` (from 1); grey for 0, which is none."""
-    return "#c9c9c6" if number <= 0 else _SURFACES[(number - 1) % len(_SURFACES)]
-
-
-def surface_rgb(number: int) -> tuple[float, float, float]:
-    """Return the same colour as red, green and blue, 0..1."""
-    red, green, blue = (int(surface_colour(number)[i : i + 2], 16) / 255 for i in (1, 3, 5))
-    return red, green, blue
 
 
 def segment_pixels(owner: NDArray[np.int32], valid: BoolArray) -> FloatArray:

@@ -14,7 +14,7 @@ from completion.extension.patch import Patch, Provenance
 from completion.result.completed_model import CompletedModel, TexturedMesh
 from completion.texturing.chart_texture import Atlas
 from nbv.report.pictures.camera import Camera
-from nbv.report.pictures.picture import Picture, surface_rgb
+from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import (
@@ -37,6 +37,7 @@ from nbv.scans.scan_map import with_known_noise
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 from scenes.run.mapping import trim
+from scenes.scan.palette import surface_rgb
 from scenes.scan.range_image import RangeImage
 
 _PIECES = 40_000  # into which recognised surface is cut, about

@@ -14,12 +14,12 @@ from completion.result.labelled_points import PROVENANCE_NAMES
 from nbv.coverage.measurement import measured_samples
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.report.pictures import picture
-from nbv.report.pictures.picture import surface_rgb
 from nbv.report.viewer.layers import Category, Numbers, Sightings, count_channel, incidence_channel
 from nbv.scans.scan_map import with_known_noise
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
+from scenes.scan.palette import surface_rgb
 from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)

@@ -16,7 +16,7 @@ from nbv.coverage.surface_classes import MET as CLASS_MET
 from nbv.coverage.surface_classes import MODELLED as CLASS_MODELLED
 from nbv.coverage.visibility_history import NEVER, VisibilityHistory
 from nbv.report.pictures import picture
-from nbv.report.pictures.picture import Picture, surface_rgb
+from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import (
@@ -34,6 +34,7 @@ from nbv.visibility.reachability import REASONS
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance
+from scenes.scan.palette import surface_rgb
 from scenes.world.scene import Scene
 
 _SAMPLES_A_FACE = 1.0

@@ -44,6 +44,8 @@ class RawPoints:
         sRGB.
     warnings : tuple of str
         What was left out or assumed.
+    label : (n,) float, optional
+        What the file calls the surface of each point, as in the file.
     """
 
     points: FloatArray
@@ -51,6 +53,7 @@ class RawPoints:
     origins: FloatArray | None = None
     colour: ColourArray | None = None
     warnings: tuple[str, ...] = ()
+    label: FloatArray | None = None
 
 
 def joined(parts: Sequence[RawPoints]) -> RawPoints:

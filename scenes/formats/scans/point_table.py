@@ -32,11 +32,14 @@ class PointTable:
         As in the file.
     warnings : tuple of str
         What was assumed.
+    label : (n,) float, optional
+        The column that is named so, NaN where a field was empty.
     """
 
     points: FloatArray
     normals: FloatArray | None
     warnings: tuple[str, ...]
+    label: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +47,11 @@ class _Layout:
     """Where in the lines the points stand."""
 
     first: int  # index of the first line with a point
-    columns: tuple[int, ...]  # of x, y, z and perhaps nx, ny, nz
+    columns: tuple[int, ...]  # of x, y, z and perhaps nx, ny, nz, then perhaps of the label
     count: int | None = None  # points that the file announces
     warnings: tuple[str, ...] = ()
     normals_are_named: bool = False
+    has_label: bool = False
 
 
 def read_point_table(path: Path) -> PointTable:
@@ -55,9 +59,9 @@ def read_point_table(path: Path) -> PointTable:
 
     Fields are separated by blanks, tabs, commas or semicolons; decimal commas are known where something
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
-    may stand before the points and say which columns are x, y, z (nx, ny, nz); without them the first three
-    columns are taken, and three more are normals where all have length one. A first line with one integer
-    announces how many points follow (.pts, and the reference sets of NIST).
+    may stand before the points and say which columns are x, y, z (nx, ny, nz, label); without them the first
+    three columns are taken, and three more are normals where all have length one. A first line with one
+    integer announces how many points follow (.pts, and the reference sets of NIST).
 
     Raises InputError: no text, no points, a line that is no point (with its number), or another count than
     announced.
@@ -70,10 +74,11 @@ def read_point_table(path: Path) -> PointTable:
             f"its first line announces {layout.count} points, {len(table)} follow: is it truncated, or are "
             "there several clouds in it? correct or remove that line"
         )
-    points, more = table[:, :3], table[:, 3:]
-    if layout.normals_are_named or (more.shape[1] == 3 and _are_unit(more)):
-        return PointTable(points, more.copy(), layout.warnings)
-    return PointTable(points, None, layout.warnings)
+    label = table[:, -1].copy() if layout.has_label else None
+    points, more = table[:, :3], table[:, 3 : 6 if layout.normals_are_named else None]
+    is_unit = not layout.has_label and more.shape[1] == 3 and _are_unit(more)
+    normals = more.copy() if layout.normals_are_named or is_unit else None
+    return PointTable(points, normals, layout.warnings, label)
 
 
 def _decode(path: Path) -> str:
@@ -152,7 +157,17 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
         )
     if not names and len(columns) == 6 and not all(_is_number(field) for field in fields):
         columns = (0, 1, 2)
-    return _Layout(index, columns, count, warnings, bool(named) and len(named) == 6)
+    label = names.index("label") if named and "label" in names else len(fields)
+    has_label = label < len(fields) and _is_number(fields[label])  # words are no labels
+    more = (label,) if has_label else ()
+    return _Layout(
+        index,
+        (*columns, *more),
+        count,
+        warnings,
+        normals_are_named=bool(named) and len(named) == 6,
+        has_label=has_label,
+    )
 
 
 def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:

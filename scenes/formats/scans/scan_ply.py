@@ -95,7 +95,7 @@ class _Vertices:
 
 
 def read_ply_points(path: Path) -> RawPoints:
-    """Return points, and normals and colours where the file has some.
+    """Return points, and normals, colours and labels (property `label`) where the file has some.
 
     Raises InputError: no PLY, truncated, vertices without x, y, z, or behind another element in a binary
     file.
@@ -115,7 +115,8 @@ def read_ply_points(path: Path) -> RawPoints:
         np.stack([column[name] for name in names], axis=-1) if set(names) <= set(vertices.names) else None
         for names in (("nx", "ny", "nz"), ("red", "green", "blue"))
     )
-    return RawPoints(points, normals, colour=None if colour is None else _bytes(colour, vertices))
+    painted = None if colour is None else _bytes(colour, vertices)
+    return RawPoints(points, normals, colour=painted, label=column.get("label"))
 
 
 def _bytes(colour: FloatArray, vertices: _Vertices) -> ColourArray:

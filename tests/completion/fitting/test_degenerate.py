@@ -10,12 +10,12 @@ from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
 from completion.fitting.selection import select, weigh
 from scenes.checks import InputError
-from scenes.surfaces.catalogue import Cylinder
+from scenes.surfaces.catalogue import Cylinder, Torus
 
 ALONG = np.linspace(-1, 1, 30)
 LINE = np.outer(ALONG, [1, 2, 3]) + [5, 6, 7]
 POST = Cylinder((0.3, -0.2, 1.0), (0.2, 0.1, 1.0), 0.06)
-SHAPES = ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder"]
+SHAPES = ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder", "torus"]
 RNG = np.random.default_rng(0)
 FLAT = RNG.uniform(-1, 1, (50, 3)) * [1, 1, 0]
 BLOB = RNG.normal(size=(400, 3))
@@ -29,6 +29,7 @@ BLOB = RNG.normal(size=(400, 3))
         ("cylinder", "a cylinder with covariance needs 6 points, got 2"),
         ("cone", "a cone needs 6 points, got 2"),
         ("elliptic-cylinder", "an elliptic cylinder needs 7 points, got 2"),
+        ("torus", "a torus needs 7 points, got 2"),
         ("auto", "a plane needs 3 points, got 2"),
     ],
 )
@@ -77,7 +78,7 @@ def test_extents_beyond_reckoning(shape, size) -> None:
 
 
 @pytest.mark.parametrize("metric", ["taubin", "algebraic"])
-@pytest.mark.parametrize("shape", SHAPES[1:])
+@pytest.mark.parametrize("shape", SHAPES[1:-1])
 def test_closed_forms_refuse_a_plane_too(shape, metric) -> None:
     with pytest.raises(FitError, match="50 points lie in one plane: singular values"):
         fit(FLAT, shape, metric=metric)
@@ -109,9 +110,23 @@ def test_points_that_are_not_finite(shape, value) -> None:
         fit(points, shape)
 
 
+def test_a_spindle_is_refused_with_its_radii() -> None:
+    about, around = RNG.uniform(-3, 3, 2000), RNG.uniform(-1.5, 1.5, 2000)
+    reach = 0.4 + 1.0 * np.cos(around)
+    spindle = np.column_stack([reach * np.cos(about), reach * np.sin(about), np.sin(around)])
+    with pytest.raises(FitError, match=r"a tube of radius 1 m about a circle of 0\.4 m reaches its axis"):
+        fit(spindle, "torus")
+
+
+def test_a_torus_is_no_quadric() -> None:
+    ring = Torus((1, 2, 3), (0, 0, 1), 1.0, 0.3).from_uv(RNG.uniform(-0.9, 0.9, (300, 2)))
+    with pytest.raises(FitError, match="a torus is no quadric: 'taubin' cannot fit it; use the euclidean"):
+        fit(ring, "torus", metric="taubin")
+
+
 def test_wrong_arguments_are_named() -> None:
-    with pytest.raises(InputError, match=r"shape must be auto or one of plane, sphere, .* got 'torus'"):
-        fit(BLOB, "torus")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"shape must be auto or one of plane, sphere, .* got 'ellipsoid'"):
+        fit(BLOB, "ellipsoid")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="metric must be euclidean, taubin or algebraic, got 'l1'"):
         fit(BLOB, "plane", metric="l1")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="robust fits and errors along rays are Euclidean; drop"):
@@ -136,7 +151,10 @@ def test_a_blob_or_a_layer_of_noise_is_no_round_surface() -> None:
 @pytest.mark.parametrize("shape", SHAPES[1:])
 def test_noise_on_a_plane_is_no_curved_surface(shape, robust) -> None:
     """A cone of 89.9 deg, or a cylinder of 400 m, is what least squares makes of it."""
-    reasons = "as well|within the noise|agree on|spans|positive|no convergence|left no surface|gives a start"
+    reasons = (
+        "as well|within the noise|agree on|spans|positive|no convergence|left no surface|gives a start"
+        "|condition number|reaches its axis"
+    )
     for seed in range(3):
         rng = np.random.default_rng(seed)
         layer = np.column_stack([rng.uniform(-1, 1, (3000, 2)), rng.normal(0, 1e-3, 3000)])

@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from completion.fitting.pipeline import fit
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, surfaces_close
+from scenes.surfaces.catalogue import (
+    Cone,
+    Cylinder,
+    EllipticCylinder,
+    Plane,
+    Sphere,
+    Surface,
+    Torus,
+    surfaces_close,
+)
 from tests.helpers.strategies import poses, seeds
 
 SIGMA = 1e-3
@@ -18,6 +27,7 @@ SURFACES: dict[str, Surface] = {
     "cylinder": Cylinder((1, 2, 3), (0.3, 0.2, 1), 0.7),
     "cone": Cone((1, 2, 3), (0.3, 0.2, 1), 0.7, 0.5),
     "elliptic-cylinder": EllipticCylinder((1, 2, 3), (0.3, 0.2, 1), (0.7, 0.4)),
+    "torus": Torus((1, 2, 3), (0.3, 0.2, 1), 0.7, 0.4),
 }
 SHAPES = pytest.mark.parametrize("shape", SURFACES)
 law = settings(derandomize=True, deadline=None, max_examples=5)
@@ -39,6 +49,9 @@ def scaled(surface: Surface, factor: float) -> Surface:
     if isinstance(surface, Cone):
         radius = factor * surface.radius
         return Cone(factor * surface.point, surface.direction, radius, surface.half_angle)
+    if isinstance(surface, Torus):
+        radii = factor * surface.radius, factor * surface.tube_radius
+        return Torus(factor * surface.centre, surface.direction, *radii)
     assert isinstance(surface, EllipticCylinder)
     radii = (factor * surface.radii[0], factor * surface.radii[1])
     return EllipticCylinder(factor * surface.point, surface.direction, radii, surface.zero_direction)
@@ -113,3 +126,12 @@ def test_shallow_arcs_are_fitted_with_their_uncertainty(shape, ratio) -> None:
     found = fit(exact + 0.01 / ratio * rng.normal(size=(3000, 1)) * true.normal(exact), shape)
     error = found.surface.radius - ratio  # type: ignore[attr-defined]
     assert abs(error) < 4 * found.parameter_deviations()["radius"] < 0.01 * ratio
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cones_of_many_points_open_whichever_way_they_were_found(seed) -> None:
+    rng = np.random.default_rng(seed)
+    true = Cone(rng.normal(size=3), rng.normal(size=3), 1.0, 0.4)
+    points = true.from_uv(np.column_stack([rng.uniform(-0.8, 0.8, 45_000), rng.uniform(-0.5, 0.5, 45_000)]))
+    points += SIGMA * rng.normal(size=(len(points), 1)) * true.normal(points)
+    assert surfaces_close(fit(points, "cone").surface, true, angle=1e-3, length=1e-3)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Robust fits among outliers, selection with evidence, and the comparison table's Euclidean rows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from completion.fitting.pipeline import fit
 from completion.fitting.polish import normal_equations
 from completion.fitting.result import FitError
 from completion.fitting.robust import tukey_weights
-from completion.fitting.selection import select
+from completion.fitting.selection import select, weigh
 from scenes.checks import FloatArray
 from scenes.files.scan_files import read_scan
 from scenes.surfaces.catalogue import surfaces_close
@@ -97,6 +99,18 @@ def test_tukeys_weights_fall_from_one_to_nothing() -> None:
 def test_the_evidence_is_for_the_true_shape(shape, robust) -> None:
     points = sampled(shape, np.random.default_rng(8), 2_000)
     assert fit(points, "auto", robust=robust).surface.kind == shape
+
+
+def test_a_torus_leaves_no_other_in_doubt() -> None:
+    """It bends to a cylinder in a limit: a little better, it is left out; as good, it does not count."""
+    points = sampled("cylinder", np.random.default_rng(8), 400)
+    round_one = fit(points, "cylinder")
+    fits = {"cylinder": round_one, "torus": replace(round_one, covariance=np.eye(7))}
+    residual = fits["cylinder"].surface.distance(points)
+    for factor, names in ((0.98, ["cylinder"]), (0.99, ["cylinder", "torus"]), (0.9, ["torus", "cylinder"])):
+        weighed = weigh(fits, {"cylinder": residual, "torus": factor * residual}, {}, 1.0)
+        assert (weighed.shape, list(weighed.evidence)) == (names[0], names)
+        assert ("torus" in weighed.failures) == ("torus" not in names)
 
 
 def test_too_little_evidence_is_undecidable() -> None:

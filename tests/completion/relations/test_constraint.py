@@ -10,7 +10,7 @@ from completion.relations.engine.constraint import Frame, constrain
 from completion.relations.engine.placement import moved, place
 from completion.relations.engine.relation import Relation
 from scenes.checks import InputError
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 
 RNG = np.random.default_rng(7)
 
@@ -28,6 +28,8 @@ TUBE = Cylinder((0.9, 0.4, 0.4), unit(0.2, 0.12, 1), 0.2)
 LYING = Cylinder((0.2, 0.2, 0.15), unit(1, 0.1, -0.1), 0.1)
 CONE = Cone((0.5, 0.12, 0.9), unit(0.2, 0.1, 1), 0.3, 0.4)
 BALL = Sphere((0.1, 0.2, 0.3), 0.25)
+RING = Torus((0.45, 0.1, 0.3), unit(0.21, 0.1, 1), 0.4, 0.3)
+HOOP = Torus((0.1, 0.5, 0.3), unit(-0.1, 0.1, 1), 0.5, 0.2)
 UP = unit(0.05, 0.02, 1)
 
 CASES = [
@@ -46,6 +48,13 @@ CASES = [
     (Relation(kind="radius", surfaces=(0,), value=0.31), [BALL]),
     (Relation(kind="equal_radius", surfaces=(0, 1)), [PIPE, TUBE]),
     (Relation(kind="half_angle", surfaces=(0,), value=0.5), [CONE]),
+    (Relation(kind="coaxial", surfaces=(0, 1)), [PIPE, RING]),
+    (Relation(kind="parallel", surfaces=(0, 1)), [PLANE, RING]),
+    (Relation(kind="radius", surfaces=(0,), value=0.31), [RING]),
+    (Relation(kind="equal_radius", surfaces=(0, 1)), [PIPE, RING]),
+    (Relation(kind="equal_ring_radius", surfaces=(0, 1)), [RING, HOOP]),
+    (Relation(kind="axis_in_plane", surfaces=(0, 1)), [UPRIGHT, RING]),
+    (Relation(kind="distance", surfaces=(0, 1), value=0.4), [PIPE, RING]),
     (Relation(kind="axis_in_plane", surfaces=(0, 1)), [PLANE, LYING]),
     (Relation(kind="vertical", surfaces=(0,)), [UPRIGHT]),
     (Relation(kind="vertical", surfaces=(0,)), [PIPE]),
@@ -55,7 +64,7 @@ CASES = [
 
 
 def size(surface) -> int:
-    return {Plane: 3, Sphere: 4, Cylinder: 5, Cone: 6}[type(surface)]
+    return {Plane: 3, Sphere: 4, Cylinder: 5, Cone: 6, Torus: 7}[type(surface)]
 
 
 def placed(surfaces, changes):
@@ -81,13 +90,14 @@ def test_derivatives_are_those_of_finite_differences(relation, surfaces):
     assert found.value.shape == (len(found.rows),)
 
 
-@pytest.mark.parametrize("surface", [PLANE, PIPE, CONE, BALL])
+@pytest.mark.parametrize("surface", [PLANE, PIPE, CONE, BALL, RING])
 def test_a_moved_surface_is_where_it_was_placed(surface):
     change = 1e-2 * RNG.normal(size=size(surface))
     there, again = place(surface, change), place(moved(surface, change), np.zeros(size(surface)))
     np.testing.assert_allclose(there.direction, again.direction, atol=1e-14)
     np.testing.assert_allclose(there.point, again.point, atol=1e-14)
-    assert (there.radius, there.half_angle) == pytest.approx((again.radius, again.half_angle), abs=1e-14)
+    sizes = [(one.radius, one.half_angle, one.ring_radius) for one in (there, again)]
+    assert sizes[0] == pytest.approx(sizes[1], abs=1e-14)
     assert moved(surface, 0 * change) is surface
 
 
@@ -95,7 +105,8 @@ def test_what_holds_is_zero():
     flat, above = Plane((0, 0, 1), (0, 0, 1), (1, 0, 0)), Plane((5, 2, 3), (0, 0, -1), (0, 1, 0))
     pipe, cone = Cylinder((1, 2, 9), (0, 0, 1), 0.5), Cone((1, 2, 1), (0, 0, -1), 0.5, 0.3)
     lying, ball = Cylinder((0, 0, 1), (1, 0, 0), 0.5), Sphere((0, 0, 0), 0.5)
-    surfaces = [flat, above, pipe, cone, lying, ball]
+    ring, hoop = Torus((1, 2, 4), (0, 0, -1), 0.8, 0.5), Torus((0, 0, 0), (1, 0, 0), 0.8, 0.1)
+    surfaces = [flat, above, pipe, cone, lying, ball, ring, hoop]
     at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
     frame = Frame(tuple(at.values()), np.array([0, 0, 1.0]))
     for kind, numbers, value in [
@@ -111,6 +122,11 @@ def test_what_holds_is_zero():
         ("radius", (5,), 0.5),
         ("half_angle", (3,), 0.3),
         ("axis_in_plane", (0, 4), None),
+        ("coaxial", (2, 6), None),
+        ("perpendicular", (6, 7), None),
+        ("equal_radius", (2, 6), None),
+        ("radius", (6,), 0.5),
+        ("equal_ring_radius", (6, 7), None),
         ("horizontal", (1,), None),
         ("vertical", (3,), None),
         ("horizontal", (4,), None),
@@ -126,8 +142,9 @@ def test_what_surfaces_cannot_have_is_refused():
         ("parallel", (0, 2), None, "a sphere has no direction: it cannot be parallel"),
         ("vertical", (2,), None, "a sphere has no direction: it cannot be vertical"),
         ("half_angle", (1,), 0.3, "only a cone has a half angle"),
-        ("radius", (0,), 0.3, "only spheres and cylinders have one radius"),
-        ("equal_radius", (1, 3), None, "only spheres and cylinders have one radius"),
+        ("radius", (0,), 0.3, "only spheres, cylinders and tubes of tori have one radius"),
+        ("equal_radius", (1, 3), None, "only spheres, cylinders and tubes of tori have one radius"),
+        ("equal_ring_radius", (1, 3), None, "only tori have a ring"),
         ("angle", (0, 1), 0.0, "an angle of 0 deg is the relation parallel"),
         ("coplanar", (0, 1), None, "coplanar relates two planes"),
         ("coaxial", (0, 1), None, "coaxial relates two axes"),

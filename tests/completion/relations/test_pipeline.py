@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.completion.relations.figure_one import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.charts.chart import axis_frame
+from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import Frame, constrain
 from completion.relations.engine.estimate import Doubt
@@ -20,7 +21,7 @@ from completion.relations.options import RelationOptions
 from completion.relations.pipeline import impose, infer
 from scenes.checks import InputError
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane
+from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane, Torus
 from tests.helpers.part_examples import exact, walls
 
 SIGMA = 0.2  # mm
@@ -305,3 +306,45 @@ def test_bad_input_is_named():
 def test_nothing_has_no_relations():
     assert infer([]).relations == ()
     assert infer(walls(1, (0.0,))).free == 3
+
+
+def rings(seed: int, sigma: float = 2e-5) -> list[SurfaceFit]:
+    """A shaft of 20 mm with a shoulder, fillets of 5 mm at two heights, and an edge rounded alike."""
+    rng = np.random.default_rng(seed)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    pose = Pose.from_parts(turn * np.sign(np.linalg.det(turn)), rng.normal(size=3))
+    true = [
+        Cylinder((0, 0, 0), (0, 0, 1), 0.02),
+        Torus((0, 0, 0.005), (0, 0, 1), 0.025, 0.005),
+        Torus((0, 0, 0.095), (0, 0, -1), 0.025, 0.005),
+        Cylinder((0.1, 0, 0.005), (0, 1, 0), 0.005),
+    ]
+    bounds = [(0.06, 0.03), (0.07, 0.006), (0.07, 0.006), (0.004, 0.04)]
+    fits = []
+    for surface, (u, v) in zip(true, bounds, strict=True):
+        points = surface.from_uv(np.column_stack([rng.uniform(-u, u, 600), rng.uniform(-v, v, 600)]))
+        points += rng.normal(0, sigma, (600, 1)) * surface.normal(points)
+        fits.append(fit_euclidean(pose.apply(points), surface.kind, surface.transformed(pose)))
+    return fits
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tori_are_coaxial_and_share_radii(seed):
+    found = infer(rings(seed))
+    held = [one.kind for one in found.relations if one.status is Status.ACCEPTED]
+    assert [held.count(kind) for kind in ("coaxial", "equal_radius", "equal_ring_radius")] == [2, 2, 1]
+    shaft, *fillets, edge = (one.surface for one in found.fits)
+    for torus in fillets:
+        assert torus.tube_radius == pytest.approx(edge.radius, abs=1e-12)
+        assert np.linalg.norm(np.cross(torus.direction, shaft.direction)) < 1e-10
+    assert found.numbered(Status.REJECTED) == 0
+
+
+def test_covariances_of_related_tori_are_those_of_monte_carlo():
+    off, predicted = [], []
+    for seed in range(24):
+        found = infer(rings(100 + seed))
+        off.append(found.fits[1].surface.radius - 0.025)
+        predicted.append(np.sqrt(found.fits[1].covariance[5, 5]))
+    ratio = np.sqrt(np.mean(np.square(np.array(off) / predicted)))
+    assert abs(ratio - 1) < 4 / np.sqrt(48)

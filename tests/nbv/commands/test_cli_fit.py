@@ -36,6 +36,10 @@ def cloud(shape):
     elif shape == "sphere":
         slope = np.sqrt(1 - height**2)
         points = (0.6 + noise)[:, None] * np.column_stack([slope * level[:, 0], slope * level[:, 1], height])
+    elif shape == "torus":
+        tube = rng.uniform(-2, 1, N)
+        reach = 0.6 + (0.2 + noise) * np.cos(tube)
+        points = np.column_stack([level[:, :2] * reach[:, None], (0.2 + noise) * np.sin(tube)])
     elif shape == "elliptic-cylinder":
         angle = rng.uniform(-np.pi, np.pi, N)
         normal = np.column_stack([np.cos(angle) / 0.6, np.sin(angle) / 0.4])
@@ -54,7 +58,7 @@ def cloud(shape):
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clouds")
-    shapes = ("plane", "sphere", "cylinder", "elliptic-cylinder", "cone")
+    shapes = ("plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus")
     for shape in shapes:
         np.savetxt(folder / f"{shape}.xyz", cloud(shape), fmt="%.9f")
     return {shape: folder / f"{shape}.xyz" for shape in shapes}
@@ -65,6 +69,7 @@ EXPECTED = {
     "sphere": ["centre", "radius"],
     "cylinder": ["point", "direction", "radius"],
     "cone": ["point", "direction", "radius", "half_angle_deg"],
+    "torus": ["centre", "direction", "radius", "tube_radius"],
 }
 
 
@@ -119,6 +124,41 @@ def test_elliptic_cylinder(files):
         [0.6, 0.4],
         atol=6 * SIGMA / np.sqrt(N / 10),
     )
+
+
+def test_given_values_are_held_and_told(files):
+    free = fitted(files["cylinder"], "--shape", "cylinder")
+    axis = ",".join(f"{number:.17g}" for number in free["parameters"]["direction"])
+    held = fitted(files["cylinder"], "--shape", "cylinder", "--radius", 0.6, "--axis", axis)
+    assert held["parameters"]["radius"] == 0.6
+    assert held["parameters"]["direction"] == free["parameters"]["direction"]
+    assert held["held"] == ["direction", "radius"]
+    assert free["held"] == []
+    assert (held["standard_deviation"]["radius"], held["standard_deviation"]["direction"]) == (0, 0)
+    assert 0 < held["standard_deviation"]["point"] < free["standard_deviation"]["point"]
+    assert held["options"]["radius"] == 0.6
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--shape", "auto", "--radius", 1], "name it in place of auto"),
+        (["--shape", "plane", "--radius", 1], "a plane has no one radius to be given"),
+        (["--shape", "sphere", "--axis", "0,0,1"], "a sphere has no axis to be given"),
+        (["--shape", "cylinder", "--radius", -1], "radius must be a positive number of metres, got -1"),
+        (["--shape", "cylinder", "--axis", "0,0,0"], "axis has length 0"),
+        (["--shape", "cylinder", "--radius", 1, "--metric", "taubin"], "held by Euclidean fits alone"),
+    ],
+)
+def test_what_cannot_be_given_is_one_line(files, words, message):
+    result = run(files["cylinder"], *words)
+    assert result.exit_code == 1
+    assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_an_axis_of_two_numbers_is_a_wrong_option(files):
+    assert run(files["cylinder"], "--shape", "cylinder", "--axis", "0,1").exit_code == 2
 
 
 @pytest.mark.parametrize("metric", ["euclidean", "taubin", "algebraic"])
@@ -181,7 +221,9 @@ def test_warnings_of_reading_are_told(files, tmp_path):
         ("1 2 3\n", ["bad.xyz", "1"]),
     ],
 )
-@pytest.mark.parametrize("shape", ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder", "auto"])
+@pytest.mark.parametrize(
+    "shape", ["plane", "sphere", "cylinder", "cone", "elliptic-cylinder", "torus", "auto"]
+)
 def test_unusable_input_is_one_line_and_exit_code_1(tmp_path, text, words, shape):
     (tmp_path / "bad.xyz").write_text(text)
     result = run(tmp_path / "bad.xyz", "--shape", shape)
@@ -197,7 +239,7 @@ def test_missing_files_and_unknown_options(tmp_path):
     assert result.exit_code == 1
     assert "none.xyz: no such file" in result.stderr
     (tmp_path / "a.xyz").write_text("1 2 3\n")
-    assert run(tmp_path / "a.xyz", "--shape", "torus").exit_code == 2
+    assert run(tmp_path / "a.xyz", "--shape", "ellipsoid").exit_code == 2
     assert run(tmp_path / "a.xyz", "--metric", "manhattan").exit_code == 2
     assert run(tmp_path / "a.xyz", "-o", tmp_path).exit_code == 1
 

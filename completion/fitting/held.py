@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""Given values: a radius and a direction that a fit holds exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from completion.fitting.charts.axial_charts import chart_of
+from completion.fitting.charts.chart import Chart
+from completion.fitting.charts.held_chart import HeldChart
+from completion.fitting.result import SurfaceFit
+from scenes.checks import FloatArray, InputError, check_direction
+from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
+
+_WITH_RADIUS = {"sphere": 3, "cylinder": 4, "torus": 5}  # and where it stands among the parameters
+_WITH_AXIS = {
+    "plane": (1, 2),
+    "cylinder": (2, 3),
+    "cone": (2, 3),
+    "elliptic-cylinder": (2, 3),
+    "torus": (2, 3),
+}
+_N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "elliptic-cylinder": 7, "torus": 7}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """What is given of a surface.
+
+    Attributes
+    ----------
+    shape : str
+        Of the surface.
+    radius : float or None
+        Metres; of a torus that of the circle in the tube's middle.
+    direction : (3,) float or None
+        Unit vector along the axis; a plane's normal.
+    """
+
+    shape: str
+    radius: float | None = None
+    direction: FloatArray | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The held parameters' names, as `SurfaceFit.parameters` has them."""
+        axis = "normal" if self.shape == "plane" else "direction"
+        given = {axis: self.direction is not None, "radius": self.radius is not None}
+        return tuple(name for name, is_held in given.items() if is_held)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Places of the parameters that are sought."""
+        held = set() if self.radius is None else {_WITH_RADIUS[self.shape]}
+        held |= set() if self.direction is None else set(_WITH_AXIS[self.shape])
+        return tuple(place for place in range(_N_PARAMETERS[self.shape]) if place not in held)
+
+    @property
+    def n(self) -> int:
+        """How many parameters are held."""
+        return _N_PARAMETERS[self.shape] - len(self.free)
+
+    def scaled(self, factor: float) -> Held:
+        """The same in another unit of length."""
+        return self if self.radius is None else replace(self, radius=factor * self.radius)
+
+    def imposed(self, surface: Surface, place: FloatArray) -> Iterator[Surface]:
+        """Surfaces with the given values that are near `surface` about a `place` (3,).
+
+        A direction is turned to about the place's foot; a radius is changed where the foot stays on the
+        surface, with the centre or the axis on either side of it.
+        """
+        turned = surface if self.direction is None else _turned(surface, self._signed(surface), place)
+        if self.radius is None:
+            yield turned
+        else:
+            yield from _resized(turned, self.radius, place)
+
+    def exact(self, surface: Surface) -> Surface:
+        """A surface that has the given values but for rounding, with them to the last digit."""
+        found = surface
+        if self.direction is not None:
+            found = _with_direction(found, self._signed(found))
+        if self.radius is not None and isinstance(found, Sphere):
+            return Sphere(
+                found.centre, self.radius, found.pole_direction, found.zero_direction, found.concave
+            )
+        if self.radius is not None and isinstance(found, Cylinder):
+            return Cylinder(found.point, found.direction, self.radius, found.zero_direction, found.concave)
+        if self.radius is not None and isinstance(found, Torus):
+            return Torus(found.centre, found.direction, self.radius, found.tube_radius, concave=found.concave)
+        return found
+
+    def chart(self, surface: Surface, centre: FloatArray, scale: float) -> HeldChart:
+        """The chart at a surface that has the given values, relative to `centre` (3,); see `chart_of`."""
+        return HeldChart(chart_of(surface, centre, scale), self.free)
+
+    def starts(self, charts: list[Chart]) -> list[Chart]:
+        """Charts with the given values near others, in coordinates about the points' centroid."""
+        origin, found = np.zeros(3), list[Chart]()
+        for chart in charts:
+            try:
+                near = list(self.imposed(chart.surface(origin, 1.0, False), origin))
+                found += [self.chart(surface, origin, 1.0) for surface in near]
+            except InputError:
+                continue  # a spindle, or a cone that is none
+        return found
+
+    def marked(self, fit: SurfaceFit) -> SurfaceFit:
+        """The fit, told what was held, and with that to the last digit."""
+        return replace(fit, surface=self.exact(fit.surface), held=self.names)
+
+    def _signed(self, surface: Surface) -> FloatArray:
+        """The direction; a cone's the way in which it grows."""
+        assert self.direction is not None
+        backwards = isinstance(surface, Cone) and surface.direction @ self.direction < 0
+        return -self.direction if backwards else self.direction
+
+
+def holding(shape: str, radius: object | None, axis: object | None) -> Held | None:
+    """Return what is held of a shape, None where nothing is.
+
+    Raises
+    ------
+    InputError
+        A radius that is none, an axis without direction, a shape that has no such value.
+    """
+    if radius is None and axis is None:
+        return None
+    if shape == "auto":
+        raise InputError("a given radius or axis is that of a shape; name it in place of auto")
+    if radius is not None:
+        if shape not in _WITH_RADIUS:
+            reason = {"cone": "; its axis can be given", "elliptic-cylinder": "; its axis can be given"}
+            raise InputError(f"{_named(shape)} has no one radius to be given{reason.get(shape, '')}")
+        if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
+            raise InputError(f"radius must be a number of metres, got {radius!r}")
+        if not np.isfinite(radius) or radius <= 0:
+            raise InputError(f"radius must be a positive number of metres, got {radius}")
+    if axis is not None and shape not in _WITH_AXIS:
+        raise InputError(f"{_named(shape)} has no axis to be given")
+    direction = None if axis is None else check_direction("axis", axis)
+    return Held(shape, None if radius is None else float(radius), direction)
+
+
+def _named(shape: str) -> str:
+    return f"an {shape.replace('-', ' ')}" if shape.startswith("e") else f"a {shape}"
+
+
+def _with_direction(surface: Surface, direction: FloatArray) -> Surface:
+    """The surface with another direction about its own point."""
+    if isinstance(surface, Plane):
+        return Plane(surface.point, direction, surface.u_direction)
+    if isinstance(surface, Cylinder):
+        return Cylinder(surface.point, direction, surface.radius, None, surface.concave)
+    if isinstance(surface, Cone):
+        return Cone(surface.point, direction, surface.radius, surface.half_angle, concave=surface.concave)
+    if isinstance(surface, EllipticCylinder):
+        ahead = surface.zero_direction
+        return EllipticCylinder(surface.point, direction, surface.radii, ahead, surface.concave)
+    if isinstance(surface, Torus):
+        radii = surface.radius, surface.tube_radius
+        return Torus(surface.centre, direction, *radii, concave=surface.concave)
+    raise TypeError(f"a {type(surface).__name__} has no direction")
+
+
+def _turned(surface: Surface, direction: FloatArray, place: FloatArray) -> Surface:
+    """The surface turned to a direction; its axis passes where it passed beside the place."""
+    if isinstance(surface, Cylinder):
+        along = float((place - surface.point) @ surface.direction)
+        point = surface.point + along * surface.direction
+        surface = Cylinder(point, surface.direction, surface.radius, None, surface.concave)
+    return _with_direction(surface, direction)
+
+
+def _resized(surface: Surface, radius: float, place: FloatArray) -> Iterator[Surface]:
+    """The surface with another radius, the foot of the place kept, from either side."""
+    if isinstance(surface, Torus):
+        yield Torus(surface.centre, surface.direction, radius, surface.tube_radius, concave=surface.concave)
+        offset = place - surface.centre
+        level = offset - (offset @ surface.direction) * surface.direction
+        length = float(np.linalg.norm(level))
+        if length > 0.5 * surface.radius:  # seen from one side: the tube stays where it is
+            centre = surface.centre + (surface.radius - radius) / length * level
+            yield Torus(centre, surface.direction, radius, surface.tube_radius, concave=surface.concave)
+        return
+    away = surface.normal(place[None])[0] * (-1.0 if getattr(surface, "concave", False) else 1.0)
+    foot = place - surface.distance(place[None])[0] * surface.normal(place[None])[0]
+    if isinstance(surface, Sphere):
+        yield Sphere(surface.centre, radius, concave=surface.concave)
+        for side in (away, -away):
+            yield Sphere(foot - radius * side, radius, concave=surface.concave)
+    elif isinstance(surface, Cylinder):
+        yield Cylinder(surface.point, surface.direction, radius, None, surface.concave)
+        for side in (away, -away):
+            yield Cylinder(foot - radius * side, surface.direction, radius, None, surface.concave)

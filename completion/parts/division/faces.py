@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: MIT
+"""Faces: connected pieces of surfaces, their fits, and which of them are on one surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.fitting.euclidean import fit_euclidean, fit_plane
+from completion.fitting.result import FitError, SurfaceFit, inflated
+from completion.parts.division.growing import CUT
+from completion.parts.division.hypotheses import N_PARAMETERS
+from completion.parts.division.labelling import pieces_of
+from completion.parts.division.neighbourhoods import Neighbourhoods
+from scenes.checks import FloatArray, InputError, IntArray
+from scenes.surfaces.catalogue import Plane, Surface
+
+_N_NEAR = 4  # points among whose labels one that was left out finds its own
+_CHUNK = 65_536
+_MOST_COMPARED = 500
+_NEARLY_ALL = 0.95
+
+
+def numbered_faces(
+    about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
+) -> tuple[list[Surface], IntArray]:
+    """Return the surface of each face, and labels (n,) of faces, the largest first, from labels of surfaces.
+
+    A piece with too few points to determine its surface is none.
+    """
+    n, piece = pieces_of(about, labels)
+    count = np.bincount(piece, minlength=n)
+    first = np.full(n, -1, dtype=np.int64)
+    first[piece[::-1]] = np.arange(len(piece))[::-1]
+    label = labels[first]
+    least = np.array([0, *(N_PARAMETERS[surface.kind] + 2 for surface in surfaces)])
+    kept = [one for one in np.lexsort((first, -count)) if label[one] > 0 and count[one] >= least[label[one]]]
+    number = np.zeros(n, dtype=np.int64)
+    number[kept] = np.arange(1, len(kept) + 1)
+    return [surfaces[label[one] - 1] for one in kept], number[piece]
+
+
+def spread(points: FloatArray, about: Neighbourhoods, faces: Sequence[Surface], labels: IntArray) -> IntArray:
+    """Labels (n,) of all points (n, 3): of those near, the face that explains a point best."""
+    tree, found = cKDTree(about.points), np.zeros(len(points), dtype=np.int64)
+    for start in range(0, len(points), _CHUNK):
+        some = points[start : start + _CHUNK]
+        near = np.atleast_2d(tree.query(some, k=min(_N_NEAR, len(about.points)))[1].T).T
+        candidates = labels[near]
+        least, best = np.full(len(some), CUT * about.tolerance_m), np.zeros(len(some), dtype=np.int64)
+        for number in np.unique(candidates[candidates > 0]):
+            asked = np.flatnonzero((candidates == number).any(axis=1))
+            distance = np.abs(faces[number - 1].distance(some[asked]))
+            own = distance < least[asked] - 1e-3 * about.tolerance_m
+            own |= (candidates[asked, 0] == number) & (distance <= CUT * about.tolerance_m)
+            better = own & (best[asked] != candidates[asked, 0])
+            least[asked[better]], best[asked[better]] = distance[better], number
+        found[start : start + len(some)] = best
+    return found
+
+
+def fitted(
+    points: FloatArray, faces: Sequence[Surface], labels: IntArray, least_m: float
+) -> tuple[tuple[SurfaceFit, ...], IntArray]:
+    """Fits to the points (n, 3) of each label, from the face's surface on, and the labels (n,) of these.
+
+    A face whose points determine no surface is none. The covariance is at least that of residuals of
+    `least_m`, metres.
+    """
+    order = np.argsort(labels, kind="stable")
+    bounds = np.searchsorted(labels[order], np.arange(1, len(faces) + 2))
+    found, number = list[SurfaceFit](), np.zeros(len(faces) + 1, dtype=np.int64)
+    for face, surface in enumerate(faces):
+        own = points[order[bounds[face] : bounds[face + 1]]]
+        fit = _fitted_face(own, surface, least_m)
+        if fit is not None:
+            found.append(fit)
+            number[face + 1] = len(found)
+    return tuple(found), number[labels]
+
+
+def _fitted_face(points: FloatArray, surface: Surface, least_m: float) -> SurfaceFit | None:
+    try:
+        fit = (
+            fit_plane(points) if isinstance(surface, Plane) else fit_euclidean(points, surface.kind, surface)
+        )
+    except (FitError, InputError):
+        return None
+    if not np.isfinite(fit.covariance).all():
+        return None
+    fit = inflated(fit, points)
+    grown = (least_m / fit.rms) ** 2 if 0 < fit.rms < least_m else 1.0
+    return replace(fit, covariance=fit.covariance * grown)
+
+
+def groups_of(
+    points: FloatArray, fits: Sequence[SurfaceFit], labels: IntArray, tolerance: float
+) -> tuple[int, ...]:
+    """Numbers of surfaces, one a face: equal where the larger face's surface explains the smaller one.
+
+    The faces are those of points (n, 3) by their labels (n,).
+
+    It has to be known there, to two tolerances: of two planes far apart it is not said.
+    """
+    group = list(range(len(fits)))
+    sizes = [fit.n for fit in fits]
+    for small in range(len(fits)):
+        own = np.flatnonzero(labels == small + 1)
+        some = points[own[:: max(1, len(own) // _MOST_COMPARED)]]
+        for large in range(small):
+            if group[large] != large or fits[large].surface.kind != fits[small].surface.kind:
+                continue
+            if sizes[large] < sizes[small]:
+                continue
+            deviation = fits[large].standard_deviation(some)
+            near = np.abs(fits[large].surface.distance(some)) <= CUT * np.hypot(tolerance, deviation)
+            if near.mean() >= _NEARLY_ALL and np.median(deviation) <= 2 * tolerance:
+                group[small] = large
+                break
+    return tuple(group)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: MIT
+"""Labelling: which surface each point is on, given the surfaces, and the surfaces given that, in turn.
+
+After Isack and Boykov (2012), Energy-based geometric multi-model fitting: the misfit of each point, a cost
+where neighbours differ, and a cost for each surface. Labels are improved point by point (iterated
+conditional modes), from neighbours' labels alone, so that no surface reaches to where it is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from scipy.sparse.csgraph import connected_components
+
+from completion.parts.division.growing import GAIN, Grown, likely, score_of
+from completion.parts.division.hypotheses import KINDS, adjusted
+from completion.parts.division.neighbourhoods import Neighbourhoods
+from scenes.checks import FloatArray, IntArray
+from scenes.surfaces.catalogue import Surface
+
+_STEP = 0.5  # cost of two neighbours that differ: alone among ten, a point needs 3.2 deviations
+_N_SWEEPS = 20
+_ALIKE = 0.5  # cost of a deviation of one: what is less is explained
+_N_ROUNDS = 6
+_ISLAND = 5
+
+
+def first_labels(about: Neighbourhoods, found: Sequence[Grown]) -> IntArray:
+    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
+    labels = np.zeros(len(about.points), dtype=np.int64)
+    least = np.full(len(labels), np.inf)
+    for number, one in sorted(enumerate(found, start=1), key=lambda pair: len(pair[1].members)):
+        share = one.surface.distance(about.points[one.members]) / about.tolerance_m
+        cost = share * share / 2
+        nearer = cost < least[one.members] - _ALIKE
+        labels[one.members[nearer]] = number
+        least[one.members[nearer]] = cost[nearer]
+    return labels
+
+
+def relabelled(
+    about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
+) -> tuple[list[Surface], IntArray]:
+    """Improve labels (n,), 0 for none, k + 1 for surface k, and the surfaces, in turn; both are returned."""
+    some = list(surfaces)
+    for _ in range(_N_ROUNDS):
+        before = labels.copy()
+        labels = _swept(about, misfits(about, some), labels)
+        some, labels = _refitted(about, some, labels)
+        if len(before) == len(labels) and (before == labels).all():
+            break
+    return some, with_rims(about, misfits(about, some), labels)
+
+
+def with_rims(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntArray:
+    """Labels (n,) with the points that two neighbouring surfaces explain alike given to the smaller one.
+
+    A large surface hardly misses its rim; a narrow one may be nothing but rims.
+    """
+    size = np.bincount(labels, minlength=cost.shape[1])
+    new = labels.copy()
+    _give_rims(about.links.indptr, about.links.indices, cost, labels, size, new, _ALIKE)  # fmt: skip
+    return new
+
+
+@njit(cache=True)
+def _give_rims(first, beside, cost, labels, size, new, alike):  # type: ignore[no-untyped-def]
+    for here in range(len(labels)):
+        best = labels[here]
+        if best == 0 or cost[here, best] > alike:
+            continue
+        for place in range(first[here], first[here + 1]):
+            label = labels[beside[place]]
+            if label != 0 and cost[here, label] <= alike and size[label] < size[best]:
+                best = label
+        new[here] = best
+
+
+def of_best_kind(about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray) -> list[Surface]:
+    """Each surface by the kind of most score for its points, labels (n,): a cone may become a cylinder."""
+    every = [(surface, np.flatnonzero(labels == number)) for number, surface in enumerate(surfaces, start=1)]
+    return [best_of_kinds(about, own, surface) or surface for surface, own in every]
+
+
+def best_of_kinds(about: Neighbourhoods, own: IntArray, known: Surface | None = None) -> Surface | None:
+    """The surface of most score for some points (m,), of any kind, or the one `known`; None if none fits."""
+    points, best, most = about.points[own], None, -np.inf
+    tried = [one for kind in KINDS for one in likely(about, kind, own)] if len(own) else []
+    for other in ([] if known is None else [known]) + tried:
+        adapted = adjusted(other, points, about.tolerance_m, len(points))
+        score = -np.inf if adapted is None else score_of(adapted[0], points, about.tolerance_m)
+        if adapted is not None and score > most:
+            best, most = adapted[0], score
+    return best
+
+
+def misfits(about: Neighbourhoods, surfaces: Sequence[Surface]) -> FloatArray:
+    """Cost (n, m + 1) of each point on each surface, and on none (column 0)."""
+    cost = np.full((len(about.points), len(surfaces) + 1), GAIN, dtype=np.float64)
+    for number, surface in enumerate(surfaces, start=1):
+        share = surface.distance(about.points) / about.tolerance_m
+        np.minimum(share * share / 2, 2 * GAIN, out=cost[:, number])
+    return cost
+
+
+def _swept(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntArray:
+    new = labels.copy()
+    for _ in range(_N_SWEEPS):
+        if _sweep(about.links.indptr, about.links.indices, cost, new, _STEP) == 0:
+            break
+    return new
+
+
+@njit(cache=True)
+def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray, step: float) -> int:
+    """Give each point in turn the label that costs least among its own, its neighbours' and none."""
+    changed = 0
+    for here in range(len(labels)):
+        best, least = labels[here], np.inf
+        for turn in range(first[here] - 2, first[here + 1]):
+            if turn == first[here] - 2:
+                label = labels[here]
+            elif turn == first[here] - 1:
+                label = 0
+            else:
+                label = labels[beside[turn]]
+            total = cost[here, label]
+            for place in range(first[here], first[here + 1]):
+                if labels[beside[place]] != label:
+                    total += step
+            if total < least - 1e-12:
+                best, least = label, total
+        if best != labels[here]:
+            labels[here] = best
+            changed += 1
+    return changed
+
+
+def _refitted(
+    about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
+) -> tuple[list[Surface], IntArray]:
+    """The surfaces through their points again; those that explain too little go."""
+    kept, new = list[Surface](), np.zeros_like(labels)
+    for number, surface in enumerate(surfaces, start=1):
+        own = np.flatnonzero(labels == number)
+        if not len(own):
+            continue
+        points = about.points[own]
+        found = adjusted(surface, points, about.tolerance_m)
+        moved = surface if found is None else found[0]
+        if score_of(moved, points, about.tolerance_m) <= 0:
+            continue
+        kept.append(moved)
+        new[own] = len(kept)
+    return kept, new
+
+
+def without_islands(about: Neighbourhoods, labels: IntArray, least: int = _ISLAND) -> IntArray:
+    """Labels (n,) less the connected pieces of a label that have fewer than `least` points."""
+    _, piece = pieces_of(about, labels)
+    count = np.bincount(piece)
+    return np.where(count[piece] >= least, labels, 0)
+
+
+def pieces_of(about: Neighbourhoods, labels: IntArray) -> tuple[int, IntArray]:
+    """The connected pieces of equal labels (n,): how many, and which each point is in."""
+    rows = np.repeat(np.arange(len(labels)), np.diff(about.links.indptr))
+    links = about.links.copy()
+    links.data = (labels[rows] == labels[links.indices]).astype(np.float64)
+    links.eliminate_zeros()
+    n, piece = connected_components(links, directed=False)
+    return int(n), piece.astype(np.int64)

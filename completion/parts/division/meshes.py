@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""Meshes of parts: triangles divided into faces.
+
+A scanned mesh is its vertices: they were measured, and lie close. A mesh that was made from a model has few
+and uneven ones; there the triangles are sampled by area, and what flat triangles are off a curved surface
+counts as noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.parts.division.faces import fitted, groups_of
+from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
+from completion.parts.division.pipeline import segment_part
+from completion.parts.division.result import PartSegmentation
+from completion.parts.division.thinning import checked_cloud
+from scenes.checks import FloatArray, InputError, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.run.steps import Progress
+
+_N_SAMPLES = 30_000
+_COVERED = 0.5  # share of the area that vertices stand for, from which on they are enough
+_LEAST_VERTICES = 1_000
+_CREASE = np.radians(40.0)  # between triangles, beyond which a surface has an edge there
+_FLAT = 1e-3  # radians, below which triangles are one plane
+_SAGGING = 0.9  # quantile of what triangles are off the surface
+
+
+def segment_mesh(
+    mesh: LabelledMesh, *, noise_m: float | None = None, progress: Progress | None = None
+) -> PartSegmentation:
+    """Divide the triangles of a mesh into faces, and fit a surface to each; see `segment_part`.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        Metres; which way its triangles turn does not count.
+    noise_m, progress
+        As for `segment_part`.
+
+    Returns
+    -------
+    PartSegmentation
+        `labels` are those of the vertices, `triangle_labels` those of the triangles. Fits are to the
+        vertices of a face where these are enough, else to samples of its triangles.
+
+    Raises
+    ------
+    InputError
+        A mesh without area, or a noise below zero.
+    """
+    distinct, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
+        place = place.reshape(-1)
+        joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
+        found = segment_mesh(joined, noise_m=noise_m, progress=progress)
+        return replace(found, labels=found.labels[place])
+    areas = mesh.face_areas()
+    if not areas.sum() > 0:
+        raise InputError(f"none of the {len(areas)} triangles has an area")
+    checked_cloud(mesh.vertices, None, noise_m)
+    used = np.unique(mesh.faces)
+    if _is_dense(mesh, float(areas.sum()), len(used)):
+        found = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
+        labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
+        labels[used] = found.labels
+        return replace(found, labels=labels, triangle_labels=_by_corners(mesh, found, labels))
+    points, own = _sampled(mesh, areas)
+    sag = _sag(mesh)
+    turned, noise = mesh.face_normals()[own], max(sag, noise_m or 0.0)
+    found = segment_part(points, turned, noise_m=noise, progress=progress)
+    triangles = _of_triangles(mesh, points, own, found.labels.astype(np.int64), len(found.fits))
+    corners, number = _corners(mesh, triangles)
+    surfaces = [fit.surface for fit in found.fits]
+    fits, _ = fitted(mesh.vertices[corners], surfaces, number, noise_m or 0.0)
+    if len(fits) < len(surfaces):  # too few vertices somewhere
+        fits = found.fits
+    labels = _of_vertices(mesh, triangles, areas, len(surfaces))
+    groups = groups_of(points, fits, found.labels.astype(np.int64), max(sag, 1e-2 * found.spacing_m))
+    return replace(found, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
+
+
+def _by_corners(mesh: LabelledMesh, found: PartSegmentation, labels: IntArray) -> IntArray:
+    """The face (m,) of each triangle: of those at its corners and beside, the one that it lies on best.
+
+    Corners on an edge belong to one of two faces; which the triangle is on, its other corners and its slope
+    tell.
+    """
+    n, tolerance = len(mesh.faces), max(found.noise_m, 1e-2 * found.spacing_m)
+    normals, middle = mesh.face_normals(), mesh.corners.mean(axis=1)
+    corners = labels[mesh.faces]
+    alike = (corners == corners[:, [1]]).sum(axis=1) >= 2
+    best = np.where(alike, corners[:, 1], corners[:, 0]).astype(np.int64)
+    least = np.full(n, np.inf)
+    for number, fit in enumerate(found.fits, start=1):
+        touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
+        touched[mesh.faces[(corners == number).any(axis=1)].ravel()] = True
+        near = np.flatnonzero(touched[mesh.faces].any(axis=1))
+        off = np.abs(fit.surface.distance(mesh.corners[near].reshape(-1, 3))).reshape(-1, 3) / tolerance
+        slope = np.einsum("ij,ij->i", fit.surface.normal(middle[near]), normals[near])
+        turn = np.arccos(np.clip(np.abs(slope), 0, 1)) / LEAST_ANGLE
+        cost = np.minimum(off**2, 2 * GAIN).sum(axis=1) + turn**2
+        better = (cost < least[near]) & (off.max(axis=1) <= CUT)
+        least[near[better]], best[near[better]] = cost[better], number
+    return best
+
+
+def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
+    """Whether the vertices stand for most of the area: each for a hexagon of the usual edge."""
+    edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
+    usual = float(np.median(np.linalg.norm(edges, axis=2)))
+    return n_used >= _LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= _COVERED * area
+
+
+def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Points (k, 3) spread evenly over the area, and the triangle (k,) of each."""
+    total = np.cumsum(areas)
+    step = (np.arange(_N_SAMPLES) + 0.5) / _N_SAMPLES * total[-1]
+    own = np.minimum(np.searchsorted(total, step), len(areas) - 1)
+    golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
+    index = np.arange(1, _N_SAMPLES + 1)[:, None]
+    a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
+    over = a + b > 1
+    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
+    corners = mesh.vertices[mesh.faces[own]]
+    points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
+    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), own
+
+
+def _sag(mesh: LabelledMesh) -> float:
+    """How far flat triangles are off the surface that they stand for: a chord's width times its turn / 8."""
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    triangle = np.repeat(np.arange(len(mesh.faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, triangle = edges[order], triangle[order]
+    twice = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    one, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
+    normals, areas = mesh.face_normals(), mesh.face_areas()
+    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[one], normals[two])), 0, 1))
+    bent = (turn > _FLAT) & (turn < _CREASE)
+    if not bent.any():
+        return 0.0
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
+    width = (areas[one] + areas[two])[bent] / np.maximum(length, 1e-300)
+    return float(np.quantile(width * turn[bent] / 8, _SAGGING))
+
+
+def _of_triangles(
+    mesh: LabelledMesh, points: FloatArray, own: IntArray, labels: IntArray, n_faces: int
+) -> IntArray:
+    """The face (m,) that most samples of a triangle are on; of one without samples, that of the nearest."""
+    votes = np.zeros((len(mesh.faces), n_faces + 1), dtype=np.int32)
+    np.add.at(votes, (own, labels), 1)
+    votes[:, 0] = 0
+    best = votes.argmax(axis=1)
+    unasked = np.flatnonzero(votes.sum(axis=1) == 0)
+    known = np.flatnonzero(labels > 0)
+    if len(unasked) and len(known):
+        centres = mesh.vertices[mesh.faces[unasked]].mean(axis=1)
+        best[unasked] = labels[known[cKDTree(points[known]).query(centres)[1]]]
+    return np.asarray(best, dtype=np.int64)
+
+
+def _corners(mesh: LabelledMesh, triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Vertices (k,) of each face's triangles, once a face, and the face (k,) of each."""
+    pairs = np.column_stack([np.repeat(triangles, 3), mesh.faces.ravel()])
+    pairs = np.unique(pairs[pairs[:, 0] > 0], axis=0)
+    return np.asarray(pairs[:, 1]), np.asarray(pairs[:, 0])
+
+
+def _of_vertices(mesh: LabelledMesh, triangles: IntArray, areas: FloatArray, n_faces: int) -> IntArray:
+    """The largest face (n,) that has a triangle at a vertex; 0 for none."""
+    size = np.bincount(triangles, areas, minlength=n_faces + 1)
+    size[0] = -1.0
+    labels = np.zeros(len(mesh.vertices), dtype=np.int64)
+    for number in np.argsort(size, kind="stable"):
+        labels[mesh.faces[triangles == number].ravel()] = number
+    return labels

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: MIT
+"""Neighbourhoods: noise, sampling distance and normals of points without any order.
+
+Every point's neighbours are fitted by a paraboloid over their plane, at several sizes of the neighbourhood.
+The noise is what the smoothest small neighbourhoods leave, edges and fillets do not count. A point's normal
+is that of the largest neighbourhood that a paraboloid still explains at this noise, so that noisy points get
+large ones and points near edges small ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+from scipy.special import chdtri
+
+from scenes.checks import BoolArray, FloatArray, IntArray
+
+N_LINKS = 10  # nearest neighbours that count as beside a point
+SIZES = (12, 18, 27, 40, 60, 90, 135)  # neighbours of the paraboloids
+_NOISE_SIZE = 18
+_LEAST, _N_TURNS = 0.05, 20
+_N_TERMS = 6
+_CHANCE = 0.01  # that noise makes a paraboloid look wrong
+_RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neighbourhoods:
+    """Points with what lies about them.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        Metres.
+    normals : (n, 3) float
+        Unit vectors without a side.
+    normal_sd : (n,) float
+        Standard deviation of each normal, radians.
+    is_smooth : (n,) bool
+        Whether a paraboloid explains the smallest neighbourhood: not at an edge.
+    reach : (n,) int
+        How many neighbours the normal is from.
+    links : (n, n) sparse
+        Which points are beside one another; symmetric, ones.
+    spacing_m : float
+        Sampling distance: the median distance to the nearest neighbour.
+    noise_m : float
+        Standard deviation of the points along the normal, as estimated.
+    tolerance_m : float
+        The noise, or a hundredth of the sampling distance where that is more: what surfaces are held to.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    normal_sd: FloatArray
+    is_smooth: BoolArray
+    reach: IntArray
+    links: csr_array
+    spacing_m: float
+    noise_m: float
+    tolerance_m: float
+
+
+def look_around(
+    points: FloatArray, normals: FloatArray | None = None, noise_m: float | None = None
+) -> Neighbourhoods:
+    """Return the neighbourhoods of points (n, 3), at least eight; given normals (n, 3) and noise are kept."""
+    sizes = [size for size in SIZES if size <= len(points)] or [len(points)]
+    distances, nearest = cKDTree(points).query(points, k=sizes[-1])
+    nearest = nearest.astype(np.int64)
+    spacing = _spacing(distances)
+    shapes = [_paraboloids(points, nearest[:, :size]) for size in sizes]
+    plain = sizes.index(_NOISE_SIZE) if _NOISE_SIZE in sizes else 0
+    noise = _noise(shapes[plain].rms, max(sizes[plain] - _N_TERMS, 1)) if noise_m is None else noise_m
+    tolerance = max(noise, _RESOLUTION * spacing)
+    n = len(points)
+    chosen, smooth = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.bool_)
+    explained = np.ones(n, dtype=np.bool_)
+    for place, (size, shape) in enumerate(zip(sizes, shapes, strict=True)):
+        freedom = max(size - _N_TERMS, 1)
+        explained &= shape.rms**2 * freedom <= tolerance**2 * float(chdtri(freedom, _CHANCE))
+        chosen[explained] = place
+        if place == 0:
+            smooth = explained.copy()
+    found = np.stack([shape.normals for shape in shapes])[chosen, np.arange(n)]
+    slopes = np.stack([shape.slope_factor for shape in shapes])[chosen, np.arange(n)]
+    rms = np.stack([shape.rms for shape in shapes])[chosen, np.arange(n)]
+    deviation = np.minimum(slopes * np.maximum(rms, tolerance), 0.5)
+    return Neighbourhoods(
+        points=points,
+        normals=found if normals is None else normals,
+        normal_sd=deviation,
+        is_smooth=smooth,
+        reach=np.asarray(sizes)[chosen],
+        links=_links(nearest[:, : N_LINKS + 1], distances[:, : N_LINKS + 1]),
+        spacing_m=spacing,
+        noise_m=noise,
+        tolerance_m=tolerance,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Paraboloids:
+    """One a point: normal (n, 3), residual (n,), deviation of the normal per unit of residual (n,)."""
+
+    normals: FloatArray
+    rms: FloatArray
+    slope_factor: FloatArray
+
+
+def _spacing(distances: FloatArray) -> float:
+    apart = distances[:, 1] if distances.shape[1] > 1 else distances[:, 0]
+    return float(np.median(apart[apart > 0])) if (apart > 0).any() else 0.0
+
+
+def _paraboloids(points: FloatArray, nearest: IntArray) -> _Paraboloids:
+    """Least-squares paraboloids over the neighbours (n, k) of points (n, 3)."""
+    n, k = nearest.shape
+    normals, rms, factor = np.empty((n, 3)), np.empty(n), np.empty(n)
+    for first in range(0, n, _CHUNK):
+        some = slice(first, min(first + _CHUNK, n))
+        offset = points[nearest[some]] - points[some, None]
+        about = offset - offset.mean(axis=1, keepdims=True)
+        _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", about, about))
+        local = offset @ axes  # columns: normal, second, first axis
+        scale = np.sqrt(np.einsum("nki,nki->n", offset, offset) / k)
+        scale = np.where(scale > 0, scale, 1.0)
+        local = local / scale[:, None, None]
+        z, x, y = local[..., 0], local[..., 2], local[..., 1]
+        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+        gram = np.einsum("nki,nkj->nij", basis, basis)
+        gram += 1e-12 * k * np.eye(_N_TERMS)
+        inverse = np.linalg.inv(gram)
+        solution = np.einsum("nij,nkj,nk->ni", inverse, basis, z)
+        residual = z - np.einsum("nki,ni->nk", basis, solution)
+        rms[some] = scale * np.sqrt(np.einsum("nk,nk->n", residual, residual) / max(k - _N_TERMS, 1))
+        up = np.stack([np.ones(len(x)), -solution[:, 2], -solution[:, 1]], axis=-1)
+        world = np.einsum("nij,nj->ni", axes, up)
+        normals[some] = world / np.linalg.norm(world, axis=1, keepdims=True)
+        factor[some] = np.sqrt((inverse[:, 1, 1] + inverse[:, 2, 2]) / 2) / scale
+    return _Paraboloids(normals, rms, factor)
+
+
+def _noise(rms: FloatArray, freedom: int) -> float:
+    """The noise that the least residuals (n,) of neighbourhoods with so many degrees of freedom are of.
+
+    Edges and fillets only make residuals larger. Of the smooth ones, a share p of all, r^2 / s^2 is chi
+    squared; the twentieth part of all is their quantile .05 / p. s and p are found in turn.
+    """
+    least, noise, share = float(np.quantile(rms, _LEAST)), 0.0, 1.0
+    for _ in range(_N_TURNS):
+        quantile = float(chdtri(freedom, 1 - min(_LEAST / share, 0.5))) / freedom
+        noise = least / np.sqrt(quantile)
+        middle = float(chdtri(freedom, 0.5)) / freedom
+        share = max(2 * float(np.mean(rms <= noise * np.sqrt(middle))), 2 * _LEAST)
+        share = min(share, 1.0)
+    return noise
+
+
+def _links(nearest: IntArray, distances: FloatArray) -> csr_array:
+    """The symmetric graph of neighbours; what is farther than thrice the usual is beside nothing."""
+    n, k = nearest.shape
+    rows = np.repeat(np.arange(n), k)
+    columns, length = nearest.ravel(), distances.ravel()
+    kept = (rows != columns) & (length <= 3 * np.median(distances[:, -1]))
+    ones = np.ones(int(kept.sum()))
+    graph = csr_array((ones, (rows[kept], columns[kept])), shape=(n, n))
+    both = csr_array(graph + graph.T)
+    both.data[:] = 1.0
+    both.sort_indices()
+    return both

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""A part: its points divided among surfaces, and what these are to each other."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit
+from completion.relations.engine.relation import Status
+from completion.relations.graph import RelationGraph
+from scenes.checks import FloatArray, IntArray, frozen_copy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A part, divided into surfaces.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        As they were given, metres; of a mesh its vertices.
+    surface : (n,) int
+        Label of the surface of each point; 0 for none.
+    labels : tuple of int
+        Label of each of the k surfaces, ascending.
+    measured : tuple of SurfaceFit
+        The surfaces (k) as their own points say, with covariances that allow for neighbours that err alike.
+    fits : tuple of SurfaceFit
+        The surfaces (k) where their relations hold, with their covariances given these.
+    groups : tuple of int
+        One a surface: those with equal numbers lie on one and the same, as far as the points tell.
+    noise_m, spacing_m : float
+        Estimated deviation of the points along the normal, and their sampling distance; metres.
+    relations : RelationGraph, optional
+        What the surfaces of `related` are to each other; None where nobody asked.
+    related : tuple of int
+        Places, from 0, of the surfaces that relations were inferred of: those that are known well enough.
+    faces : (m, 3) int, optional
+        Corners of the triangles of a mesh.
+    triangle_surface : (m,) int, optional
+        Label of the surface of each triangle.
+    warnings : tuple of str
+        What is doubtful, a sentence each.
+    """
+
+    points: FloatArray
+    surface: IntArray
+    labels: tuple[int, ...]
+    measured: tuple[SurfaceFit, ...]
+    fits: tuple[SurfaceFit, ...]
+    groups: tuple[int, ...]
+    noise_m: float
+    spacing_m: float
+    relations: RelationGraph | None = None
+    related: tuple[int, ...] = ()
+    faces: IntArray | None = None
+    triangle_surface: IntArray | None = None
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_copy(self.points, np.float64))
+        for name in ("surface", "faces", "triangle_surface"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_copy(getattr(self, name), np.int32))
+
+    def members(self, label: int) -> IntArray:
+        """Places (m,) of the points of the surface with a label."""
+        return np.flatnonzero(self.surface == label)
+
+    def numbered(self, status: Status) -> int:
+        """How many relations came to a status."""
+        return 0 if self.relations is None else self.relations.numbered(status)
+
+    def __repr__(self) -> str:
+        holding = 0 if self.relations is None else sum(one.holds for one in self.relations.relations)
+        share = float(np.mean(self.surface > 0)) if len(self.surface) else 0.0
+        return (
+            f"Part({kinds_text(self.fits)}; {share:.1%} of {len(self.surface)} points; {holding} relations)"
+        )
+
+
+def kinds_text(fits: Sequence[SurfaceFit]) -> str:
+    """How many surfaces of which kind, in words: "3 planes, 1 torus"."""
+    kinds = Counter(fit.surface.kind for fit in fits)
+    plural = {"torus": "tori"}
+    named = [f"{n} {kind if n == 1 else plural.get(kind, kind + 's')}" for kind, n in sorted(kinds.items())]
+    return ", ".join(named) or "no surface"

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Parts on one page: from points or a mesh to surfaces, and to what these are to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit
+from completion.parts.division.labelled import fit_labelled
+from completion.parts.division.meshes import segment_mesh
+from completion.parts.division.pipeline import segment_part
+from completion.parts.division.result import PartSegmentation
+from completion.parts.part import Part
+from completion.relations.graph import RelationGraph
+from completion.relations.options import RelationOptions
+from completion.relations.pipeline import infer
+from completion.relations.settled import is_settled
+from completion.relations.stated import StatedRelation
+from scenes.checks import InputError, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.run.steps import Progress
+
+MACHINED = RelationOptions()
+"""How machined parts are: what holds, holds exactly."""
+
+
+def model_part(
+    shape: object,
+    labels: object | None = None,
+    *,
+    normals: object | None = None,
+    noise_m: float | None = None,
+    relations: RelationOptions | None = MACHINED,
+    stated: Sequence[StatedRelation[int]] = (),
+    progress: Progress | None = None,
+    journal: Journal = NO_JOURNAL,
+) -> Part:
+    """Divide a part into surfaces, and find what these are to each other.
+
+    After Fisher (2004), Applying knowledge to reverse engineering problems, section 2. Points are divided
+    into connected faces on planes, spheres, cylinders, cones and tori. Relations between these (parallel,
+    at right angles, coaxial, of one radius, ...) are proposed, tested, and imposed together where they hold.
+
+    Parameters
+    ----------
+    shape : (n, 3) float, or LabelledMesh
+        Points in any order, or a mesh; metres.
+    labels : (n,) int, optional
+        Which surface each point (vertex) belongs to, where that is known; 0 and less for none. Points are
+        then not divided.
+    normals : (n, 3) float, optional
+        Of points, of any length, with or without a side; where they are not given, they are estimated.
+    noise_m : float, optional
+        Deviation of the points along the normal, metres; else it is estimated.
+    relations : RelationOptions, optional
+        Which relations are looked for, and how exactly they hold; None leaves surfaces as measured.
+    stated : sequence of StatedRelation
+        What a person states and forbids, by labels.
+    progress : callable, optional
+        Called with stage, done and total.
+    journal : Journal
+        Remembers the division, so that a run that was killed goes on after it.
+
+    Raises
+    ------
+    InputError
+        Arrays of wrong shape, points that are not finite, a mesh without area, a noise below zero; a stated
+        relation of labels that there are not, or that their surfaces cannot have.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> top, side = rng.uniform(0, 1, (2, 800, 2))
+    >>> corner = np.vstack([np.insert(top, 2, 0.0, axis=1), np.insert(side, 0, 0.0, axis=1)])
+    >>> part = model_part(corner + rng.normal(0, 1e-3, corner.shape))
+    >>> part.fits[0].surface.kind, part.relations.relations[0].kind
+    ('plane', 'perpendicular')
+    """
+    tell = progress or (lambda _stage, _done, _total: None)
+
+    # 1. Divide: which surface each point is on, and a fit for each; given labels are kept.
+    def divided() -> PartSegmentation:
+        if labels is not None:
+            points = shape.vertices if isinstance(shape, LabelledMesh) else shape
+            return fit_labelled(points, labels, normals, noise_m=noise_m)
+        if isinstance(shape, LabelledMesh):
+            return segment_mesh(shape, noise_m=noise_m, progress=tell)
+        return segment_part(shape, normals, noise_m=noise_m, progress=tell)
+
+    found = journal.step("divided", divided)
+
+    # 2. Relate: of the surfaces that are known well enough, and of all that a person names.
+    tell("relate", 0, 1)
+    graph, related = (None, ()) if relations is None else related_faces(found, relations, stated)
+    fits = list(found.fits)
+    for place, number in enumerate(related):
+        fits[number] = fits[number] if graph is None else graph.fits[place]
+    tell("relate", 1, 1)
+    return part_of(shape, found, graph, related, fits)
+
+
+def related_faces(
+    found: PartSegmentation, options: RelationOptions, stated: Sequence[StatedRelation[int]]
+) -> tuple[RelationGraph, tuple[int, ...]]:
+    """The relations of a division's surfaces, and the places of those that take part.
+
+    Raises InputError: a label that there is not, a relation that its surfaces cannot have.
+    """
+    place = {label: number for number, label in enumerate(found.names)}
+    named = [[_place_of(label, one.source, place) for label in one.surfaces] for one in stated]
+    known = {number for number, fit in enumerate(found.fits) if is_settled(fit)}
+    chosen = tuple(sorted(known.union(*named)))
+    among = {number: k for k, number in enumerate(chosen)}
+    given = [one.of([among[number] for number in some]) for one, some in zip(stated, named, strict=True)]
+    return infer([found.fits[number] for number in chosen], given, options), chosen
+
+
+def part_of(
+    shape: object,
+    found: PartSegmentation,
+    graph: RelationGraph | None,
+    related: tuple[int, ...],
+    fits: Sequence[SurfaceFit],
+) -> Part:
+    """The part that a division and its relations make."""
+    mesh = shape if isinstance(shape, LabelledMesh) else None
+    names = np.array([0, *found.names], dtype=np.int64)
+    triangles = found.triangle_labels
+    if mesh is not None and triangles is None:
+        triangles = _of_corners(mesh, found.labels)
+    return Part(
+        points=np.asarray(shape if mesh is None else mesh.vertices, dtype=np.float64),
+        surface=names[found.labels],
+        labels=found.names,
+        measured=found.fits,
+        fits=tuple(fits),
+        groups=found.groups,
+        noise_m=found.noise_m,
+        spacing_m=found.spacing_m,
+        relations=graph,
+        related=related,
+        faces=None if mesh is None else mesh.faces,
+        triangle_surface=None if triangles is None else names[triangles],
+        warnings=found.warnings,
+    )
+
+
+def _of_corners(mesh: LabelledMesh, labels: IntArray) -> IntArray:
+    """The label (m,) that two corners of a triangle have, else that of its first."""
+    corners = labels[mesh.faces]
+    return np.asarray(np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0]))
+
+
+def _place_of(label: int, source: str, place: dict[int, int]) -> int:
+    if label not in place:
+        known = ", ".join(str(one) for one in list(place)[:20]) or "none"
+        raise InputError(f"{source}: there is no surface {label}; there are {known}")
+    return place[label]

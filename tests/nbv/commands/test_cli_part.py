@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: MIT
+"""`unseen part`: its files, labels, stated relations, meshes, and failures in one line."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from nbv.cli import app
+from scenes.formats.meshes.ply import read_mesh_ply
+
+N = 900
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["part", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A corner of three planes with labels, one point missing, and a mesh of a box."""
+    here = tmp_path_factory.mktemp("part")
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(0, 0.1, (3, N, 2))
+    points = np.vstack([np.insert(flat[axis], axis, 0.0, axis=1) for axis in range(3)])
+    points += rng.normal(0, 1e-4, points.shape)
+    label = np.repeat([7, 3, 0], N)
+    points[5] = np.nan
+    np.savez(here / "corner.npz", points=points)
+    np.savez(here / "labelled.npz", points=points, label=label)
+    rows = "\n".join(f"{x},{y},{z},{k}" for (x, y, z), k in zip(points, label, strict=True))
+    (here / "labelled.csv").write_text("x,y,z,label\n" + rows.replace("nan", "") + "\n")
+    trimesh.creation.box((0.1, 0.06, 0.03)).export(here / "box.stl")
+    return here
+
+
+@pytest.fixture(scope="module")
+def corner(folder):
+    result = run(folder / "corner.npz", "-o", folder / "out", "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout), folder / "out"
+
+
+def test_it_prints_one_object_and_writes_all_files(corner):
+    summary, out = corner
+    assert summary["surfaces"] == {"plane": 3}
+    assert summary["relations"]["accepted"] == 3
+    assert summary["free"] == 6
+    names = {file.name for file in out.iterdir()}
+    assert names == {"part.json", "relations.json", "part.ply", "report.html", "manifest.json"}
+
+
+def test_part_ply_holds_every_point_in_order(corner, folder):
+    held = read_mesh_ply(corner[1] / "part.ply")
+    points = np.load(folder / "corner.npz")["points"]
+    np.testing.assert_array_equal(held.vertices, points)
+    surface = held.vertex_properties["surface"]
+    assert surface[5] == 0
+    assert [len(np.unique(surface[k * N + 10 : (k + 1) * N])) for k in range(3)] <= [3, 3, 3]
+    assert set(np.unique(surface)) <= {0, 1, 2, 3}
+
+
+def test_part_json_has_a_surface_a_label_and_relations_json_its_relations(corner):
+    part = json.loads((corner[1] / "part.json").read_text())
+    assert [one["label"] for one in part["surfaces"]] == [1, 2, 3]
+    assert part["noise_m"] == pytest.approx(1e-4, rel=0.3)
+    relations = json.loads((corner[1] / "relations.json").read_text())
+    assert relations["format"] == "unseen-relations/1"
+    assert {one["type"] for one in relations["relations"]} == {"perpendicular"}
+    normals = [one["normal"] for one in relations["surfaces"]]
+    assert abs(np.dot(normals[0], normals[1])) < 1e-9
+    assert relations["degrees_of_freedom"] == {"unknowns": 9, "rank": 3, "free": 6}
+
+
+def test_relations_off_leaves_surfaces_as_measured(folder):
+    out = folder / "off"
+    result = run(folder / "corner.npz", "-o", out, "--json", "--relations", "off")
+    assert json.loads(result.stdout)["relations"] is None
+    assert not (out / "relations.json").exists()
+
+
+@pytest.mark.parametrize("file", ["labelled.npz", "labelled.csv"])
+def test_labels_of_the_file_are_kept(folder, file):
+    out = folder / f"kept-{file}"
+    result = run(folder / file, "-o", out, "--json")
+    assert json.loads(result.stdout)["surfaces"] == {"plane": 2}
+    part = json.loads((out / "part.json").read_text())
+    assert [one["label"] for one in part["surfaces"]] == [3, 7]
+    assert part["without_surface"] == N
+
+
+def test_labels_can_be_ignored(folder):
+    result = run(folder / "labelled.npz", "-o", folder / "anew", "--json", "--ignore-labels")
+    assert json.loads(result.stdout)["surfaces"] == {"plane": 3}
+
+
+def test_a_forbidden_relation_is_not_imposed(folder):
+    said = folder / "said.json"
+    said.write_text(json.dumps([{"type": "perpendicular", "surfaces": [3, 7], "forbidden": True}]))
+    result = run(folder / "labelled.npz", "-o", folder / "said", "--json", "--relations", said)
+    assert json.loads(result.stdout)["relations"]["accepted"] == 0
+
+
+def test_a_mesh_keeps_its_vertices_and_triangles(folder):
+    out = folder / "box"
+    result = run(folder / "box.stl", "-o", out, "--json")
+    assert json.loads(result.stdout)["surfaces"] == {"plane": 6}
+    assert len(read_mesh_ply(out / "part.ply").faces) == 12
+
+
+def test_the_same_input_gives_the_same_bytes(corner, folder):
+    run(folder / "corner.npz", "-o", folder / "again", "--quiet", "--threads", "1")
+    for name in ("part.json", "relations.json", "part.ply", "report.html"):
+        assert (folder / "again" / name).read_bytes() == (corner[1] / name).read_bytes()
+
+
+def test_what_is_no_part_is_told_in_one_line(folder):
+    np.savez(folder / "nan.npz", points=np.full((9, 3), np.nan))
+    (folder / "wrong.json").write_text('[{"type": "parallel", "surfaces": [3, 9]}]')
+    for arguments, message in (
+        ([folder / "absent.ply"], "no such file"),
+        ([folder / "nan.npz"], "holds no finite point"),
+        ([folder / "wrong.json"], "cannot read points from .json"),
+        ([folder / "labelled.npz", "--relations", folder / "wrong.json"], "there is no surface 9"),
+    ):
+        result = run(*arguments, "-o", folder / "failed")
+        assert result.exit_code == 1
+        assert message in result.stderr
+        assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_few_points_have_no_surface(folder):
+    np.savez(folder / "few.npz", points=np.eye(3))
+    result = run(folder / "few.npz", "-o", folder / "few", "--json")
+    assert json.loads(result.stdout)["surfaces"] == {}
+    assert "No surface was found" in (folder / "few" / "report.html").read_text()
