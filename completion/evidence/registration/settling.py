@@ -25,6 +25,7 @@ _INDEPENDENT = 20.0  # facets of a pair at most whose errors are independent: le
 _SPREAD = 2.0  # robust standard deviations from which on an offset counts for little
 _FIRST_M = 0.05  # how far off poses are taken to be at first, metres
 _LEAST_M = 1e-4
+_MOST_M = 1.0  # no pose is taken to be farther off: where facets tell nothing of it the scale has no end
 _NOTHING_M = 1e-9  # scale of the prior of a scan that stays where it is
 LEAST_MEETINGS = 20
 """Facets of a pair that are to meet before it tells anything."""
@@ -216,7 +217,7 @@ def _scales(moments: FloatArray, vectors: FloatArray, covariance: FloatArray) ->
     n = len(vectors)
     own = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
     square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, own)
-    return np.asarray(np.sqrt(np.maximum(square, _LEAST_M**2)))
+    return np.asarray(np.sqrt(np.clip(square, _LEAST_M**2, _MOST_M**2)))
 
 
 def _motion(vector: FloatArray, pivot: FloatArray) -> FloatArray:

@@ -10,7 +10,10 @@ from completion.evidence.registration import pipeline
 from completion.evidence.registration.facets import facets_of
 from completion.evidence.registration.pipeline import register
 from completion.evidence.registration.registration import Registration
+from completion.evidence.registration.settling import settle
+from completion.evidence.sight import sight_of
 from completion.observe.observation import observe
+from completion.observe.tolerance import EvidenceOptions
 from scenes.files.scan_files import read_scan
 from scenes.pose import Pose
 from tests.helpers.crate_scans import misplaced, scan
@@ -133,3 +136,14 @@ def test_dining_room_poses_are_told_to_be_centimetres_off_by_pair():
     assert sum(one.still_contradicted_m2 for one in found.pairs) < sum(
         one.contradicted_m2 for one in found.pairs
     )
+
+
+def test_of_scans_that_share_nothing_no_pose_is_taken_to_be_off_without_end():
+    observations, tolerance = [observe(scan(k), WORLD) for k in range(2)], EvidenceOptions().tolerance()
+    facets, sights = (
+        [facets_of(one) for one in observations],
+        [sight_of(one, tolerance) for one in observations],
+    )
+    found = settle(facets, sights, [])
+    assert np.array_equal(found.motions, np.tile(np.eye(4), (2, 1, 1)))
+    assert np.abs(found.covariance).max() < 10.0  # metres and radians, squared
