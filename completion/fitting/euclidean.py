@@ -152,9 +152,7 @@ def fit_euclidean(
 
 def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
     """Fit a plane whose normal is given: its offset is the points' mean."""
-    free = fit_plane(points)
-    assert held.direction is not None
-    plane = Plane(points.mean(axis=0), held.direction, free.surface.u_direction)  # type: ignore[attr-defined]
+    plane = held.exact(fit_plane(points).surface)
     residual = plane.distance(points)
     rms = float(np.sqrt(residual @ residual / (len(points) - 1)))
     covariance = np.zeros((3, 3))

@@ -73,7 +73,8 @@ class Held:
         A direction is turned to about the place's foot; a radius is changed where the foot stays on the
         surface, with the centre or the axis on either side of it.
         """
-        turned = surface if self.direction is None else _turned(surface, self._signed(surface), place)
+        given = self.direction
+        turned = surface if given is None else _turned(surface, _signed(given, surface), place)
         if self.radius is None:
             yield turned
         else:
@@ -83,7 +84,7 @@ class Held:
         """A surface that has the given values but for rounding, with them to the last digit."""
         found = surface
         if self.direction is not None:
-            found = _with_direction(found, self._signed(found))
+            found = _with_direction(found, _signed(self.direction, found))
         if self.radius is not None and isinstance(found, Sphere):
             return Sphere(
                 found.centre, self.radius, found.pole_direction, found.zero_direction, found.concave
@@ -112,12 +113,6 @@ class Held:
     def marked(self, fit: SurfaceFit) -> SurfaceFit:
         """The fit, told what was held, and with that to the last digit."""
         return replace(fit, surface=self.exact(fit.surface), held=self.names)
-
-    def _signed(self, surface: Surface) -> FloatArray:
-        """The direction; a cone's the way in which it grows."""
-        assert self.direction is not None
-        backwards = isinstance(surface, Cone) and surface.direction @ self.direction < 0
-        return -self.direction if backwards else self.direction
 
 
 def holding(shape: str, radius: object | None, axis: object | None) -> Held | None:
@@ -148,6 +143,12 @@ def holding(shape: str, radius: object | None, axis: object | None) -> Held | No
 
 def _named(shape: str) -> str:
     return f"an {shape.replace('-', ' ')}" if shape.startswith("e") else f"a {shape}"
+
+
+def _signed(direction: FloatArray, surface: Surface) -> FloatArray:
+    """A direction; for a cone the way in which it grows."""
+    backwards = isinstance(surface, Cone) and surface.direction @ direction < 0
+    return -direction if backwards else direction
 
 
 def _with_direction(surface: Surface, direction: FloatArray) -> Surface:

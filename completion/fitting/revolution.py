@@ -12,13 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 from completion.fitting.charts.chart import axis_frame
+from completion.fitting.charts.paraboloid import LEAST_CURVATURE, Paraboloid
 from completion.fitting.charts.torus_chart import TorusChart
 from completion.fitting.oriented import oriented
 from scenes.checks import FloatArray
 
 _N_ORIENTED = 1_000
 _TUBE_ANGLES_DEG = (0.0, 20.0, 45.0, 70.0, 85.0, 95.0, 110.0, 135.0, 160.0, 180.0)
-_LEAST_CURVATURE = 1e-6  # in units of the points' inverse RMS radius
 _LEAST_NEIGHBOURS = 12  # points from which normals by their neighbours mean something
 
 
@@ -72,22 +72,16 @@ def _osculating(unit: FloatArray) -> list[TorusChart]:
 
     At an angle a from the outermost circle the curvatures are 1 / r and cos(a) / (R + r cos(a)).
     """
-    _, vectors = np.linalg.eigh(unit.T @ unit)
-    x, y, z = vectors[:, 2] @ unit.T, vectors[:, 1] @ unit.T, vectors[:, 0] @ unit.T
-    basis = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
-    level, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(basis, z, rcond=None)[0]
-    curvatures, turns = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
-    normal = vectors @ np.array([1.0, -slope_y, -slope_x])
-    normal = normal / np.linalg.norm(normal)
-    foot = level * vectors[:, 0]
+    touching = Paraboloid.of(unit)
+    foot, normal, curvatures = touching.foot, touching.normal, touching.curvatures
     found: list[TorusChart] = []
     for tube in (0, 1):
         bent, other = float(curvatures[tube]), float(curvatures[1 - tube])
-        if abs(bent) < _LEAST_CURVATURE:
+        if abs(bent) < LEAST_CURVATURE:
             continue
         outward = -np.sign(bent) * normal  # away from the tube's middle
         radius, ratio = 1 / abs(bent), other / bent
-        along = vectors[:, [2, 1]] @ turns[:, tube]
+        along = touching.directions[:, tube]
         along = along - outward * (along @ outward)
         along = along / np.linalg.norm(along)
         for angle in np.radians(_TUBE_ANGLES_DEG):

@@ -16,6 +16,7 @@ import numpy as np
 
 from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
 from completion.fitting.charts.chart import Chart, SphereChart, axis_frame, turned_frame
+from completion.fitting.charts.paraboloid import LEAST_CURVATURE, Paraboloid
 from completion.fitting.quadrics import moments
 from completion.fitting.revolution import torus_about, torus_starts
 from scenes.checks import FloatArray
@@ -23,7 +24,6 @@ from scenes.checks import FloatArray
 _N_DIRECTIONS = 600
 _N_ZOOMS = 6
 _HALF_ANGLES_DEG = (0.0, 5.0, 20.0, 40.0, 60.0, 72.0, 80.0, 85.0)
-_LEAST_CURVATURE = 1e-6  # in units of the points' inverse RMS radius
 _RIDGE = 1e-13  # of the diagonal: directions across which nothing is spread stay finite
 
 
@@ -83,20 +83,14 @@ def _shallow(unit: FloatArray, shape: str) -> list[Chart]:
 
     Over a small arc the squared radius says little and noise biases it; heights over the plane do not care.
     """
-    _, vectors = np.linalg.eigh(unit.T @ unit)
-    x, y, z = vectors[:, 2] @ unit.T, vectors[:, 1] @ unit.T, vectors[:, 0] @ unit.T
-    basis = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
-    level, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(basis, z, rcond=None)[0]
-    curvatures, turns = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
-    normal = vectors @ np.array([1.0, -slope_y, -slope_x])
-    normal = normal / np.linalg.norm(normal)
-    foot = level * vectors[:, 0]
+    touching = Paraboloid.of(unit)
+    foot, normal, curvatures = touching.foot, touching.normal, touching.curvatures
     if shape == "sphere":
-        radius = 1 / max(abs(float(curvatures.mean())), _LEAST_CURVATURE)
+        radius = 1 / max(abs(float(curvatures.mean())), LEAST_CURVATURE)
         return [SphereChart(foot + np.copysign(radius, curvatures.mean()) * normal, radius)]
     bent = int(np.argmax(np.abs(curvatures)))
-    radius = 1 / max(abs(float(curvatures[bent])), _LEAST_CURVATURE)
-    axis = vectors[:, [2, 1]] @ turns[:, 1 - bent]
+    radius = 1 / max(abs(float(curvatures[bent])), LEAST_CURVATURE)
+    axis = touching.directions[:, 1 - bent]
     axis = axis - normal * (normal @ axis)
     axis = axis / np.linalg.norm(axis)
     centre = foot + np.copysign(radius, curvatures[bent]) * normal

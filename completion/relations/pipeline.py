@@ -85,14 +85,14 @@ def infer(
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.
     while (worst := worst_of(estimate, options.level)) is not None:
         reason = "all other relations together contradict it"
-        found = _changed(found, worst[0], status=Status.REJECTED, p=worst[1], reason=reason)
+        found = _refused(found, worst[0], Status.REJECTED, reason, p=worst[1])
         estimate = _again(found, estimate)
 
     # 4. Weigh: what was proposed stays where all that hangs together has evidence enough.
     weak = without_evidence([one.relation for one in estimate.imposed])
     for relation in weak:
         reason = "it is met, but so little hangs together with it that it may be by chance"
-        found = _changed(found, relation, status=Status.UNDECIDED, reason=reason)
+        found = _refused(found, relation, Status.UNDECIDED, reason)
     if weak:
         estimate = _again(found, estimate)
     return RelationGraph.of(estimate, found, options)
@@ -117,7 +117,7 @@ def _settled(
     if worst is None:
         return estimate, found, refused
     reason = "what contradicts it fits better without it"
-    found = _changed(found, worst, status=Status.REJECTED, reason=reason)
+    found = _refused(found, worst, Status.REJECTED, reason)
     accepted = replace(
         refused, status=Status.ACCEPTED, reason="what contradicted it was rejected", conflicts=()
     )
@@ -133,9 +133,12 @@ def _with_conflicts(tested: Relation, found: Sequence[Relation]) -> Relation:
     return replace(tested, conflicts=tuple(accepted[k] for k in tested.conflicts))
 
 
-def _changed(relations: Sequence[Relation], which: Relation, **changes: object) -> list[Relation]:
-    """The relations with one of them changed."""
-    return [replace(one, **changes) if one is which else one for one in relations]  # type: ignore[arg-type]
+def _refused(
+    relations: Sequence[Relation], which: Relation, status: Status, reason: str, p: float | None = None
+) -> list[Relation]:
+    """The relations with one of them not accepted after all; its p stays unless another is given."""
+    changed = replace(which, status=status, reason=reason, p=which.p if p is None else p)
+    return [changed if one is which else one for one in relations]
 
 
 def _again(relations: Sequence[Relation], estimate: Estimate) -> Estimate:

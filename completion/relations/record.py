@@ -29,8 +29,7 @@ def misfit_of(relation: Relation, fits: Sequence[SurfaceFit], up: np.ndarray | N
     """Return how far fits are from a relation of theirs; `up` (3,) is against gravity where that is known."""
     at = {number: place(fits[number].surface, np.zeros(len(fits[number].covariance)))
           for number in relation.surfaces}  # fmt: skip
-    frame = Frame([at.get(number) for number in range(len(fits))], up)  # type: ignore[misc]
-    found = constrain(relation, at, frame)
+    found = constrain(relation, at, Frame(at, up))
     size = np.abs(found.value)
     turned = [value for value, row in zip(size, found.rows, strict=True) if row == ANGLE]
     apart = [value for value, row in zip(size, found.rows, strict=True) if row != ANGLE]

@@ -197,7 +197,8 @@ def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict
     """What surfaces are to each other; those without a number are named by their own point, world frame."""
     world, graph = completion.world_from_reference, found.graph
     names = [
-        number or {"point": world.apply(fit.surface.point).tolist(), "kind": fit.surface.kind}  # type: ignore[attr-defined]
+        number
+        or {"point": world.apply(np.array(fit.parameters()["point"])).tolist(), "kind": fit.surface.kind}
         for number, fit in zip(found.numbers, graph.fits, strict=True)
     ]
     moved = [

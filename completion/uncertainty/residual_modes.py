@@ -141,11 +141,10 @@ def _shapes(surface: Surface, points: FloatArray, centre: FloatArray, width: Flo
     places = (_places(surface, points) - centre) / width
     if isinstance(surface, Plane):
         u, v = np.ascontiguousarray(places.T)
-        uu, uv, vv = u * u, u * v, v * v
-        return np.column_stack(
-            [uu, uv, vv, uu * u, uu * v, u * vv, vv * v]
-        )  # a power takes five times as long
-    assert isinstance(surface, Cylinder)
+        uu, uv, vv = u * u, u * v, v * v  # a power takes five times as long
+        return np.column_stack([uu, uv, vv, uu * u, uu * v, u * vv, vv * v])
+    if not isinstance(surface, Cylinder):
+        raise _without_shapes(surface)
     x, y = axis_frame(surface.direction)[:2] @ (points - surface.point).T
     turn, h = np.arctan2(y, x), places[:, 0]
     two, three = (np.stack([np.cos(n * turn), np.sin(n * turn)]) for n in (2, 3))
@@ -159,7 +158,11 @@ def _places(surface: Surface, points: FloatArray) -> FloatArray:
         return np.asarray((points - surface.point) @ across.T)
     if isinstance(surface, Cylinder):
         return np.asarray(((points - surface.point) @ surface.direction)[:, None])
-    raise TypeError(f"no smooth shapes are known over a {type(surface).__name__}")
+    raise _without_shapes(surface)
+
+
+def _without_shapes(surface: Surface) -> TypeError:
+    return TypeError(f"no smooth shapes are known over a {type(surface).__name__}")
 
 
 def _in_image(pixels: IntArray, shape: tuple[int, int]) -> FloatArray:

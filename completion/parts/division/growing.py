@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from completion.fitting.charts.axial_charts import chart_of
+from completion.fitting.result import SurfaceFit
 from completion.parts.division.hypotheses import KINDS, N_PARAMETERS, adjusted, hypotheses
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from completion.parts.division.reach import reached
@@ -88,7 +88,7 @@ def _explained(about: Neighbourhoods, surface: Surface, covariance: FloatArray) 
     if not len(near):
         return explained
     places = about.points[near]
-    deviation = deviations(surface, covariance, places)
+    deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= _MOST_DEVIATION * tolerance
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[near]))
@@ -96,15 +96,6 @@ def _explained(about: Neighbourhoods, surface: Surface, covariance: FloatArray) 
     fits &= ~(turned & about.is_smooth[near])
     explained[near[fits]] = True
     return explained
-
-
-def deviations(surface: Surface, covariance: FloatArray, places: FloatArray) -> FloatArray:
-    """Predicted deviation (n,) of a surface along its normal at places (n, 3), metres."""
-    origin = surface.centre if hasattr(surface, "centre") else surface.point  # type: ignore[attr-defined]
-    chart = chart_of(surface, origin, 1.0)
-    gradient = chart.linearise(chart.frame @ (places - origin).T)[1]
-    variance = np.einsum("in,ij,jn->n", gradient, covariance, gradient)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 
 def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown | None:

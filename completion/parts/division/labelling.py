@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.sparse.csgraph import connected_components
 
 from completion.parts.division.growing import GAIN, Grown, likely, score_of
@@ -19,6 +18,7 @@ from completion.parts.division.hypotheses import KINDS, adjusted
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
 
 _STEP = 0.5  # cost of two neighbours that differ: alone among ten, a point needs 3.2 deviations
 _N_SWEEPS = 20
@@ -61,12 +61,21 @@ def with_rims(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntA
     """
     size = np.bincount(labels, minlength=cost.shape[1])
     new = labels.copy()
-    _give_rims(about.links.indptr, about.links.indices, cost, labels, size, new, _ALIKE)  # fmt: skip
+    _give_rims(about.links.indptr, about.links.indices, cost, labels, size, new, _ALIKE)
     return new
 
 
-@njit(cache=True)
-def _give_rims(first, beside, cost, labels, size, new, alike):  # type: ignore[no-untyped-def]
+@compiled
+def _give_rims(
+    first: IntArray,
+    beside: IntArray,
+    cost: FloatArray,
+    labels: IntArray,
+    size: IntArray,
+    new: IntArray,
+    alike: float,
+) -> None:
+    """Give each point the smallest surface among its own and its neighbours' that explains it."""
     for here in range(len(labels)):
         best = labels[here]
         if best == 0 or cost[here, best] > alike:
@@ -113,7 +122,7 @@ def _swept(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntArra
     return new
 
 
-@njit(cache=True)
+@compiled
 def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray, step: float) -> int:
     """Give each point in turn the label that costs least among its own, its neighbours' and none."""
     changed = 0

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from scenes.checks import BoolArray, IntArray
+from texture.engine.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def reached(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
     """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
     found = np.zeros(len(allowed), dtype=np.bool_)

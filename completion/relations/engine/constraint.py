@@ -21,7 +21,7 @@ _Rows = tuple[FloatArray | np.float64, dict[int, FloatArray]]
 class Frame:
     """What relations are measured in that is not of the surfaces: where they began, and which way is up."""
 
-    start: Sequence[Placement]
+    start: Mapping[int, Placement]  # by number
     up: FloatArray | None = None  # (3,) unit vector
 
 

@@ -117,7 +117,7 @@ class Estimate:
         self.imposed: list[Imposed] = []
         self._n_solved = 0
         self.at = _Placements(self)
-        self.frame = Frame(tuple(self.at[number] for number in range(len(fits))), up)
+        self.frame = Frame({number: self.at[number] for number in range(len(fits))}, up)
 
     @property
     def n_unknowns(self) -> int:

@@ -76,7 +76,7 @@ def placed(surfaces, changes):
 )
 def test_derivatives_are_those_of_finite_differences(relation, surfaces):
     changes = [1e-2 * RNG.normal(size=size(surface)) for surface in surfaces]
-    frame = Frame(tuple(place(surface, np.zeros(size(surface))) for surface in surfaces), UP)
+    frame = Frame({k: place(surface, np.zeros(size(surface))) for k, surface in enumerate(surfaces)}, UP)
     found = constrain(relation, placed(surfaces, changes), frame)
     for number, surface in enumerate(surfaces):
         for k in range(size(surface)):
@@ -108,7 +108,7 @@ def test_what_holds_is_zero():
     ring, hoop = Torus((1, 2, 4), (0, 0, -1), 0.8, 0.5), Torus((0, 0, 0), (1, 0, 0), 0.8, 0.1)
     surfaces = [flat, above, pipe, cone, lying, ball, ring, hoop]
     at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
-    frame = Frame(tuple(at.values()), np.array([0, 0, 1.0]))
+    frame = Frame(at, np.array([0, 0, 1.0]))
     for kind, numbers, value in [
         ("parallel", (0, 1), None),
         ("parallel", (0, 2), None),
@@ -151,9 +151,9 @@ def test_what_surfaces_cannot_have_is_refused():
         ("axis_in_plane", (1, 0), None, "axis in plane relates a plane and then an axis"),
     ]:
         with pytest.raises(InputError, match=words):
-            constrain(Relation(kind=kind, surfaces=numbers, value=value), at, Frame(tuple(at.values()), UP))
+            constrain(Relation(kind=kind, surfaces=numbers, value=value), at, Frame(at, UP))
     with pytest.raises(InputError, match="vertical needs to know which way is up"):
-        constrain(Relation(kind="vertical", surfaces=(0,)), at, Frame(tuple(at.values())))
+        constrain(Relation(kind="vertical", surfaces=(0,)), at, Frame(at))
     elliptic = EllipticCylinder((0, 0, 0), (0, 0, 1), (0.5, 0.4))
     with pytest.raises(InputError, match="EllipticCylinder: relations are known of planes"):
         place(elliptic, np.zeros(7))

@@ -64,7 +64,7 @@ def test_the_part_of_figure_one_keeps_thirteen_degrees_of_freedom(graph):
 
 def test_what_is_accepted_holds_exactly(graph):
     at = {number: place(fit.surface, np.zeros(len(fit.covariance))) for number, fit in enumerate(graph.fits)}
-    frame = Frame(tuple(at.values()))
+    frame = Frame(at)
     for relation in graph.relations:
         assert np.abs(constrain(relation, at, frame).value).max() <= 1e-10
 
