@@ -144,20 +144,20 @@ def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
         colour=colour,
         name=name,
         warnings=warnings,
-        label=None if raw.label is None else _labels(raw.label[kept]),
+        label=None if raw.label is None else _labels(raw.label[kept], name),
         rows=None if kept.all() else np.flatnonzero(kept),
         n_rows=len(kept),
     )
 
 
-def _labels(label: FloatArray) -> IntArray:
+def _labels(label: FloatArray, name: str) -> IntArray:
     """Labels as whole numbers; an empty field is none."""
     whole = np.nan_to_num(label, nan=0.0)
     strange = np.flatnonzero((whole != np.rint(whole)) | (np.abs(whole) > _MOST_LABEL))
     if len(strange):
         raise InputError(
-            f"{len(strange)} of {len(label)} labels are no whole numbers up to {_MOST_LABEL} "
-            f"(first {whole[strange[0]]:g})"
+            f"{name}: {len(strange)} of {len(label)} labels are no whole numbers up to {_MOST_LABEL} "
+            f"(first {whole[strange[0]]:g}); rename the column `label` if it holds something else"
         )
     return whole.astype(np.int64)
 

@@ -119,8 +119,9 @@ def _cones(points: FloatArray, normals: FloatArray) -> list[Surface]:
     if (length > 0).all():
         ways = ways / length[:, None]
         axis = np.linalg.lstsq(ways, np.ones(len(ways)), rcond=1e-9)[0]
-        cosine = 1 / float(np.linalg.norm(axis))
-        if 0 < cosine < 1:
+        size = float(np.linalg.norm(axis))
+        if 1 < size < np.inf:
+            cosine = 1 / size
             found += _cone(apex, axis * cosine, float(np.arccos(cosine)), float(length.mean()))
     for point, axis in rotation_axes(points, normals, 3):
         found += cones_about(points, point, axis)

@@ -8,8 +8,8 @@ import numpy as np
 from completion.parts.division.faces import fitted, groups_of
 from completion.parts.division.labelling import best_of_kinds
 from completion.parts.division.neighbourhoods import look_around
-from completion.parts.division.result import PartSegmentation
-from completion.parts.division.thinning import LEAST, MOST_POINTS, checked_cloud, thinned
+from completion.parts.division.result import PartSegmentation, no_faces
+from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned, too_little
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Surface
 
@@ -52,8 +52,8 @@ def fit_labelled(
     number = number.astype(np.int64) + (0 if len(names) and names[0] == 0 else 1)
     names = names[names > 0]
     kept = thinned(cloud, MOST_POINTS)
-    if len(kept) < LEAST or not len(names):
-        return PartSegmentation(np.zeros(len(cloud), dtype=np.int32), (), (), 0.0, spacing_m=0.0)
+    if reason := too_little(cloud[kept]) or ("" if len(names) else "no label is above 0"):
+        return no_faces(len(cloud), reason)
     about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
     surfaces: list[Surface | None] = [
         best_of_kinds(about, np.flatnonzero(number[kept] == one)) for one in range(1, len(names) + 1)

@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from completion.parts.division.faces import fitted, groups_of, numbered_faces, spread
 from completion.parts.division.labelling import first_labels, of_best_kind, relabelled, without_islands
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.proposals import proposals
-from completion.parts.division.result import PartSegmentation
-from completion.parts.division.thinning import LEAST, MOST_POINTS, checked_cloud, thinned
+from completion.parts.division.result import PartSegmentation, no_faces
+from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned, too_little
 from scenes.run.steps import Progress
 
 
@@ -42,7 +40,7 @@ def segment_part(
     Returns
     -------
     PartSegmentation
-        With no faces where there are fewer than eight points.
+        With no faces where there are fewer than eight places, or all on a line; a warning says so.
 
     Raises
     ------
@@ -61,8 +59,8 @@ def segment_part(
     tell = progress or (lambda _stage, _done, _total: None)
     cloud, turned = checked_cloud(points, normals, noise_m)
     kept = thinned(cloud, MOST_POINTS)
-    if len(kept) < LEAST:
-        return PartSegmentation(np.zeros(len(cloud), dtype=np.int32), (), (), 0.0, 0.0)
+    if reason := too_little(cloud[kept]):
+        return no_faces(len(cloud), reason)
 
     # 2. Look around: sampling distance, noise, normals, neighbours.
     tell("neighbours", 0, 1)

@@ -69,3 +69,8 @@ class PartSegmentation:
         named = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items())) or "nothing"
         share = float(np.mean(self.labels > 0)) if len(self.labels) else 0.0
         return f"PartSegmentation({named}; {share:.1%} of {len(self.labels)} points)"
+
+
+def no_faces(n: int, reason: str) -> PartSegmentation:
+    """The division of n points that have no surface, and why."""
+    return PartSegmentation(np.zeros(n, np.int32), (), (), noise_m=0.0, spacing_m=0.0, warnings=(reason,))

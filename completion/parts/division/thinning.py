@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.fitting.degeneracy import centroid, check_spread, principal
+from completion.fitting.result import FitError
 from scenes.checks import FloatArray, InputError, IntArray, check_points
 
 LEAST = 8  # points of a surface
@@ -34,6 +36,18 @@ def checked_cloud(
     if not length.all():
         raise InputError(f"{int((length == 0).sum())} of {len(turned)} normals have no length")
     return cloud, np.asarray(turned / length)
+
+
+def too_little(points: FloatArray) -> str:
+    """Why places (n, 3) can hold no surface, a sentence; empty where they may."""
+    if len(points) < LEAST:
+        return f"the points lie in {len(points)} places; a surface needs {LEAST}, so that none was looked for"
+    middle = centroid(points)
+    try:
+        check_spread(len(points), principal(points, middle)[0], middle, 1)
+    except FitError as error:
+        return f"{error}; no surface was looked for"
+    return ""
 
 
 def thinned(points: FloatArray, most: int) -> IntArray:

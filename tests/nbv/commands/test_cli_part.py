@@ -131,8 +131,27 @@ def test_what_is_no_part_is_told_in_one_line(folder):
         assert len(result.stderr.strip().splitlines()) == 1
 
 
-def test_few_points_have_no_surface(folder):
-    np.savez(folder / "few.npz", points=np.eye(3))
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        (np.eye(3), "the points lie in 3 places; a surface needs 8"),
+        (np.ones((500, 3)), "the points lie in 1 places; a surface needs 8"),
+        (np.outer(np.arange(500), [1e-3, 2e-3, 3e-3]), "line"),
+    ],
+    ids=["few", "one place", "a line"],
+)
+def test_what_holds_no_surface_says_why(folder, points, reason):
+    np.savez(folder / "few.npz", points=points)
     result = run(folder / "few.npz", "-o", folder / "few", "--json")
-    assert json.loads(result.stdout)["surfaces"] == {}
+    found = json.loads(result.stdout)
+    assert found["surfaces"] == {}
+    assert reason in found["warnings"][0]
+    assert reason in result.stderr
     assert "No surface was found" in (folder / "few" / "report.html").read_text()
+
+
+def test_labels_that_are_none_are_refused_with_their_file(folder):
+    (folder / "halves.csv").write_text("x,y,z,label\n" + "0,0,0,0.5\n" * 20)
+    result = run(folder / "halves.csv", "-o", folder / "failed")
+    assert result.exit_code == 1
+    assert "halves.csv: 20 of 20 labels are no whole numbers" in result.stderr
