@@ -29,8 +29,8 @@ class CompletionOptions:
     Attributes
     ----------
     mode : "conservative", "standard" or "bold"
-        How probable inferred area must be (`LEAST_CONFIDENCE`, and past what was measured of a plane
-        `LEAST_BEYOND`); conservative area also lies in the hull of what was measured.
+        How probable inferred area must be (`LEAST_CONFIDENCE`); conservative area also lies in the hull of
+        what was measured.
     sigma_m : float, optional
         Range noise in metres; when None it is read off each scan.
     projector_m : float, optional

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
 """The constants of confidence: how far surfaces go on, most likely on rooms, furnished flats and a walk.
 
-Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED] [FLATS]` (default: 16 rooms from
+Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED] [FLATS]` (default: 32 rooms from
 seed 1000, 20 flats from seed 0; some minutes). Each room is scanned with 2 mm of noise and completed. Every
 hidden place that a surface was considered at is right or wrong by the truth. So are frames in furnished
 flats, and of a walk through the furnished lower storey of a house (`UNSEEN_DATA`, default ../shared/data;
-left out where that is absent). Flats and walk count the same, rooms a third of that: nothing lies past
-their walls. It prints the constants in use, the most likely ones, and the mean log likelihood of both on the
-half of the places that the latter were not fitted to.
+left out where that is absent). Rooms, flats and walk count the same. It prints the constants in use,
+the most likely ones, and the mean log likelihood of both on the half of the places that the latter were not
+fitted to.
 """
 
 import sys
@@ -23,7 +23,7 @@ from benchmarks.completion.scenes.cases import hypothesis_of
 from benchmarks.completion.scenes.rooms import random_case
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
-from completion.extension.beyond import KNOWN, N_FALLING, WEIGHTS, Role
+from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects, prospects
 from completion.extension.past_end import KNOWN_PAST_END, PAST_END
 from nbv.scanning.effects.effects import named_effects
@@ -34,8 +34,6 @@ TOLERANCE_M = 0.02
 MOST_PLACES = 600  # of one surface
 EACH = 1  # frame of the walk
 PRIOR = 0.1  # of a surface of 1 m2, what a change of a constant's logarithm by one has to be worth
-LEAST_SPREAD = 0.1  # of what is known: of what hardly varies little is learned
-ROOMS_WEIGH = 0.3  # of what flats do: what lies past a room's walls is not in them
 RIDGE = 0.01  # of all places, what a weight whose part of the log odds strays by one has to be worth
 
 
@@ -115,10 +113,10 @@ def together(places: list[Places]) -> Places:
     )
 
 
-def _weighing(units: list[list[Places]], wanted: float) -> list[list[Places]]:
-    """Rooms or frames, weighted so that all of them weigh as much as is wanted."""
-    held = sum(one.weight.sum() for places in units for one in places)
-    return [[replace(one, weight=one.weight * wanted / held) for one in places] for places in units]
+def _as_heavy(frames: list[list[Places]], rooms: list[list[Places]]) -> list[list[Places]]:
+    """The frames, weighted so that all of them count as much as all rooms."""
+    held, wanted = (sum(one.weight.sum() for all_ in some for one in all_) for some in (frames, rooms))
+    return [[replace(one, weight=one.weight * wanted / held) for one in frame] for frame in frames]
 
 
 def log_likelihood(
@@ -152,14 +150,10 @@ def most_likely(places: Places) -> tuple[FloatArray, float]:
 
 
 def most_likely_weights(places: Places) -> FloatArray:
-    """The weights (n_roles, 10) past the rectangle of planes, those that may not grow at most 0."""
-    given, weights = places.prospects, WEIGHTS.copy()
+    """The weights (12,) past the rectangle of planes."""
+    given = places.prospects
     beyond = (given.onward == Onward.BEYOND) & ~given.is_said
-    for role in Role:
-        here = beyond & (given.role == role)
-        if here.any():
-            weights[role] = _ridge(given.known, np.ones(len(beyond)), places, here, n_falling=N_FALLING)
-    return weights
+    return _ridge(given.known, np.ones(len(beyond)), places, beyond)
 
 
 def most_likely_past_ends(places: Places) -> FloatArray:
@@ -168,18 +162,15 @@ def most_likely_past_ends(places: Places) -> FloatArray:
     return _ridge(given.past_end, given.base, places, (given.onward == Onward.PAST_END) & ~given.is_said)
 
 
-def _ridge(
-    known: FloatArray, base: FloatArray, places: Places, chosen: BoolArray, *, n_falling: int = 0
-) -> FloatArray:
+def _ridge(known: FloatArray, base: FloatArray, places: Places, chosen: BoolArray) -> FloatArray:
     """Constant and weights by ridge regression of the log odds (Hoerl & Kennard 1970), for some places.
 
-    A place is right with the probability that follows from what is `known` (n, k), times `base` (n,). The
-    first weights, as many as fall, are at most 0.
+    A place is right with the probability that follows from what is `known` (n, k), times `base` (n,).
     """
     known, base, right = known[chosen], base[chosen], places.is_right[chosen]
     weight = places.weight[chosen] / places.weight[chosen].sum()
     mean = weight @ known
-    scale = np.maximum(np.sqrt(weight @ np.square(known - mean)), LEAST_SPREAD)
+    scale = np.sqrt(weight @ np.square(known - mean)) + 1e-9
     columns = np.column_stack([np.ones(len(known)), (known - mean) / scale])
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
@@ -191,24 +182,23 @@ def _ridge(
         slope[1:] += RIDGE * x[1:]
         return RIDGE / 2 * float(x[1:] @ x[1:]) - float(told), slope
 
-    bounds = [(None, None), *[(None, 0.0)] * n_falling, *[(None, None)] * (known.shape[1] - n_falling)]
-    x = minimize(cost, np.zeros(columns.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
+    x = minimize(cost, np.zeros(columns.shape[1]), jac=True, method="L-BFGS-B").x
     return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)
 
 
 def main() -> None:
     """Fit and print."""
     given = [int(word) for word in sys.argv[1:]]
-    n_rooms, first, n_flats = [*given, *(16, 1000, 20)[len(given) :]]
+    n_rooms, first, n_flats = [*given, *(32, 1000, 20)[len(given) :]]
     rooms = [places_in(seed) for seed in range(first, first + n_rooms)]
     flats = [
         [one for k in range(Flat(seed).n_frames) for one in places_in_frame(Flat(seed), k)]
         for seed in range(n_flats)
     ]
+    rooms += _as_heavy(flats, rooms)
     n_frames = len(WALKS[0].frames) if (DATA / WALKS[0].scene).exists() else 0
     frames = [places_in_frame(WALKS[0], number) for number in range(0, n_frames, EACH)]
-    weigh = sum(one.weight.sum() for flat in flats for one in flat)
-    rooms = _weighing(rooms, ROOMS_WEIGH * weigh) + flats + (_weighing(frames, weigh) if frames else [])
+    rooms += _as_heavy(frames, rooms[:n_rooms])
     halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
     for k in (0, 1):
         (fitted, even_m), weights = most_likely(halves[k]), most_likely_weights(halves[k])
@@ -234,12 +224,9 @@ def main() -> None:
         name = onward.name.lower().replace("_", " ")
         print(f"{name:14s} {n_surfaces:4d} surfaces  in use {a:.3f} {b:6.2f}  most likely {c:.3f} {d:6.2f}")
     print(f"even odds of an opening at half a width of {EVEN_M:.2f} m in use, most likely {even_m:.2f} m")
-    print("past the rectangle: log odds most likely, by role")
-    for role in Role:
-        print(
-            f"{role.name.lower().replace('_', ' '):12s} " + " ".join(f"{one:6.2f}" for one in weights[role])
-        )
-    print("  of: " + "; ".join(("constant", *KNOWN)))
+    print("past the rectangle: log odds in use, most likely")
+    for name, used, fit in zip(("constant", *KNOWN), WEIGHTS, weights, strict=True):
+        print(f"{used:7.2f} {fit:7.2f}  {name}")
     print("past the end of a cylinder: log odds in use, most likely")
     for name, used, fit in zip(("constant", *KNOWN_PAST_END), PAST_END, past_end, strict=True):
         print(f"{used:7.2f} {fit:7.2f}  {name}")

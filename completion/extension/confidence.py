@@ -13,7 +13,7 @@ from scipy import ndimage
 from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
-from completion.extension.beyond import WEIGHTS, Sides, nowhere, past_sides, probability_beyond
+from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
 from completion.extension.extent import Extent
 from completion.extension.past_end import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end
 from completion.extension.silence import half_widths
@@ -64,8 +64,7 @@ class Prospects:
     onward: NDArray[np.int8]  # (n,) an `Onward`
     distance: FloatArray  # (n,) in its units
     width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
-    role: NDArray[np.int8]  # (n,) `beyond.Role` of those beyond the rectangle; else of no use
-    known: FloatArray  # (n, 9) `beyond.KNOWN` of those beyond the rectangle; else of no use
+    known: FloatArray  # (n, 11) `beyond.KNOWN` of those beyond the rectangle; else of no use
     past_end: FloatArray  # (n, 4) `past_end.KNOWN_PAST_END` of those past an end; else of no use
     is_said: BoolArray  # (n,) whether a person said that it goes on past them
 
@@ -82,7 +81,7 @@ class Prospects:
         whole = 1 / (1 + np.square(self.width / even_m))
         within = self.base * start * np.exp(-self.distance / length) * whole
         past = np.where(ended, self.base * probability_past_end(self.past_end, past_end), within)
-        past = np.where(beyond, probability_beyond(self.known, self.role, weights), past)
+        past = np.where(beyond, probability_beyond(self.known, weights), past)
         return np.where((beyond | ended) & self.is_said, self.base, past)
 
 
@@ -121,31 +120,23 @@ def prospects(
     held = np.abs(labelling.margin[number])
     base = held * labelling.is_surface[number] + (1 - held) * anywhere
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
+    nothing = np.zeros(len(d))
     places = grid.centres_uv()[inside]
-    past_end, width = np.zeros((len(d), len(KNOWN_PAST_END))), np.zeros(len(d))
     if isinstance(extent.chart, Cylinder):
         ends = PastEnds.of(places[:, 1], extent)
-        kind = np.where(ends.side >= 0, Onward.PAST_END, Onward.CYLINDER)
+        kind = np.where(ends.side >= 0, Onward.PAST_END, Onward.CYLINDER).astype(np.int8)
         is_said = (ends.side >= 0) & extent.by_edit[ends.side, 1]
-        past_end, beyond = ends.known, nowhere(len(d))
-    else:
-        beyond = past_sides(places, base, extent, Sides.of(grid, evidence, extent))
-        side, own = beyond.side, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN
-        kind = np.where(side >= 0, Onward.BEYOND, own)
-        is_said = (side >= 0) & extent.by_edit[side % 2, side // 2]
-        if extent.encloses and not extent.is_level:
-            within = grid.within(extent.own_low, extent.own_high)
-            width = hidden_widths(inside & within, grid)[inside]
-    return Prospects(
-        base=base,
-        onward=kind.astype(np.int8),
-        distance=near,
-        width=width,
-        role=beyond.role,
-        known=beyond.known,
-        past_end=past_end,
-        is_said=is_said,
-    )
+        return Prospects(
+            base, kind, near, nothing, np.zeros((len(d), len(KNOWN))), past_end=ends.known, is_said=is_said
+        )
+    sides, past_end = Sides.of(grid, evidence, extent), np.zeros((len(d), len(KNOWN_PAST_END)))
+    known, side = known_beyond(places, base, extent, sides)
+    width = nothing
+    if extent.encloses and not extent.is_level:
+        width = hidden_widths(inside & grid.within(extent.own_low, extent.own_high), grid)[inside]
+    kind = np.where(side >= 0, Onward.BEYOND, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN)
+    is_said = (side >= 0) & extent.by_edit[side % 2, side // 2]
+    return Prospects(base, kind.astype(np.int8), near, width, known, past_end=past_end, is_said=is_said)
 
 
 def hidden_widths(hidden: BoolArray, grid: ChartGrid) -> FloatArray:

@@ -68,10 +68,8 @@ class Extent:
         Whether the surface is a plane that bounds all that was measured, as walls and floors do.
     is_inset : bool
         Whether it is a pane or the back of a niche, which ends at its reveal.
-    faces_up : float
-        Cosine between a plane's normal and up: 1 for floors, -1 for ceilings; 0 for other surfaces.
-    rises : (2, 2) float
-        How much the chart goes up towards the low and the high sides along u and v: a plane's sines.
+    is_level : bool
+        Whether the surface is a level plane, as floors and tables are.
     reach : (2, 2) float
         Chart coordinates past which it goes on too improbably on the low and the high sides, metres.
     by_edit : (2, 2) bool
@@ -97,18 +95,12 @@ class Extent:
     full_turn: bool
     encloses: bool
     is_inset: bool = False
-    faces_up: float = 0.0
-    rises: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    is_level: bool = False
     reach: FloatArray = field(default_factory=lambda: np.repeat([[-np.inf], [np.inf]], 2, axis=1))
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
     seen_ends: FloatArray = field(default_factory=lambda: np.zeros(2))
     tilt: float = 1.0
     radius_sd: float = 0.0
-
-    @property
-    def is_level(self) -> bool:
-        """Whether the surface is a level plane, as floors and tables are."""
-        return abs(self.faces_up) > _LEVEL
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
@@ -169,7 +161,6 @@ def find_extent(
         The surface is neither a plane nor a cylinder.
     """
     merged, encloses = surfaces[index], adjacency.encloses
-    upward = np.array([0.0, 0.0, 1.0]) if up is None else up
     surface, points = merged.fit.surface, merged.points(observations, _MOST_POINTS)
 
     # 1. Neighbours: what it ends at, and what it meets in a crease.
@@ -223,21 +214,15 @@ def find_extent(
         full_turn=full_turn,
         encloses=bool(encloses[index]) and isinstance(chart, Plane),
         is_inset=bool(adjacency.is_inset[index]),
-        faces_up=float(surface.normal_direction @ upward) if isinstance(surface, Plane) else 0.0,
-        rises=_rises(chart, upward),
+        is_level=_is_level(surface, np.array([0.0, 0.0, 1.0]) if up is None else up),
         seen_ends=seen_ends(boundary, low[1], high[1]) if isinstance(chart, Cylinder) else np.zeros(2),
         tilt=_tilt(chart, [closing[k][1] for k in which[which >= 0]]),
         radius_sd=radius_sd,
     )
 
 
-def _rises(chart: Surface, up: FloatArray) -> FloatArray:
-    """Sines (2, 2) of the angles at which a plane's chart goes up towards its low and high sides; 0 else."""
-    if not isinstance(chart, Plane):
-        return np.zeros((2, 2))
-    origin, along_u, along_v = chart.from_uv(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    rise = np.array([along_u - origin, along_v - origin]) @ up
-    return np.stack([-rise, rise])
+def _is_level(surface: Surface, up: FloatArray) -> bool:
+    return isinstance(surface, Plane) and abs(float(surface.normal_direction @ up)) > _LEVEL
 
 
 def _tilt(chart: Surface, closing: Sequence[Plane]) -> float:

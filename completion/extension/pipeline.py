@@ -28,19 +28,11 @@ from completion.extension.extent import Extent, Mode, lay_grid, with_ends
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.extension.silence import silent_cells, trust
 from completion.fitting.result import SurfaceFit
-from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder, Plane
+from scenes.checks import BoolArray
+from scenes.surfaces.catalogue import Cylinder
 
 LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
 """Probability below which a place is left unknown."""
-
-LEAST_BEYOND: dict[Mode, float] = {"conservative": 0.8, "standard": 0.75, "bold": 0.2}
-"""The same past the rectangle of what was measured of a plane.
-
-There a standard continuation must be three times as probable as not: what is inferred stands alone, so that a
-wrong wall costs more than a missing one. On the walks and flats of the ledger (benchmarks.completion.ledger)
-half of what is about as probable as not past a side of a wall comes true, and nothing tells which half.
-"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,10 +80,9 @@ def extend(
         What may be used, and how sure the result must be.
     """
     # 1. Weigh: what the scans say of each cell of the chart.
-    surface, edits = edited.surface, edited.edits
-    is_said = bool(edits.ends or edits.wishes)
-    least = LEAST_CONFIDENCE if is_said else LEAST_BEYOND
-    extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least[rules.mode])
+    surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.mode]
+    is_said = edits.ends or edits.wishes
+    extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)
@@ -119,14 +110,13 @@ def extend(
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
     silent = silent_cells(evidence, hidden)
-    enough = _enough(grid, extent, LEAST_CONFIDENCE[rules.mode], least[rules.mode])
-    probable = hidden & (confidence >= enough) & ~edits.rejected(grid)
+    probable = hidden & (confidence >= least) & ~edits.rejected(grid)
     filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
     occluded = filled & (evidence.labels == Label.OCCLUDED)
 
     # 6. Silence: where nothing came back, how probably that is surface, by what is around.
     confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=extent.encloses)
-    filled = occluded | (filled & silent & (confidence >= enough))
+    filled = occluded | (filled & silent & (confidence >= least))
 
     # 7. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
@@ -160,13 +150,6 @@ def extend(
         trims=trims,
         verdict=edits,
     )
-
-
-def _enough(grid: ChartGrid, extent: Extent, within: float, beyond: float) -> FloatArray:
-    """How probable a cell (rows, columns) must be: within the measured rectangle of a plane, and past it."""
-    if not isinstance(extent.chart, Plane):
-        return np.full(grid.shape, within)
-    return np.where(grid.within(extent.own_low, extent.own_high), within, beyond)
 
 
 def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolArray:

@@ -6,7 +6,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from completion.extension.beyond import KNOWN, N_FALLING, WEIGHTS, Role
+from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects
 from completion.extension.past_end import KNOWN_PAST_END, PAST_END
 from tests.helpers.data_paths import ROOT
@@ -26,8 +26,7 @@ def places_at(calibrate, onward, distance, known, probability, rng):
     n, none = len(onward), np.zeros(len(onward), dtype=np.bool_)
     width, past_end = rng.uniform(0, 1, n), rng.normal(0.5, 2, (n, len(KNOWN_PAST_END)))
     base = np.where(onward == Onward.PAST_END, rng.uniform(0.5, 1, n), 1.0)
-    role = rng.integers(0, len(Role), n).astype(np.int8)
-    given = Prospects(base, onward, distance, width, role, known, past_end=past_end, is_said=none)
+    given = Prospects(base, onward, distance, width, known, past_end=past_end, is_said=none)
     right = rng.random(n) < probability(given)
     return calibrate.Places(given, right, np.ones(n))
 
@@ -46,9 +45,8 @@ def test_known_constants_come_out_of_what_they_make(calibrate):
 
 
 def test_known_weights_come_out_of_what_they_make(calibrate):
-    rng, n = np.random.default_rng(0), 60_000 * len(Role)
-    true = rng.normal(0, 0.3, WEIGHTS.shape)
-    true[:, 1 : 1 + N_FALLING] = -np.abs(true[:, 1 : 1 + N_FALLING])
+    rng, n = np.random.default_rng(0), 60_000
+    true = rng.normal(0, 0.3, len(WEIGHTS))
     onward, known = np.full(n, Onward.BEYOND, np.int8), rng.normal(0.5, 2, (n, len(KNOWN)))
     places = places_at(calibrate, onward, np.zeros(n), known, lambda one: one.probability(weights=true), rng)
     fitted = calibrate.most_likely_weights(places)
@@ -70,7 +68,7 @@ def test_known_weights_past_ends_come_out_of_what_they_make(calibrate):
 
 def test_without_evidence_the_constants_in_use_stay(calibrate):
     nothing = Prospects(
-        np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4), np.zeros(4, np.int8),
+        np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4),
         np.zeros((4, len(KNOWN))), past_end=np.zeros((4, len(KNOWN_PAST_END))),
         is_said=np.zeros(4, dtype=np.bool_),
     )  # fmt: skip

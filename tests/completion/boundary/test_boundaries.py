@@ -151,9 +151,8 @@ def test_confidence_falls_with_distance():
     for onward in (Onward.WALL_WITHIN, Onward.OBJECT_WITHIN, Onward.CYLINDER):
         kind = np.full(3, onward, np.int8)
         found = Prospects(
-            base=np.ones(3), onward=kind, distance=away, width=np.zeros(3), role=np.zeros(3, np.int8),
-            known=np.zeros((3, 9)), past_end=np.zeros((3, 4)), is_said=none,
-        )  # fmt: skip
+            np.ones(3), kind, away, np.zeros(3), np.zeros((3, 11)), past_end=np.zeros((3, 4)), is_said=none
+        )
         assert (np.diff(found.probability()) < 0).all()
     cells = np.zeros(GRID.shape, dtype=np.bool_)
     assert (distance_to(cells, GRID)[0] > 1e5).all()

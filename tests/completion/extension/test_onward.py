@@ -11,12 +11,10 @@ from completion.evidence.evidence import Evidence, Label
 from completion.extension.beyond import (
     KNOWN,
     WEIGHTS,
-    Role,
     Sides,
     as_far_as_probable,
-    past_sides,
+    known_beyond,
     probability_beyond,
-    roles,
 )
 from completion.extension.confidence import EVEN_M, Onward, Prospects, hidden_widths
 from completion.extension.extent import Extent
@@ -28,97 +26,77 @@ EXTENT = Extent(
     own_high=np.array([1.0, 0.8]), ends=np.array([[-np.inf, -1.0], [np.inf, np.inf]]),
     end_probability=np.array([[0.0, 0.25], [0.0, 0.0]]),
     ended=np.zeros((2, 2), dtype=np.bool_), full_turn=False, encloses=False,
-    rises=np.array([[0.0, -1.0], [0.0, 1.0]]),
 )  # fmt: skip
 SIDES = Sides(np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5, 0.6], [0.7, 0.8]]), 0.15)
 
 
-def known(uv, extent=EXTENT, base=0.5, sides=SIDES):
-    """`KNOWN` of one place by its names' first words, its side and its role."""
-    found = past_sides(np.array([uv]), np.array([base]), extent, sides)
-    return dict(zip(KNOWN, found.known[0], strict=True)), int(found.side[0]), Role(found.role[0])
-
-
-def probability(uv, extent=EXTENT, sides=SIDES, base=1.0):
-    """Of places (n, 2)."""
-    found = past_sides(np.array(uv), np.full(len(uv), base), extent, sides)
-    return probability_beyond(found.known, found.role)
+def known(uv, extent=EXTENT, base=0.5):
+    """`KNOWN` of one place by its names' first words, and its side."""
+    values, side = known_beyond(np.array([uv]), np.array([base]), extent, SIDES)
+    return dict(zip(KNOWN, values[0], strict=True)), int(side[0])
 
 
 @pytest.mark.parametrize(
-    ("uv", "side", "past", "past_m", "other", "passed", "hidden"),
+    ("uv", "side", "past", "past_m", "passed", "hidden"),
     [
-        ((0.5, 0.5), -1, 0, 0, 0, 0.4, 0.8),
-        ((0.1, 0.5), 0, 0.1 / 0.8, 0.1, 0, 0.1, 0.5),
-        ((1.4, 0.5), 1, 0.4 / 0.8, 0.4, 0, 0.3, 0.7),
-        ((0.5, -1.0), 2, 1.2 / 0.6, 1.2, 0, 0.2, 0.6),
-        ((1.4, 1.05), 1, 0.5, 0.4, 0.25 / 0.6, 0.3, 0.7),  # past two sides
-        ((1.4, 1.4), 3, 1.0, 0.6, 0.4 / 0.8, 0.4, 0.8),
+        ((0.5, 0.5), -1, 0, 0, 0.4, 0.8),
+        ((0.1, 0.5), 0, 0.1 / 0.8, 0.1, 0.1, 0.5),
+        ((1.4, 0.5), 1, 0.4 / 0.8, 0.4, 0.3, 0.7),
+        ((0.5, -1.0), 2, 1.2 / 0.6, 1.2, 0.2, 0.6),
+        ((1.4, 1.05), 1, 0.5, 0.4, 0.3, 0.7),  # past two sides
+        ((1.4, 1.4), 3, 1.0, 0.6, 0.4, 0.8),
     ],
 )
-def test_the_side_that_a_place_is_farthest_past_tells(uv, side, past, past_m, other, passed, hidden):
-    found, at, _ = known(uv)
+def test_the_side_that_a_place_is_farthest_past_tells(uv, side, past, past_m, passed, hidden):
+    found, at = known(uv)
     assert at == side
     if side < 0:
         return
     values = list(found.values())
-    expected = [np.log(past + 0.02), np.log(past_m + 0.02), np.log(1 + other / 0.02), 0.5, 0.15]
-    np.testing.assert_allclose(values[:5], expected)
-    np.testing.assert_allclose(values[5:7], [passed, hidden])
+    np.testing.assert_allclose(values[:3], [np.log(past + 0.02), np.log(past_m + 0.02), 0.15])
+    np.testing.assert_allclose(values[6:8], [passed, hidden])
 
 
 def test_walls_have_ends_and_things_stand():
-    for extent, expected in ((EXTENT, [1, 0.25]), (replace(EXTENT, encloses=True), [1, 0])):
-        np.testing.assert_allclose(list(known((0.5, -0.5), extent)[0].values())[7:], expected)
-        assert list(known((0.5, 1.5), extent)[0].values())[7] == 0  # nothing closes that side
+    wall = replace(EXTENT, encloses=True, is_level=True)
+    for extent, expected in ((EXTENT, [0, 0, 0, 0, 0.25]), (wall, [1, 0, 1, 1, 0])):
+        values = list(known((0.5, -0.5), extent)[0].values())
+        np.testing.assert_allclose([*values[3:6], *values[8:10]], expected)
+    values = list(known((0.5, 1.5), wall)[0].values())
+    assert values[8] == 0  # nothing closes that side
 
 
-def test_a_place_has_the_role_of_its_plane_and_of_the_way_there():
-    ways = {(0.5, -0.5): Role.DOWN, (0.5, 1.5): Role.UP, (2.0, 0.5): Role.ASIDE, (-1.0, 0.5): Role.ASIDE}
-    for uv, role in ways.items():
-        assert known(uv, replace(EXTENT, encloses=True))[2] == role
-        thing = Role.THING_DOWN if role == Role.DOWN else Role.THING_ASIDE
-        assert known(uv)[2] == thing
-    for faces_up, role in ((1.0, Role.FLOOR), (-1.0, Role.CEILING)):
-        level = replace(EXTENT, faces_up=faces_up, rises=np.full((2, 2), 0.01))
-        assert (roles(level) == Role.THING_LEVEL).all()
-        assert (roles(replace(level, encloses=True)) == role).all()
-    slope = np.array([[0.0, -0.6], [0.0, 0.6]])  # the lower side of a sloping ceiling is a lower side
-    assert roles(replace(EXTENT, encloses=True, faces_up=-0.8, rises=slope))[0, 1] == Role.DOWN
+def test_the_edges_tell_the_more_the_better_the_outline_was_seen():
+    assert list(known((0.5, 1.5), base=0.2)[0].values())[10] == pytest.approx(0.8 * 0.5)
+    values, _ = known_beyond(
+        np.array([[0.5, 1.5]]), np.array([0.2]), EXTENT, replace(SIDES, passed_outline=0.9)
+    )
+    assert values[0, 10] == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize("encloses", [False, True])
-@pytest.mark.parametrize("faces_up", [-1.0, 0.0, 1.0])
 @pytest.mark.parametrize("least", [0.2, 0.5, 0.8])
-def test_past_its_reach_a_plane_is_improbable_whatever_is_seen(encloses, faces_up, least):
-    shape = replace(EXTENT, encloses=encloses, faces_up=faces_up)
+def test_past_its_reach_a_plane_is_improbable_whatever_is_seen(encloses, least):
+    shape = replace(EXTENT, encloses=encloses)
     low, high = as_far_as_probable(shape, least).reach
-    rng = np.random.default_rng(0)
-    uv = np.exp(rng.uniform(-3, 20, (100_000, 2))) * rng.choice([-1, 1], (100_000, 2))
+    uv = np.random.default_rng(0).uniform(-9, 10, (20_000, 2))
     past = ((uv < low) | (uv > high)).any(axis=1)
     assert past.any()
-    for passed, hidden, outline in ((0, 1, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (0.5, 0.5, 0.2)):
+    for passed, hidden, outline in ((0, 1, 0), (1, 1, 0), (0, 0, 1), (0.5, 0.5, 0.2)):
         sides = Sides(np.full((2, 2), float(passed)), np.full((2, 2), float(hidden)), outline)
-        assert probability(uv, shape, sides)[past].max() <= least
-
-
-def test_a_reach_is_not_longer_than_it_must_be():
-    shape = replace(EXTENT, encloses=True)
-    reach = as_far_as_probable(shape, 0.75).reach
-    middle, best = (shape.own_low + shape.own_high) / 2, 0.0
-    for row, axis in np.ndindex(2, 2):
-        half = middle.copy()
-        half[axis] = ((shape.own_low, shape.own_high)[row][axis] + reach[row, axis]) / 2
-        for hidden in (0.0, 1.0):
-            sides = Sides(np.zeros((2, 2)), np.full((2, 2), hidden), 0.0)
-            best = max(best, *probability([half], shape, sides))
-    assert best > 0.75  # half as far it may be
+        values, _ = known_beyond(uv, np.ones(len(uv)), shape, sides)
+        assert probability_beyond(values)[past].max() <= least
+    best = Sides(np.zeros((2, 2)), np.ones((2, 2)), 0.0)
+    nearer = np.tile((shape.own_low + shape.own_high) / 2, (2, 1))
+    np.fill_diagonal(nearer, shape.own_high + (high - shape.own_high) / 2)
+    values, _ = known_beyond(nearer, np.ones(2), shape, best)
+    is_anywhere = high.max() > shape.own_high.max() + 1e-6
+    assert not is_anywhere or probability_beyond(values).max() > least  # half as far it may be
 
 
 def test_odds_that_do_not_fall_with_the_distance_bound_nothing():
-    rising = WEIGHTS.copy()
-    rising[:, 1] = 1.0
-    assert np.isinf(as_far_as_probable(EXTENT, 0.5, rising).reach).all()
+    level = WEIGHTS * np.where(np.arange(len(WEIGHTS)) == 1, -1.0, 1.0)
+    assert np.isinf(as_far_as_probable(EXTENT, 0.5, level).reach).all()
 
 
 def test_sides_are_looked_at_line_by_line():
@@ -145,20 +123,14 @@ def test_sides_are_looked_at_line_by_line():
 
 
 def test_it_is_less_probable_farther_away_and_past_a_side_that_was_seen_to_end():
-    wall = replace(EXTENT, encloses=True)
-    near, far, farther = probability([(1.1, 0.5), (1.5, 0.5), (3.0, 0.5)], wall)
-    assert 1 > near > far > farther > 0
-    ended = Sides(np.ones((2, 2)), np.zeros((2, 2)), 1.0)
-    unseen = Sides(np.zeros((2, 2)), np.full((2, 2), 0.5), 0.0)
-    assert probability([(1.2, 0.5)], wall, ended, base=0.1) < 0.1
-    assert probability([(1.2, 0.5)], wall, unseen) > 0.5
-    assert WEIGHTS.shape == (len(Role), len(KNOWN) + 1)
+    def at(uv, sides=SIDES):
+        return probability_beyond(known_beyond(np.array([uv]), np.ones(1), EXTENT, sides)[0])[0]
 
-
-def test_walls_go_down_rather_than_aside_or_up():
-    wall = replace(EXTENT, encloses=True)
-    down, up, aside = probability([(0.6, 0.0), (0.6, 1.0), (1.2, 0.5)], wall)
-    assert down > aside > up
+    assert 1 > at((1.1, 0.5)) > at((1.5, 0.5)) > at((3.0, 0.5)) > 0
+    ended = replace(SIDES, passed=np.ones((2, 2)), hidden=np.zeros((2, 2)))
+    unseen = replace(SIDES, passed=np.zeros((2, 2)), hidden=np.ones((2, 2)))
+    assert at((1.2, 0.5), ended) < 0.3 < at((1.2, 0.5), unseen)
+    assert len(WEIGHTS) == len(KNOWN) + 1
 
 
 def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
@@ -179,7 +151,6 @@ def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
         kind,
         np.zeros(3),
         np.array([0, narrow, wide]),
-        np.zeros(3, np.int8),
         known,
         past_end=np.zeros((3, 4)),
         is_said=none,
@@ -199,7 +170,6 @@ def test_what_a_person_said_goes_on_does():
         kind,
         np.ones(1),
         np.ones(1),
-        np.zeros(1, np.int8),
         row,
         past_end=np.zeros((1, 4)),
         is_said=np.ones(1, dtype=np.bool_),

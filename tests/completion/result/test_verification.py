@@ -109,10 +109,8 @@ def test_scans_are_made_ready_once_for_all_surfaces(alone, other, monkeypatch):
     assert len(made) == 1
 
 
-def test_findings_are_what_rays_in_the_true_scene_say(other):
+def test_findings_are_what_rays_in_the_true_scene_say(alone, other):
     """A ray from the other scanner ends at what is confirmed, before what is hidden, beyond the refuted."""
-    bold = replace(PLAIN, mode="bold")  # so that some of it is wrong
-    alone = completed("two_occluders", "gaussian-2mm", pixels=120, options=bold)
     beyond: dict[Finding, list[np.ndarray]] = {finding: [] for finding in Finding}
     for surface in verify(alone, [other]).surfaces:
         for finding in Finding:
