@@ -49,6 +49,7 @@ def segment_part(
 
     Examples
     --------
+    >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> top, side = rng.uniform(0, 1, (2, 800, 2))
     >>> corner = np.vstack([np.insert(top, 2, 0.0, axis=1), np.insert(side, 0, 0.0, axis=1)])
