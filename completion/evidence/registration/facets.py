@@ -15,6 +15,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _MOST_TILES = 20_000  # of a scan, about: larger images are cut into larger tiles
 _ROUGHEST = 2.0  # weighted square residual by freedom of a tile that counts as flat
+_MOST_BENT = 0.15  # of a tile's side, by which curved ones may stray
 _FULL = 0.9  # of a facet's pixels that brought something back
 _MOST_FACETS = 1500  # of a scan that are compared with other scans
 
@@ -34,11 +35,12 @@ class Facets(NamedTuple):
     area: FloatArray  # (n,) each stands for, square metres
 
 
-def facets_of(seen: Observation) -> Facets:
+def facets_of(seen: Observation, *, curved: bool = False) -> Facets:
     """Return the facets of a scan.
 
     The error of a facet is that of the mean of its ranges, the error that neighbouring ranges have in common,
-    and the flatness of real surfaces, together.
+    and the flatness of real surfaces, together. With `curved`, tiles that bend are facets too, and what they
+    stray from their planes is part of their error.
     """
     ranges, noise = seen.scan.ranges, seen.noise
     least = int(np.ceil(np.sqrt(ranges.size / _MOST_TILES)))
@@ -51,13 +53,18 @@ def facets_of(seen: Observation) -> Facets:
         cosine = 1.0 / (size * np.linalg.norm(tiles.centre, axis=-1))
         white = np.square(noise.sigma(distance)) / np.maximum(tiles.count, 1.0)
     along = (white + np.square(noise.bias(distance))) * np.square(np.minimum(cosine, 1.0))
-    sd = np.sqrt(along + FLATNESS_M**2)
+    pixel = distance * seen.scan.projection.pixel_angle * tiles.side
+    bent, straight = np.zeros_like(along), tiles.misfit <= _ROUGHEST
+    if curved:
+        with np.errstate(invalid="ignore"):
+            bent = np.square(noise.sigma(distance)) * np.maximum(tiles.misfit - _ROUGHEST, 0.0)
+            straight = bent < np.square(_MOST_BENT * pixel)
+    sd = np.sqrt(along + bent + FLATNESS_M**2)
     full = tiles.count >= _FULL * tiles.side**2
-    flat = full & (tiles.misfit <= _ROUGHEST) & np.isfinite(size) & (cosine > 0.1)
+    flat = full & straight & np.isfinite(size) & (cosine > 0.1)
     chosen = np.flatnonzero(flat)
     step = max(1, len(chosen) // _MOST_FACETS)
     some = chosen[step // 2 :: step]
-    pixel = distance * seen.scan.projection.pixel_angle * tiles.side
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.square(pixel) / cosine * step
     return Facets(

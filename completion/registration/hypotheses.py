@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: MIT
+"""Hypotheses: poses of one scan to another one that their beams approve, best first, from any start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.registration.agreement import count_agreement
+from completion.registration.motions import STILL, angle_between, composed, inverse, inverses, moved
+from completion.registration.plane_candidates import plane_candidates
+from completion.registration.refinement import Placed, equations_of, refine, stiffness
+from completion.registration.station_view import StationView
+from completion.registration.turn_candidates import turn_candidates
+from scenes.checks import FloatArray, IntArray
+
+COARSE_M, MIDDLE_M, FINE_M = 0.2, 0.08, 0.01
+"""How far off poses may still be, metres: as candidates, after a short refinement, after a full one."""
+
+COARSE_VIOLATION, VIOLATION = 3.0, 8.0
+"""Facets that agree which one that is violated outweighs, of candidates and in the end."""
+
+N_KEPT = 5
+"""Distinct hypotheses of a pair."""
+
+_N_SCREENED, _SCREEN = 1500, 7  # poses that every so many-th facet leaves
+_N_SHORT, _N_FULL = 30, 10
+_SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
+_APART, _APART_SHARE = np.radians(10.0), 0.15  # turn and share of the radius by which poses are distinct
+_LAST_GATE_M = 0.05
+_SLIDES_M = (-0.8, -0.5, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.5, 0.8)
+_N_SLIDES, _BETTER = 4, 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A motion of some scans into the frame of others, and what speaks for it.
+
+    Attributes
+    ----------
+    motion : (3, 4) float
+        A turn and a shift, metres.
+    score : float
+        Facets that agree less eight times those that are violated, as shares of each scan's sample, summed.
+    agree, violate : float
+        Shares of facets in view of another scan.
+    stiffness : float
+        Least eigenvalue of what the facets tell, 0 to 1 / 6.
+    free : (6,) float
+        The motion that they tell least, a turn times the radius and a shift, in the frame of those that stay.
+    """
+
+    motion: FloatArray
+    score: float
+    agree: float
+    violate: float
+    stiffness: float
+    free: FloatArray
+
+
+def find_hypotheses(a: StationView, b: StationView) -> list[Hypothesis]:
+    """Return at most five distinct poses of scan b to scan a, best first.
+
+    Candidates come from planes and from turns about a plane that both share; beams of both scans screen them,
+    what is left is refined, shortly and then fully, and slid along what facets tell least.
+    """
+    first, second = [Placed(a, STILL)], [Placed(b, STILL)]
+    radius = max(a.radius_m, b.radius_m)
+    planes = plane_candidates(a.directions, b.directions, 2 * radius)
+    motions = np.concatenate([planes, turn_candidates(a, b)])
+    if len(motions) > _N_SCREENED:
+        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, _SCREEN)
+        motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
+    motions = distinct(motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION), radius, _N_SHORT)
+    motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
+    motions = distinct(motions, scores_of(first, second, motions, MIDDLE_M, VIOLATION), radius, _N_FULL)
+    return best_of(first, second, motions)
+
+
+def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray) -> list[Hypothesis]:
+    """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to."""
+    radius = max(one.view.radius_m for one in (*stay, *move))
+    settled = [_slid(stay, move, refine(stay, move, one, *_FULL)) for one in motions]
+    motions = np.array(settled).reshape(-1, 3, 4)
+    kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), radius, N_KEPT)
+    return [judged(stay, move, one) for one in kept]
+
+
+def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
+    """Return a motion with what speaks for it."""
+    counts = np.sum([one for one, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
+    score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
+    equations, _ = equations_of(stay, move, motion, _LAST_GATE_M)
+    stiff, free = stiffness(equations, max(one.view.radius_m for one in move))
+    seen = max(int(counts[2]), 1)
+    return Hypothesis(motion, score, float(counts[0] / seen), float(counts[1] / seen), stiff, free)
+
+
+def scores_of(
+    stay: Sequence[Placed],
+    move: Sequence[Placed],
+    motions: FloatArray,
+    within_m: float,
+    violation: float,
+    step: int = 1,
+) -> FloatArray:
+    """Return the scores (n,) of motions (n, 3, 4) of some scans into the frame of others.
+
+    `within_m` is how far off poses may still be; every step-th facet of the samples is looked up.
+    """
+    scores = np.zeros(len(motions))
+    for counts, size in _counts(stay, move, motions, within_m, step):
+        scores += (counts[:, 0] - violation * counts[:, 1]) / size
+    return scores
+
+
+def _counts(
+    stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray, within_m: float, step: int = 1
+) -> list[tuple[IntArray, int]]:
+    """What each scan says of each other one across (n, 3), and the size of the sample it was asked of."""
+    found = []
+    for a in stay:
+        for b in move:
+            there = composed(composed(inverse(a.pose), motions), b.pose)
+            for own, other, one in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
+                some = own.sample[::step]
+                counts = count_agreement(own.facets, some, one, other.sight, other.facets, within_m)
+                found.append((counts, max(len(some), 1)))
+    return found
+
+
+def distinct(motions: FloatArray, scores: FloatArray, radius_m: float, n: int) -> FloatArray:
+    """Return at most n of the motions (m, 3, 4) that are distinct, best first."""
+    kept: list[int] = []
+    for k in np.argsort(-scores, kind="stable").tolist():
+        near = angle_between(motions[k], motions[kept]) < _APART
+        near &= np.linalg.norm(motions[kept][:, :, 3] - motions[k][:, 3], axis=1) < _APART_SHARE * radius_m
+        if not near.any():
+            kept.append(k)
+            if len(kept) == n:
+                break
+    return np.asarray(motions[kept])
+
+
+def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> FloatArray:
+    """The motion (3, 4) slid along what facets tell least, as far as beams approve.
+
+    Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.
+    """
+    radius = max(one.view.radius_m for one in move)
+    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION)[0])
+    for _ in range(_N_SLIDES):
+        equations, middle = equations_of(stay, move, motion, _LAST_GATE_M)
+        _, free = stiffness(equations, radius)
+        if not free.any():
+            break
+        change = free / np.array([radius] * 3 + [1.0] * 3)
+        tried = np.array([moved(motion, step * change, middle) for step in _SLIDES_M])
+        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION)
+        again = refine(stay, move, tried[int(scores.argmax())], *_FULL)
+        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION)[0])
+        if score <= best + _BETTER:
+            break
+        motion, best = again, score
+    return motion

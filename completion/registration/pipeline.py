@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""Registration on one page: from scans without poses to groups, poses with covariance, and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+from completion.registration.grouping import Group, group_scans
+from completion.registration.hypotheses import find_hypotheses
+from completion.registration.network import settle_group
+from completion.registration.registered import Registered, verdicts_of
+from completion.registration.station_view import StationView
+from completion.segmentation.regions import SegmentationOptions
+from scenes.checks import InputError
+from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.run.steps import Progress, Steps
+from scenes.scan.range_image import RangeImage
+
+LEVEL = 0.01
+"""Accepted probability of a false claim."""
+
+
+def register_scans(
+    scans: Sequence[RangeImage],
+    *,
+    level: float = LEVEL,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+    journal: Journal = NO_JOURNAL,
+) -> Registered:
+    """Find the poses of scans to each other from any start (after Robertson & Fisher 2002), or say why not.
+
+    What the scans say of their own poses is not looked at.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        At least two.
+    level : float
+        Accepted probability of a false claim, above 0 and below 1.
+    n_threads : int, optional
+        Threads; results do not depend on it.
+    progress : callable, optional
+        Called with a stage's name, steps done and steps in all.
+    journal : Journal
+        Remembers what steps came to, so that a run that was killed goes on.
+
+    Raises
+    ------
+    InputError
+        Fewer than two scans, or a level that is no probability.
+    """
+    if len(scans) < 2:
+        raise InputError(f"registration needs at least two scans, got {len(scans)}")
+    if not 0 < level < 1:
+        raise InputError(f"the level must lie between 0 and 1, got {level}")
+    with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
+        # 1. View: the facets and planes of each scan, in its own frame.
+        options = SegmentationOptions()
+        views = steps.each("facets", lambda scan: StationView.of(scan, options), scans, remember=False)
+
+        # 2. Propose: the poses of each pair of scans that beams of both approve.
+        pairs = list(combinations(range(len(scans)), 2))
+        proposed = steps.each("pairs", lambda pair: find_hypotheses(views[pair[0]], views[pair[1]]), pairs)
+        hypotheses = dict(zip(pairs, proposed, strict=True))
+
+        # 3. Group: join what may be claimed, the surest first, against all that is placed already.
+        def settled(group: Group) -> Group:
+            return settle_group(group, views).group
+
+        groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settled))
+
+        # 4. Settle: all scans of a group by all that they share, with the covariance of their poses.
+        networks = [settle_group(group, views) for group in groups]
+
+        # 5. Judge: what is known of each pair of scans, and by how much beams contradict it.
+        return Registered(
+            tuple(networks), verdicts_of(hypotheses, networks, views, level), level, len(scans)
+        )

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""Refinement: a motion of some scans to others by point-to-plane least squares, and how stiff it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from completion.evidence.registration.meetings import meet
+from completion.registration.motions import composed, inverse, moved
+from completion.registration.station_view import StationView
+from scenes.checks import BoolArray, FloatArray
+
+GATES_M = (0.3, 0.2, 0.12, 0.08, 0.05)
+"""How far apart facets that meet may lie, from round to round, metres; the last holds until nothing moves."""
+
+INDEPENDENT = 20.0
+"""Facets of two scans at most whose errors are independent: what bends a wall is common to neighbours."""
+
+_N_SIGMA = 3.0
+_STILL = 1e-5
+_RIDGE = 1e-4  # of the mean eigenvalue: what facets do not tell stays as it is
+_LEAST = 12  # facets that meet in all
+_NORMAL = 1.4826  # standard deviations to the median absolute deviation
+
+
+class Placed(NamedTuple):
+    """A scan and its pose (3, 4) in the frame of its group."""
+
+    view: StationView
+    pose: FloatArray
+
+
+class Equations(NamedTuple):
+    """Point-to-plane equations of scans that move together against others that stay.
+
+    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation` and `share` (n,):
+    metres, and how much of an independent measurement each is.
+    """
+
+    growth: FloatArray
+    offset: FloatArray
+    deviation: FloatArray
+    share: FloatArray
+
+    @property
+    def weight(self) -> FloatArray:
+        """Inverse variances (n,), robust (Geman & McClure 1987)."""
+        ratio = self.offset / self.deviation
+        spread = max(1.0, _NORMAL * float(np.median(np.abs(ratio))))
+        robust = np.square(1.0 / (1.0 + np.square(ratio / (_N_SIGMA * spread))))
+        return np.asarray(self.share * robust / np.square(spread * self.deviation))
+
+
+def refine(
+    stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, n_rounds: int, step: int = 1
+) -> FloatArray:
+    """Return the motion (3, 4) of a group of scans into the frame of another that brings facets together.
+
+    Every step-th facet takes part.
+    """
+    reach = max(one.view.radius_m for one in move)
+    scale = np.array([reach] * 3 + [1.0] * 3)
+    for number in range(n_rounds):
+        gate = GATES_M[min(number, len(GATES_M) - 1)]
+        equations, middle = equations_of(stay, move, motion, gate, step)
+        if len(equations.offset) < _LEAST:
+            return motion
+        weight = equations.weight
+        matrix = equations.growth.T @ (weight[:, None] * equations.growth)
+        ridge = _RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
+        change = -np.linalg.solve(matrix + np.diag(ridge), equations.growth.T @ (weight * equations.offset))
+        motion = moved(motion, change, middle)
+        if number >= len(GATES_M) and np.abs(change * scale).max() < _STILL * reach:
+            break
+    return motion
+
+
+def equations_of(
+    stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, gate_m: float, step: int = 1
+) -> tuple[Equations, FloatArray]:
+    """Return the equations of all facets that meet across, and the place (3,) that turns are about."""
+    middle = np.mean([composed(motion, one.pose)[:, 3] for one in move], axis=0)
+    parts = [
+        part
+        for a in stay
+        for b in move
+        for part in _linked(a, Placed(b.view, composed(motion, b.pose)), middle, gate_m, step)
+    ]
+    return Equations(*(np.concatenate(several) for several in zip(*parts, strict=True))), middle
+
+
+def _linked(
+    a: Placed, b: Placed, middle: FloatArray, gate_m: float, step: int
+) -> tuple[Equations, Equations]:
+    """The equations of facets of b that meet a, and of those of a that b meets, by a motion of b."""
+    relative = composed(inverse(a.pose), b.pose)
+    there = meet(b.view.facets, relative, a.view.sight, a.view.facets, step)
+    here = meet(a.view.facets, inverse(relative), b.view.sight, b.view.facets, step)
+    chosen = there.met & (np.abs(there.offset) <= gate_m)
+    arm = _moved(b.view.facets.centre[::step][chosen], b.pose) - middle
+    own = _equations(arm, there.normal[chosen] @ a.pose[:, :3].T, there.offset, there.deviation, chosen)
+    chosen = here.met & (np.abs(here.offset) <= gate_m)
+    arm = _moved(a.view.facets.centre[::step][chosen], a.pose) - middle
+    other = _equations(arm, -here.normal[chosen] @ b.pose[:, :3].T, here.offset, here.deviation, chosen)
+    return own, other
+
+
+def _equations(
+    arm: FloatArray, normals: FloatArray, offset: FloatArray, deviation: FloatArray, chosen: BoolArray
+) -> Equations:
+    n = int(np.count_nonzero(chosen))
+    growth = np.concatenate([np.cross(arm, normals), normals], axis=1)
+    share = np.full(n, min(1.0, INDEPENDENT / max(n, 1)))
+    return Equations(growth, offset[chosen], deviation[chosen], share)
+
+
+def _moved(places: FloatArray, motion: FloatArray) -> FloatArray:
+    return np.asarray(places @ motion[:, :3].T + motion[:, 3])
+
+
+def stiffness(equations: Equations, reach_m: float) -> tuple[float, FloatArray]:
+    """Return the least eigenvalue of what n facets tell, 0 to 1 / 6, and its direction (6,).
+
+    Turns count by what they shift at the distance `reach_m`; the direction is a turn times that, and a shift.
+    """
+    if not len(equations.offset):
+        return 0.0, np.zeros(6)
+    own = equations.growth / np.array([reach_m] * 3 + [1.0] * 3)
+    values, vectors = np.linalg.eigh(own.T @ own / len(own))
+    return max(float(values[0]), 0.0), np.asarray(vectors[:, 0])

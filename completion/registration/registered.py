@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""Registered: groups of scans with their poses, and what is known of each pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.registration.grouping import Hypotheses
+from completion.registration.hypotheses import judged
+from completion.registration.motions import STILL, composed, inverse
+from completion.registration.network import Network
+from completion.registration.refinement import Placed
+from completion.registration.station_view import StationView
+from completion.registration.verdict import Verdict, judge
+from scenes.checks import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairVerdict:
+    """What is known of the pose of one scan to another.
+
+    Attributes
+    ----------
+    scans : (int, int)
+        Their numbers, from 0, the smaller first.
+    verdict : Verdict
+        "registered" where both are in one group and share surface there.
+    reason : str
+        Why, for a person.
+    overlap, violations : float
+        Shares of the facets in view of the other that agree, and that beams contradict: of the pose in the
+        group, else of the best hypothesis.
+    direction : (3,) float or None
+        Along which the pose slides, frame of the first scan.
+    alternatives : (n, 3, 4) float
+        Poses of the second scan in the frame of the first, best first; the one in the group alone where
+        registered.
+    """
+
+    scans: tuple[int, int]
+    verdict: Verdict
+    reason: str
+    overlap: float
+    violations: float
+    direction: FloatArray | None
+    alternatives: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registered:
+    """What n scans told of their poses.
+
+    Attributes
+    ----------
+    networks : tuple of Network
+        Groups, by their first scan; those of one scan are by themselves.
+    pairs : tuple of PairVerdict
+        All pairs.
+    level : float
+        Accepted probability of a false claim.
+    n_scans : int
+        Scans in all.
+    """
+
+    networks: tuple[Network, ...]
+    pairs: tuple[PairVerdict, ...]
+    level: float
+    n_scans: int
+
+    @property
+    def groups(self) -> tuple[Network, ...]:
+        """Groups of two scans or more."""
+        return tuple(one for one in self.networks if len(one.group.poses) > 1)
+
+    def group_of(self, scan: int) -> int | None:
+        """Return the number of a scan's group, from 0; None where it is by itself."""
+        for number, one in enumerate(self.groups):
+            if scan in one.group.poses:
+                return number
+        return None
+
+    def pose_of(self, scan: int) -> FloatArray | None:
+        """Return the pose (3, 4) of a scan in its group's frame; None where it is by itself."""
+        number = self.group_of(scan)
+        return None if number is None else self.groups[number].group.poses[scan]
+
+    def covariance_of(self, scan: int) -> FloatArray | None:
+        """Return the covariance (6, 6) of a scan's pose: turn, radians, and shift, metres, about its place."""
+        number = self.group_of(scan)
+        if number is None:
+            return None
+        network = self.groups[number]
+        k = 6 * list(network.group.poses).index(scan)
+        return np.asarray(network.covariance[k : k + 6, k : k + 6])
+
+
+def verdicts_of(
+    hypotheses: Hypotheses, networks: Sequence[Network], views: Sequence[StationView], level: float
+) -> tuple[PairVerdict, ...]:
+    """Return what is known of each pair of scans."""
+    group_of = {scan: one for one in networks for scan in one.group.poses}
+    found = []
+    for (i, j), several in hypotheses.items():
+        network = group_of[i]
+        if j in network.group.poses and any(edge.scans == (i, j) for edge in network.edges):
+            motion = composed(inverse(network.group.poses[i]), network.group.poses[j])
+            held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+            reason = "placed in one group, and they share surface there"
+            found.append(
+                PairVerdict(
+                    (i, j), Verdict.REGISTERED, reason, held.agree, held.violate, None, motion[None]
+                )
+            )
+            continue
+        judgement = judge(several, level)
+        verdict = judgement.verdict
+        reason, direction = judgement.reason, judgement.direction
+        if j in network.group.poses:
+            verdict, reason, direction = Verdict.NO_OVERLAP, "in one group, but they share no surface", None
+        elif verdict is Verdict.REGISTERED:
+            verdict, reason = Verdict.AMBIGUOUS, "other scans speak against it"
+        motions = np.array([one.motion for one in several]).reshape(-1, 3, 4)
+        best = several[0] if several else None
+        found.append(
+            PairVerdict(
+                (i, j), verdict, reason, best.agree if best else 0.0, best.violate if best else 0.0,
+                direction, motions if verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES) else motions[:0],
+            )  # fmt: skip
+        )
+    return tuple(found)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: MIT
+"""Station view: what registration compares of a scan, in the scan's own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.evidence.registration.facets import Facets, facets_of
+from completion.evidence.sight import Sight, sight_of
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import EvidenceOptions
+from completion.segmentation.pipeline import segment
+from completion.segmentation.regions import Region, SegmentationOptions
+from scenes.checks import FloatArray, IntArray
+from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Plane
+
+N_SAMPLES = 400
+"""Facets of a scan by which poses are compared."""
+
+N_DIRECTIONS = 9
+"""Directions of a scan's planes, those of the largest area."""
+
+_PARALLEL = np.cos(np.radians(5.0))  # planes of one direction
+_CELLS = 6  # along the edge of the cube map in which facets are counted by what they face
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Directions:
+    """What the planes of a scan face, largest area first.
+
+    Attributes
+    ----------
+    normals : (k, 3) float
+        Unit normals towards the sensor, in its frame.
+    heights : tuple of (m,) float
+        For each direction, n . x of its planes, metres: below zero.
+    areas : tuple of (m,) float
+        Of these planes, square metres.
+    """
+
+    normals: FloatArray
+    heights: tuple[FloatArray, ...]
+    areas: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationView:
+    """A scan as registration sees it, in its own frame: the sensor is the origin.
+
+    Attributes
+    ----------
+    seen : Observation
+        The scan.
+    facets : Facets
+        Its flat tiles.
+    sight : Sight
+        How it sees a place.
+    sample : (k,) int
+        Numbers of some facets, half of them evenly over what they face, half over the image.
+    directions : Directions
+        What its planes face.
+    radius_m : float
+        Distance from the sensor within which nine tenths of the facets lie, metres.
+    """
+
+    seen: Observation
+    facets: Facets
+    sight: Sight
+    sample: IntArray
+    directions: Directions
+    radius_m: float
+
+    @classmethod
+    def of(cls, scan: RangeImage, options: SegmentationOptions = SegmentationOptions()) -> StationView:
+        """Return the view of a scan, whatever its pose says."""
+        alone = scan.restated(world_from_sensor=Pose.identity())
+        seen = observe(alone, Pose.identity())
+        facets = facets_of(seen, curved=True)
+        regions = segment(seen, options)
+        distance = np.linalg.norm(facets.centre, axis=1)
+        return cls(
+            seen,
+            facets,
+            sight_of(seen, EvidenceOptions().tolerance()),
+            _sample(facets.normal),
+            _directions(regions, seen),
+            float(np.quantile(distance, 0.9)) if len(distance) else 1.0,
+        )
+
+
+def _sample(normals: FloatArray) -> IntArray:
+    """Numbers (k,) of facets with these normals (m, 3): half evenly over the image, half over what they face.
+
+    The first see what most of the scan is, the second let furniture have its say against walls.
+    """
+    half = N_SAMPLES // 2
+    over_image = np.linspace(0, len(normals) - 1, min(half, len(normals))).astype(np.int64)
+    return np.concatenate([_even_sample(normals, half), over_image])
+
+
+def _even_sample(normals: FloatArray, n: int) -> IntArray:
+    """Numbers (k,) of at most n of the normals (m, 3), evenly over their directions."""
+    axis = np.abs(normals).argmax(axis=1)
+    rows = np.arange(len(normals))
+    most = normals[rows, axis]
+    across = [np.floor((normals[rows, (axis + k) % 3] / np.abs(most) + 1) / 2 * _CELLS) for k in (1, 2)]
+    cell = ((axis + 3 * (most < 0)) * (_CELLS + 1) + across[0]) * (_CELLS + 1) + across[1]
+    _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
+    # as many of each cell as fit: the least cap that lets n through
+    cap = 1
+    while np.minimum(count, cap + 1).sum() <= n and cap < count.max(initial=1):
+        cap += 1
+    chosen = []
+    for k in range(len(count)):
+        own = np.flatnonzero(cell == k)
+        step = max(1.0, len(own) / cap)
+        chosen.append(own[(np.arange(min(cap, len(own))) * step).astype(np.int64)])
+    return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.int64)
+
+
+def _directions(regions: Sequence[Region], seen: Observation) -> Directions:
+    """What the planes among the regions face; parallel ones are one direction."""
+    planes = [one for one in regions if isinstance(one.fit.surface, Plane)]
+    normals, heights, areas = np.zeros((len(planes), 3)), np.zeros(len(planes)), np.zeros(len(planes))
+    angle = seen.scan.projection.pixel_angle
+    for k, one in enumerate(planes):
+        plane = one.fit.surface
+        normal = plane.normal_direction
+        height = float(normal @ plane.point)
+        normals[k], heights[k] = (normal, height) if height <= 0 else (-normal, -height)
+        points = seen.points_at(one.pixels.flat)
+        distance = np.linalg.norm(points, axis=1)
+        cosine = np.abs(points @ normal) / distance
+        areas[k] = float((np.square(distance * angle) / np.maximum(cosine, 0.05)).sum())
+    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    left = np.argsort(-areas, kind="stable")
+    while len(left):
+        alike = normals[left] @ normals[left[0]] > _PARALLEL
+        own = left[alike]
+        mean = (normals[own] * areas[own, None]).sum(axis=0)
+        found.append((mean / np.linalg.norm(mean), heights[own], areas[own]))
+        left = left[~alike]
+    found.sort(key=lambda one: -float(one[2].sum()))
+    found = found[:N_DIRECTIONS]
+    return Directions(
+        np.array([one[0] for one in found]).reshape(-1, 3),
+        tuple(one[1] for one in found),
+        tuple(one[2] for one in found),
+    )
