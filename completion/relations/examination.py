@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.relations.engine.constraint import ANGLE
+from completion.relations.engine.equation import ANGLE
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.engine.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
@@ -16,7 +16,10 @@ from completion.relations.evidence import log_evidence
 from completion.relations.options import RelationOptions
 
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
+LEAST_ALONE = float(np.log(100.0))  # of a proposal that was chosen of many
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together
+CHOSEN = ("regular", "symmetric")
+"""Kinds of which so many sets of surfaces come into question that each needs evidence by itself."""
 _HARDLY = 0.05
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 
@@ -51,7 +54,8 @@ def examine(
     if test.p < level:
         reason = f"{_misfit(test)} off, which is {np.sqrt(test.chi2):.1f} standard deviations"
         return replace(tested, status=Status.REJECTED, reason=reason)
-    if not relation.is_given and evidence < LEAST_LOG_EVIDENCE:
+    least = LEAST_ALONE if relation.kind in CHOSEN else LEAST_LOG_EVIDENCE
+    if not relation.is_given and evidence < least:
         word = "it hardly holds" if test.p < _HARDLY else "that well it may be met by chance"
         reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
         return replace(tested, status=Status.UNDECIDED, reason=reason)

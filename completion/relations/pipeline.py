@@ -148,5 +148,7 @@ def _again(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
 
 def _key(relation: Relation) -> tuple[object, ...]:
     """What makes two relations the same, whatever their value."""
+    if relation.kind == "regular":
+        return relation.kind, frozenset(relation.surfaces)
     pairs = [frozenset(relation.surfaces[k : k + 2]) for k in range(0, len(relation.surfaces), 2)]
     return relation.kind, frozenset(pairs)

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit, surface_parameters
-from completion.relations.engine.constraint import ANGLE, Frame, constrain
+from completion.relations.engine.constraint import constrain
+from completion.relations.engine.equation import ANGLE, Frame
 from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation
 from completion.relations.graph import RelationGraph

@@ -12,7 +12,8 @@ from benchmarks.completion.relations.figure_one import BASE, BORE, SIDE, WIDE, f
 from completion.fitting.charts.chart import axis_frame
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import Frame, constrain
+from completion.relations.engine.constraint import constrain
+from completion.relations.engine.equation import Frame
 from completion.relations.engine.estimate import Doubt
 from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation, Status

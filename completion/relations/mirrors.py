@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Mirrored pairs: planes and cylinders two pairs of which may be alike in one mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from completion.relations.classes import (
+    FAR,
+    angle_allowed,
+    angle_between,
+    direction_sd,
+    grouped,
+    near,
+    parallel_now,
+)
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.mirror import mirrors_between
+from completion.relations.engine.relation import Relation
+from completion.relations.evidence import ASIDE, SHARE, size_of
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.surfaces.catalogue import Cylinder, Plane
+
+_N_SD = 4.0  # within which two mirrors may be one
+_MOST_MEMBERS = 40  # surfaces, the best known, among whose pairs mirrors are looked for
+_MOST_RELATIONS = 40
+_ROUNDING = 1e-7  # radians, to which a cosine tells an angle
+
+
+def mirrored_pairs(estimate: Estimate) -> Iterator[Relation]:
+    """Two pairs each whose mirrors may be one: a pair with each other that has its mirror.
+
+    One pair has always a mirror. `n_tried` counts the pairs of pairs whose mirrors lie as near each other as
+    those of surfaces that have nothing to do with one another (`log_evidence`).
+    """
+    mirrors = _Mirrors.of(_members(estimate), estimate)
+    if len(mirrors.pairs) < 2:
+        return
+    size_m = size_of(estimate.fits)
+    turned, off = mirrors.apart()
+    apart = mirrors.disjoint()
+    n_tried = max(1.0, float(np.triu(apart & (turned <= ASIDE) & (off <= SHARE * size_m / 2), 1).sum()))
+    angle, length = (_N_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd))
+    is_one = apart & (turned <= angle + _ROUNDING) & (off <= length)
+    taken, n_found = np.zeros(len(mirrors.pairs), dtype=bool), 0
+    for first in range(len(mirrors.pairs)):
+        if taken[first]:
+            continue
+        used = set(mirrors.pairs[first].tolist())
+        for other in np.flatnonzero(is_one[first]):
+            pair = mirrors.pairs[other].tolist()
+            if other < first or taken[other] or used & set(pair) or n_found >= _MOST_RELATIONS:
+                continue
+            surfaces = (*mirrors.pairs[first].tolist(), *pair)
+            for relation in near(Relation(kind="symmetric", surfaces=surfaces, n_tried=n_tried), estimate):
+                taken[other], n_found = True, n_found + 1
+                used |= set(pair)
+                yield relation
+
+
+def _members(estimate: Estimate) -> list[int]:
+    """The planes and cylinders that are known best; of planes that are imposed to be one the first."""
+    known = [
+        number
+        for own in parallel_now(estimate)
+        for number, *_ in grouped(own, estimate, ("coplanar",))
+        if isinstance(estimate.fits[number].surface, Plane | Cylinder)
+    ]
+    return sorted(known, key=lambda number: (direction_sd(estimate, number), number))[:_MOST_MEMBERS]
+
+
+@dataclass(frozen=True, eq=False)
+class _Mirrors:
+    """Mirrors of n pairs of surfaces: normals (n, 3) and levels (n,) over a middle, with deviations."""
+
+    pairs: IntArray  # (n, 2)
+    normal: FloatArray
+    level: FloatArray
+    angle_sd: FloatArray
+    length_sd: FloatArray
+
+    @classmethod
+    def of(cls, members: Sequence[int], estimate: Estimate) -> _Mirrors:
+        points = np.array([estimate.at[one].point for one in members]).reshape(-1, 3)
+        middle = points.mean(axis=0) if len(points) else np.zeros(3)
+        place = {one: _place_sd(estimate, one) for one in members}
+        turn = {one: direction_sd(estimate, one) for one in members}
+        pairs, normals, levels, angles, lengths = [], [], [], [], []
+        for one, two in combinations(members, 2):
+            if not _may_be_images(estimate, one, two):
+                continue
+            first, second = estimate.at[one], estimate.at[two]
+            for mirror in mirrors_between(first, second):
+                tilt = float(np.hypot(turn[one], turn[two]))
+                shift = float(np.hypot(place[one], place[two]))
+                if not first.is_plane:
+                    apart = float(np.abs(mirror.normal @ (second.point - first.point)))
+                    tilt = float(np.hypot(tilt, shift / max(apart, shift)))
+                lever = max(float(np.linalg.norm(half.point - middle)) for half in (first, second))
+                pairs.append((one, two))
+                normals.append(mirror.normal)
+                levels.append(float(mirror.normal @ (mirror.point - middle)))
+                angles.append(tilt)
+                lengths.append(shift + tilt * lever)
+        return cls(
+            np.array(pairs, dtype=np.int32).reshape(-1, 2),
+            np.array(normals).reshape(-1, 3),
+            np.array(levels),
+            np.array(angles),
+            np.array(lengths),
+        )
+
+    def apart(self) -> tuple[FloatArray, FloatArray]:
+        """Angles (n, n) between mirrors, and how far apart these are near the middle, metres."""
+        cosine = self.normal @ self.normal.T
+        sine = np.sqrt(np.maximum(0.0, 1.0 - np.minimum(1.0, np.square(cosine))))
+        sign = np.where(cosine < 0, -1.0, 1.0)
+        return np.arcsin(sine), np.abs(self.level[:, None] - sign * self.level[None])
+
+    def disjoint(self) -> BoolArray:
+        """Which (n, n) pairs have no surface in common."""
+        one, two = self.pairs.T
+        alike = (one[:, None] == one) | (two[:, None] == two) | (one[:, None] == two) | (two[:, None] == one)
+        return np.asarray(~alike)
+
+
+def _may_be_images(estimate: Estimate, one: int, two: int) -> bool:
+    """Whether two surfaces are of one kind, of radii that may be equal and axes that may be in a plane."""
+    first, second = estimate.at[one], estimate.at[two]
+    if first.is_plane != second.is_plane:
+        return False
+    if first.is_plane:
+        return True
+    if not list(near(Relation(kind="equal_radius", surfaces=(one, two)), estimate)):
+        return False
+    apart, step = _place_sd(estimate, one) + _place_sd(estimate, two), second.point - first.point
+    across = np.cross(first.direction, second.direction)
+    if angle_between(first, second) <= angle_allowed(estimate, one, two):
+        return float(np.linalg.norm(np.cross(first.direction, step))) > FAR * apart
+    return float(np.abs(across @ step) / np.linalg.norm(across)) <= FAR * apart
+
+
+def _place_sd(estimate: Estimate, number: int) -> float:
+    """Standard deviation of where a surface is across itself, metres, with how exactly things are built."""
+    by = estimate.at[number].by_point
+    values = np.linalg.eigvalsh(by @ estimate.covariance_of(number) @ by.T)
+    return float(np.hypot(np.sqrt(max(values[-1], 0.0)), estimate.built_sd[1]))
