@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from completion.relations.engine.equation import LENGTH, RADIUS
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation
-from completion.relations.engine.wald import WaldTest
+from completion.relations.engine.wald import WaldTest, wald_test
 from completion.relations.options import RelationOptions
 from scenes.checks import FloatArray
 
@@ -21,6 +22,11 @@ ASIDE = np.radians(10.0)
 """From a relation, within which directions lie that have nothing to do with it."""
 SHARE = 0.05
 """Of the size of all, and of a radius, within which lengths do."""
+CHOSEN = ("regular", "symmetric")
+"""Kinds of which so many sets of surfaces come into question that each needs evidence by itself."""
+LEAST_ALONE = float(np.log(100.0))
+"""Evidence that a proposal of such a kind needs."""
+_FAR = 6.0  # standard deviations, from which on a relation does not come into question
 
 
 def size_of(fits: Sequence[SurfaceFit]) -> float:
@@ -46,6 +52,27 @@ def log_evidence(
         for k in test.rows
     )
     return test.log_density + volume - float(np.log(relation.n_tried))
+
+
+class Judged(NamedTuple):
+    """A relation that comes into question, its test, and the evidence for it."""
+
+    relation: Relation
+    test: WaldTest
+    evidence: float
+
+    @property
+    def is_implied(self) -> bool:
+        """Whether others say it already."""
+        return not self.test.rows
+
+
+def judge(relation: Relation, estimate: Estimate, options: RelationOptions, size_m: float) -> Judged | None:
+    """Return what there is to say of a relation where the surfaces are; None where it is far off."""
+    test = wald_test(relation, estimate)
+    if not test.is_met or test.chi2 > _FAR**2 * len(test.rows):
+        return None
+    return Judged(relation, test, log_evidence(relation, test, estimate, options, size_m))
 
 
 def _extent(

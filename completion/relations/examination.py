@@ -12,14 +12,11 @@ from completion.relations.engine.equation import ANGLE
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.engine.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
-from completion.relations.evidence import log_evidence
+from completion.relations.evidence import CHOSEN, LEAST_ALONE, log_evidence
 from completion.relations.options import RelationOptions
 
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
-LEAST_ALONE = float(np.log(100.0))  # of a proposal that was chosen of many
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together
-CHOSEN = ("regular", "symmetric")
-"""Kinds of which so many sets of surfaces come into question that each needs evidence by itself."""
 _HARDLY = 0.05
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from completion.relations.classes import (
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.mirror import mirrors_between
 from completion.relations.engine.relation import Relation
-from completion.relations.evidence import ASIDE, SHARE, size_of
+from completion.relations.evidence import ASIDE, LEAST_ALONE, SHARE, Judged, judge, size_of
+from completion.relations.options import RelationOptions
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 
@@ -31,35 +33,78 @@ _MOST_RELATIONS = 40
 _ROUNDING = 1e-7  # radians, to which a cosine tells an angle
 
 
-def mirrored_pairs(estimate: Estimate) -> Iterator[Relation]:
-    """Two pairs each whose mirrors may be one: a pair with each other that has its mirror.
+def mirrored_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """The two pairs of each mirror for which there is most evidence, and those that others say already.
 
     One pair has always a mirror. `n_tried` counts the pairs of pairs whose mirrors lie as near each other as
     those of surfaces that have nothing to do with one another (`log_evidence`).
     """
+    for mirror in _mirrors_of_several(estimate, options):
+        implied = [one.relation for one in mirror.told if one.is_implied]
+        yield from implied
+        if not implied:
+            yield from _best(mirror, estimate, options)
+
+
+def further_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """Other pairs of mirrors that two pairs have told: `n_tried` counts the pairs near this one alone."""
+    for mirror in _mirrors_of_several(estimate, options):
+        if any(one.is_implied for one in mirror.told):
+            for one in mirror.told:
+                if one.is_implied or one.evidence > np.log(mirror.n_near):
+                    yield replace(one.relation, n_tried=mirror.n_near)
+
+
+def _best(mirror: _Mirror, estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """The two pairs that tell most of a mirror; where these do not tell enough, all pairs together."""
+    best, *others = sorted(mirror.told, key=lambda one: -one.evidence)
+    evidence = best.evidence - float(np.log(mirror.n_pairs))
+    if evidence < LEAST_ALONE and others:
+        hub = best.relation.surfaces[:2]
+        pairs = [number for one in mirror.told for number in one.relation.surfaces[2:]]
+        n_tried = mirror.n_pairs * mirror.n_near ** len(others)
+        every = Relation(kind="symmetric", surfaces=(*hub, *pairs), n_tried=n_tried)
+        told = judge(every, estimate, options, size_of(estimate.fits))
+        if told is not None and told.evidence > max(evidence, 0.0):
+            yield every
+            return
+    if evidence > 0:
+        yield replace(best.relation, n_tried=mirror.n_pairs)
+
+
+class _Mirror(NamedTuple):
+    """A pair and each other that may have its mirror; how many lie as near by chance, of all and to it."""
+
+    told: list[Judged]
+    n_pairs: float
+    n_near: float
+
+
+def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterator[_Mirror]:
+    """Mirrors that several pairs may have, those of the best known surfaces first."""
     mirrors = _Mirrors.of(_members(estimate), estimate)
-    if len(mirrors.pairs) < 2:
-        return
-    size_m = size_of(estimate.fits)
+    size_m, n_left = size_of(estimate.fits), _MOST_RELATIONS
     turned, off = mirrors.apart()
     apart = mirrors.disjoint()
-    n_tried = max(1.0, float(np.triu(apart & (turned <= ASIDE) & (off <= SHARE * size_m / 2), 1).sum()))
+    by_chance = apart & (turned <= ASIDE) & (off <= SHARE * size_m / 2)
+    n_pairs = max(1.0, float(by_chance.sum()) / 2)
     angle, length = (_N_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd))
     is_one = apart & (turned <= angle + _ROUNDING) & (off <= length)
-    taken, n_found = np.zeros(len(mirrors.pairs), dtype=bool), 0
-    for first in range(len(mirrors.pairs)):
-        if taken[first]:
-            continue
-        used = set(mirrors.pairs[first].tolist())
-        for other in np.flatnonzero(is_one[first]):
+    taken = np.zeros(len(mirrors.pairs), dtype=bool)
+    for first, hub in enumerate(mirrors.pairs.tolist()):
+        told, used = list[Judged](), set(hub)
+        for other in np.flatnonzero(is_one[first] & ~taken & ~taken[first]):
             pair = mirrors.pairs[other].tolist()
-            if other < first or taken[other] or used & set(pair) or n_found >= _MOST_RELATIONS:
+            if other < first or used & set(pair) or n_left == 0:
                 continue
-            surfaces = (*mirrors.pairs[first].tolist(), *pair)
-            for relation in near(Relation(kind="symmetric", surfaces=surfaces, n_tried=n_tried), estimate):
-                taken[other], n_found = True, n_found + 1
+            relation = Relation(kind="symmetric", surfaces=(*hub, *pair))
+            judged = judge(relation, estimate, options, size_m)
+            if judged is not None:
+                told.append(judged)
+                taken[other], n_left = True, n_left - 1
                 used |= set(pair)
-                yield relation
+        if told:
+            yield _Mirror(told, n_pairs, max(1.0, float(by_chance[first].sum())))
 
 
 def _members(estimate: Estimate) -> list[int]:

@@ -67,7 +67,7 @@ def infer(
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
     for stage, kinds in enumerate(STAGES):
         todo = [one for one in stated if one.kind in kinds]
-        known = {_key(one) for one in stated} | forbidden
+        known = {_key(one) for one in [*stated, *found]} | forbidden
         for proposed in (False, True):
             if proposed:
                 new = propose(stage, estimate, options) if proposes else []

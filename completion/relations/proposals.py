@@ -18,7 +18,7 @@ from completion.relations.classes import (
 )
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation, RelationKind
-from completion.relations.mirrors import mirrored_pairs
+from completion.relations.mirrors import further_pairs, mirrored_pairs
 from completion.relations.options import RelationOptions
 from completion.relations.rows import regular_rows
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
@@ -34,8 +34,12 @@ STAGES: tuple[tuple[RelationKind, ...], ...] = (
     ("equal_radius", "equal_ring_radius", "radius"),
     ("distance", "equal_distance"),
     ("regular", "symmetric"),
+    (),
 )
-"""The kinds in the order in which they are examined; those that a person stated come first within each."""
+"""The kinds in the order in which they are examined; those that a person stated come first within each.
+
+In the last stage those mirrors that were told get their other pairs.
+"""
 
 
 def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Relation]:
@@ -47,6 +51,7 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
         3: _radii,
         4: _distances,
         5: _patterns,
+        6: further_pairs,
     }
     return [one for one in makers[stage](estimate, options) if one.kind in options.kinds]
 
@@ -180,7 +185,7 @@ def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
     return float(found.value[0]), float(deviations.sum()) + 1e-12
 
 
-def _patterns(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]:
+def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """What has one spacing, and what is alike in one mirror."""
-    yield from regular_rows(estimate)
-    yield from mirrored_pairs(estimate)
+    yield from regular_rows(estimate, options)
+    yield from mirrored_pairs(estimate, options)

@@ -8,9 +8,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.relations.classes import FAR, grouped, near, parallel_now
+from completion.relations.classes import FAR, grouped, parallel_now
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation
+from completion.relations.evidence import judge, size_of
+from completion.relations.options import RelationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
 
@@ -25,19 +27,23 @@ _ROUNDING = 1e-9  # metres
 _MOST_ROWS = 30  # of a class, the longest
 
 
-def regular_rows(estimate: Estimate) -> Iterator[Relation]:
+def regular_rows(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Rows of at least four parallel planes, or three parallel axes, at one spacing.
 
     A row begins with any two; the next is looked for where the spacing puts it. `n_tried` counts the two that
     it might have begun with, and the surfaces that are within half a spacing of where each of the others is.
     """
+    size_m = size_of(estimate.fits)
     for own in parallel_now(estimate):
         apart = [first for first, *_ in grouped(own, estimate, ("coplanar", "coaxial"))]
         planes = [one for one in apart if isinstance(estimate.fits[one].surface, Plane)]
         axes = [one for one in apart if one not in planes]
         for members, least in ((planes, _LEAST_PLANES), (axes, _LEAST_AXES)):
             if len(members) >= least:
-                yield from _rows_of(members[:_MOST_MEMBERS], least, estimate)
+                for row in _rows_of(members[:_MOST_MEMBERS], least, estimate):
+                    told = judge(row, estimate, options, size_m)
+                    if told is not None and (told.is_implied or told.evidence > 0):
+                        yield row
 
 
 def _rows_of(members: Sequence[int], least: int, estimate: Estimate) -> Iterator[Relation]:
@@ -57,9 +63,7 @@ def _rows_of(members: Sequence[int], least: int, estimate: Estimate) -> Iterator
         numbers = [members[apart[k]] for k in row]
         if numbers[0] > numbers[-1]:
             numbers.reverse()
-        yield from near(
-            Relation(kind="regular", surfaces=tuple(numbers), n_tried=_n_tried(row, place)), estimate
-        )
+        yield Relation(kind="regular", surfaces=tuple(numbers), n_tried=_n_tried(row, place))
 
 
 def places_across(members: Sequence[int], estimate: Estimate) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from benchmarks.completion.relations.figure_one import axial_fit, plane_fit
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation, Status
-from completion.relations.examination import CHOSEN
+from completion.relations.evidence import CHOSEN
 from completion.relations.pipeline import infer
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Surface
