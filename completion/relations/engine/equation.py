@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +20,14 @@ Rows = tuple[FloatArray | np.float64, dict[int, FloatArray]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What relations are measured in that is not of the surfaces: where they began, and which way is up."""
+    """What relations are measured in that is not of the surfaces: where they began, and which way is up.
+
+    `kept` remembers what was worked out of where they began, by the surfaces that it is of.
+    """
 
     start: Mapping[int, Placement]  # by number
     up: FloatArray | None = None  # (3,) unit vector
+    kept: dict[tuple[int, ...], Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

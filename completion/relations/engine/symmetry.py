@@ -35,7 +35,7 @@ _SMALL = 1e-14  # radians, and shares of the surfaces' reach: a step of the mirr
 _STILL = np.zeros((3, 3))
 
 
-def symmetric(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame) -> Constraint:
+def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: Frame) -> Constraint:
     """Return the equations of pairs (a, a', b, b', ...) that are images in one mirror.
 
     Raises InputError: halves of different kinds, cones, tori; pairs that do not tell the mirror.
@@ -43,15 +43,14 @@ def symmetric(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame
     pairs = list(zip(surfaces[::2], surfaces[1::2], strict=True))
     for one, two in pairs:
         _check_halves(at[one], at[two])
-    begin, reach = mirror_of(surfaces, frame.start), _reach(surfaces, frame.start)
-    frames = {(one, two): _PairFrame.of(begin, frame.start[one], frame.start[two]) for one, two in pairs}
-    change = np.zeros(3)
-    first, by_mirror = _misfits(*begin.moved(change), frames, frame.start)
-    kept = _telling(by_mirror, first.rows, reach)
+    if surfaces not in frame.kept:
+        frame.kept[surfaces] = _Beginning.of(surfaces, frame.start)
+    begun: _Beginning = frame.kept[surfaces]
+    begin, frames, kept, change = begun.mirror, begun.frames, begun.kept, np.zeros(3)
     for _ in range(_N_ROUNDS):
         found, by_mirror = _misfits(*begin.moved(change), frames, at)
         step = np.linalg.solve(by_mirror[kept], found.value[kept])
-        if np.abs(step * np.array([1.0, 1.0, 1 / reach])).max() < _SMALL:
+        if np.abs(step * np.array([1.0, 1.0, 1 / begun.reach])).max() < _SMALL:
             break
         change = change - step
     rest = [k for k in range(len(found.rows)) if k not in kept]
@@ -138,6 +137,24 @@ class _PairFrame:
         )
         slopes = np.vstack([across @ turns, sideways @ moves, np.zeros((1, 3))])
         return stacked([angles, placed, _radii(one, two)]), slopes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Beginning:
+    """The mirror where the surfaces began, the pairs' frames, and the three misfits that tell most of it."""
+
+    mirror: Mirror
+    reach: float
+    frames: dict[tuple[int, int], _PairFrame]
+    kept: list[int]
+
+    @classmethod
+    def of(cls, surfaces: Sequence[int], start: Mapping[int, Placement]) -> _Beginning:
+        pairs = zip(surfaces[::2], surfaces[1::2], strict=True)
+        mirror, reach = mirror_of(surfaces, start), _reach(surfaces, start)
+        frames = {(one, two): _PairFrame.of(mirror, start[one], start[two]) for one, two in pairs}
+        first, by_mirror = _misfits(*mirror.moved(np.zeros(3)), frames, start)
+        return cls(mirror, reach, frames, _telling(by_mirror, first.rows, reach))
 
 
 def _misfits(
