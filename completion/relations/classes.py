@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -12,7 +13,8 @@ from completion.relations.engine.placement import Placement
 from completion.relations.engine.relation import Relation, RelationKind
 from scenes.checks import FloatArray
 
-_MOST_SD = float(np.radians(5.0))  # of a direction: less well known, it says nothing
+MOST_SD = float(np.radians(5.0))
+"""Of a direction: less well known, it says nothing."""
 _GATE = float(np.radians(6.0))  # within which directions come into question, or within three deviations
 _N_SD = 3.0
 FAR = 6.0
@@ -28,21 +30,22 @@ def direction_classes(estimate: Estimate) -> list[list[int]]:
     deviation = {number: direction_sd(estimate, number) for number in directed}
     classes: list[list[int]] = []
     for number in sorted(directed, key=lambda one: (deviation[one], one)):
-        if deviation[number] > _MOST_SD:
+        if deviation[number] > MOST_SD:
             continue
         angles = [angle_between(estimate.at[number], estimate.at[own[0]]) for own in classes]
         nearest = int(np.argmin(angles)) if angles else -1
-        if nearest >= 0 and angles[nearest] <= angle_allowed(estimate, number, classes[nearest][0]):
+        if nearest >= 0 and angles[nearest] <= _allowed(deviation[number], deviation[classes[nearest][0]]):
             classes[nearest].append(number)
         else:
             classes.append([number])
     return classes
 
 
-def direction_sd(estimate: Estimate, number: int) -> float:
-    """Standard deviation of a surface's direction, radians: of its greatest component."""
+def direction_sd(estimate: Estimate, number: int, *, own: bool = False) -> float:
+    """Standard deviation of a direction, radians: of its greatest component; by its `own` fit alone."""
     by = estimate.at[number].across @ estimate.at[number].by_direction
-    return float(np.sqrt(np.linalg.eigvalsh(by @ estimate.covariance_of(number) @ by.T)[-1]))
+    covariance = estimate.fits[number].covariance if own else estimate.covariance_of(number)
+    return float(np.sqrt(np.linalg.eigvalsh(by @ covariance @ by.T)[-1]))
 
 
 def near(relation: Relation, estimate: Estimate) -> Iterator[Relation]:
@@ -86,5 +89,8 @@ def angle_between(one: Placement, two: Placement) -> float:
 
 def angle_allowed(estimate: Estimate, *numbers: int) -> float:
     """How far off directions of surfaces may be to come into question, radians."""
-    together = float(np.linalg.norm([direction_sd(estimate, number) for number in numbers]))
-    return max(_GATE, _N_SD * together)
+    return _allowed(*(direction_sd(estimate, number) for number in numbers))
+
+
+def _allowed(*deviations: float) -> float:
+    return max(_GATE, _N_SD * math.hypot(*deviations))

@@ -12,12 +12,12 @@ import numpy as np
 
 from completion.relations.classes import (
     FAR,
+    MOST_SD,
     angle_allowed,
     angle_between,
     direction_sd,
     grouped,
     near,
-    parallel_now,
 )
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.mirror import mirrors_between
@@ -109,13 +109,13 @@ def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterato
 
 def _members(estimate: Estimate) -> list[int]:
     """The planes and cylinders that are known best; of planes that are imposed to be one the first."""
-    known = [
-        number
-        for own in parallel_now(estimate)
-        for number, *_ in grouped(own, estimate, ("coplanar",))
-        if isinstance(estimate.fits[number].surface, Plane | Cylinder)
-    ]
-    return sorted(known, key=lambda number: (direction_sd(estimate, number), number))[:_MOST_MEMBERS]
+    deviation = {
+        number: direction_sd(estimate, number, own=True)  # of parallel ones all are alike
+        for number, fit in enumerate(estimate.fits)
+        if isinstance(fit.surface, Plane | Cylinder) and direction_sd(estimate, number) <= MOST_SD
+    }
+    known = sorted(deviation, key=lambda number: (deviation[number], number))
+    return [first for first, *_ in grouped(known, estimate, ("coplanar",))][:_MOST_MEMBERS]
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,6 +66,7 @@ def infer(
     # 2. Examine: directions first, then angles, places, radii and distances; in each stage what a person
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
     for stage, kinds in enumerate(STAGES):
+        n_found = len(found)
         todo = [one for one in stated if one.kind in kinds]
         known = {_key(one) for one in [*stated, *found]} | forbidden
         for proposed in (False, True):
@@ -80,7 +81,8 @@ def infer(
                     estimate, found, tested = _settled(tested, estimate, found)
                 found.append(_with_conflicts(tested, found))
                 estimate.settle()
-        estimate.solve()
+        if len(found) > n_found:
+            estimate.solve()
 
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.
     while (worst := worst_of(estimate, options.level)) is not None:

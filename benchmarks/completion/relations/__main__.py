@@ -55,9 +55,12 @@ def part(parts: Annotated[int, typer.Option(min=1, help="How many parts a noise.
 
 
 @app.command()
-def patterns(parts: Annotated[int, typer.Option(min=1, help="How many of each, a noise.")] = 100) -> None:
+def patterns(
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first part.")] = 100,
+    parts: Annotated[int, typer.Option(min=1, help="How many of each, a noise.")] = 50,
+) -> None:
     """Rows and mirrors of parts that have them, and what is taken for such among surfaces at random."""
-    for line in pattern_table(parts):
+    for line in pattern_table(range(first, first + parts)):
         print(line, flush=True)
 
 
