@@ -15,8 +15,9 @@ from completion.relations.evidence import CHOSEN
 from completion.relations.graph import RelationGraph
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.pipeline import impose, infer
+from completion.relations.record import relation_records
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cylinder, Sphere
+from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.part_examples import exact, flipped, scaled, transformed, walls
 
 SIGMA = 0.02  # mm
@@ -111,6 +112,27 @@ def test_balls_may_be_stated_to_be_images():
     pairs = Relation(kind="symmetric", surfaces=(0, 1, 2, 3))
     (stated,) = impose(balls, [pairs]).relations
     assert (stated.status, stated.rank) == (Status.ACCEPTED, 8 - 3)
+
+
+def test_files_say_the_spacing_and_the_mirror(part):
+    fits, meant, graph = part
+    pose = Pose.from_parts(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2, 3]))
+    names = list(range(1, len(fits) + 1))
+    records = [one for one in relation_records(graph, fits, names, world=pose) if one["type"] in CHOSEN]
+    assert meant[0].kind in {one["type"] for one in records}
+    for one in records:
+        if one["type"] == "regular" and one["surfaces"] == names[:6]:
+            apart = graph.fits[5].surface.point - graph.fits[0].surface.point
+            normal = graph.fits[0].surface.normal_direction
+            assert one["spacing_m"] == pytest.approx(abs(apart @ normal) / 5)
+        if meant[0].kind == one["type"] == "symmetric":
+            mirror = Plane(one["mirror"]["point"], one["mirror"]["normal"])
+            np.testing.assert_allclose(np.abs(mirror.normal_direction), [0, 1, 0], atol=1e-3)
+            first, second = (
+                pose.apply(graph.fits[number - 1].surface.point[None]) for number in one["surfaces"][:2]
+            )
+            sides = float(mirror.distance(first)[0]), float(mirror.distance(second)[0])
+            assert sides[0] * sides[1] < 0
 
 
 def test_in_buildings_patterns_are_not_looked_for():
