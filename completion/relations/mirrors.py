@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.relations.classes import (
+from completion.relations.engine.classes import (
     FAR,
     MOST_SD,
     angle_allowed,

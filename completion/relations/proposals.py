@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from completion.relations.classes import (
+from completion.relations.engine.classes import (
     FAR,
     angle_allowed,
     angle_between,

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.relations.classes import FAR, grouped, parallel_now
+from completion.relations.engine.classes import FAR, grouped, parallel_now
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation
 from completion.relations.evidence import judge, size_of
