@@ -186,6 +186,9 @@ def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
 
 
 def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
-    """What has one spacing, and what is alike in one mirror."""
-    yield from regular_rows(estimate, options)
-    yield from mirrored_pairs(estimate, options)
+    """What has one spacing, and what is alike in one mirror; a row by itself has a mirror in any case."""
+    rows = list(regular_rows(estimate, options))
+    yield from rows
+    for pairs in mirrored_pairs(estimate, options):
+        if not any(set(pairs.surfaces) <= set(row.surfaces) for row in rows):
+            yield pairs
