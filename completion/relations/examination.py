@@ -18,6 +18,7 @@ from completion.relations.options import RelationOptions
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together
 _HARDLY = 0.05
+_NOTHING = 1e-9  # of the greatest misfit: rounding
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 
 
@@ -112,7 +113,10 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
 def _misfit(test: WaldTest) -> str:
     """How far the equations are from 0, in words."""
     found: list[str] = []
+    least = _NOTHING * float(np.abs(test.constraint.value).max())
     for value, what in zip(test.constraint.value, test.constraint.rows, strict=True):
+        if abs(value) < least:
+            continue
         size = f"{np.degrees(abs(value)):.3g} deg" if what == ANGLE else f"{1000 * abs(value):.3g} mm"
         found.append(size)
     angles = [one for one in found if one.endswith("deg")]

@@ -46,13 +46,7 @@ class DirectionFrame:
 
 def direction_frames(graph: RelationGraph) -> tuple[DirectionFrame, ...]:
     """Return the frames of a graph, by the relations that hold; those of most surfaces first."""
-    placed = [place(fit.surface, np.zeros(len(fit.covariance))) for fit in graph.fits]
-    group = {number: {number} for number, one in enumerate(placed) if one.direction.any()}
-    for relation in graph.relations:
-        if relation.kind in _ALIKE and relation.holds:
-            joined = set().union(*(group[number] for number in relation.surfaces))
-            group |= dict.fromkeys(joined, joined)
-    classes = [sorted(own) for number, own in group.items() if min(own) == number]
+    classes = shared_directions(graph)
     of = {number: k for k, own in enumerate(classes) for number in own}
     square = {
         frozenset((of[relation.surfaces[0]], of[relation.surfaces[1]]))
@@ -64,6 +58,17 @@ def direction_frames(graph: RelationGraph) -> tuple[DirectionFrame, ...]:
         DirectionFrame(kind, tuple(told[k] for k in some)) for kind, some in _frames(len(classes), square)
     ]
     return tuple(sorted(found, key=lambda frame: -sum(len(one.surfaces) for one in frame.directions)))
+
+
+def shared_directions(graph: RelationGraph) -> list[list[int]]:
+    """Group the surfaces that have a direction by those which the relations that hold make one."""
+    placed = [place(fit.surface, np.zeros(len(fit.covariance))) for fit in graph.fits]
+    group = {number: {number} for number, one in enumerate(placed) if one.direction.any()}
+    for relation in graph.relations:
+        if relation.kind in _ALIKE and relation.holds:
+            joined = set().union(*(group[number] for number in relation.surfaces))
+            group |= dict.fromkeys(joined, joined)
+    return [sorted(own) for number, own in group.items() if min(own) == number]
 
 
 def frame_records(

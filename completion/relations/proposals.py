@@ -51,7 +51,7 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
         3: _radii,
         4: _distances,
         5: _patterns,
-        6: further_pairs,
+        6: _further,
     }
     return [one for one in makers[stage](estimate, options) if one.kind in options.kinds]
 
@@ -186,9 +186,19 @@ def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
 
 
 def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
-    """What has one spacing, and what is alike in one mirror; a row by itself has a mirror in any case."""
+    """What has one spacing, and what is alike in one mirror."""
     rows = list(regular_rows(estimate, options))
     yield from rows
-    for pairs in mirrored_pairs(estimate, options):
-        if not any(set(pairs.surfaces) <= set(row.surfaces) for row in rows):
-            yield pairs
+    yield from _beyond(rows, mirrored_pairs(estimate, options))
+
+
+def _further(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """Other pairs of mirrors that were told."""
+    yield from _beyond(list(regular_rows(estimate, options)), further_pairs(estimate, options))
+
+
+def _beyond(rows: Sequence[Relation], pairs: Iterator[Relation]) -> Iterator[Relation]:
+    """Those pairs that are not of one row, which has mirrors in any case."""
+    for one in pairs:
+        if not any(set(one.surfaces) <= set(row.surfaces) for row in rows):
+            yield one
