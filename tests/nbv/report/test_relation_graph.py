@@ -26,7 +26,7 @@ SURFACES = [
 def red(png: bytes) -> int:
     """How many pixels have the colour of what was rejected."""
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGBA")).astype(int)
-    return int((np.abs(pixels[..., :3] - [0xC8, 0x32, 0x2B]).max(axis=2) < 12)[pixels[..., 3] > 200].sum())
+    return int((np.abs(pixels[..., :3] - [0xC8, 0x32, 0x2B]).max(axis=2) < 25)[pixels[..., 3] > 60].sum())
 
 
 def test_what_was_rejected_is_seen():
