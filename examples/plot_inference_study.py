@@ -29,7 +29,6 @@ from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
-from nbv.visibility.samples import sample_surface
 from scenes import RangeImage, Scene, builtin_scene
 
 PAGE, PICTURE = "inference-study.md", "inference_study.png"
@@ -70,7 +69,7 @@ def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
     """Plan from one start, plainly and with completion."""
     plain = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS))
     aware = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS), infer=True)
-    samples, caster = sample_surface(scene.mesh), scene.ray_caster()
+    samples, caster = plain.coverage.samples, scene.ray_caster()
     tally = CoverageTally.start(caster, samples, plain.requirement)
     scans, after = list[RangeImage](), list[Shares]()
     possible = plain.coverage.state != UNREACHABLE

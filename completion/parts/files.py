@@ -10,6 +10,7 @@ import numpy as np
 
 from completion.parts.part import Part
 from completion.relations.engine.relation import Status
+from completion.relations.frames import frame_records
 from completion.relations.record import FORMAT as RELATIONS_FORMAT
 from completion.relations.record import freedom_record, relation_records, surface_record
 from scenes.checks import IntArray
@@ -107,7 +108,8 @@ def relations_record(part: Part) -> dict[str, Any]:
         "format": RELATIONS_FORMAT,
         "units": "m",
         "surfaces": [surface_record(fit, label) for fit, label in zip(graph.fits, names, strict=True)],
-        "relations": relation_records(graph, before, names, graph.options.up),
+        "relations": relation_records(graph, before, names, up=graph.options.up),
+        "direction_frames": frame_records(graph, names),
         "degrees_of_freedom": freedom_record(graph),
     }
 

@@ -4,20 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import LENGTH, RADIUS
+from completion.relations.engine.constraint import spacing_of
+from completion.relations.engine.equation import LENGTH, RADIUS
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation
-from completion.relations.engine.wald import WaldTest
+from completion.relations.engine.wald import WaldTest, wald_test
 from completion.relations.options import RelationOptions
 from scenes.checks import FloatArray
 
-_ASIDE = np.radians(10.0)  # from a relation, within which directions lie that have nothing to do with it
-_SHARE = 0.05  # of the size of all, and of a radius, within which lengths do
+ASIDE = np.radians(10.0)
+"""From a relation, within which directions lie that have nothing to do with it."""
+SHARE = 0.05
+"""Of the size of all, and of a radius, within which lengths do."""
+CHOSEN = ("regular", "symmetric")
+"""Kinds of which so many sets of surfaces come into question that each needs evidence by itself."""
+LEAST_ALONE = float(np.log(100.0))
+"""Evidence that a proposal of such a kind needs."""
+_FAR = 6.0  # standard deviations, from which on a relation does not come into question
 
 
 def size_of(fits: Sequence[SurfaceFit]) -> float:
@@ -35,13 +44,35 @@ def log_evidence(
 
     Against surfaces that lie anywhere near it: directions within 10 deg of it to either side, lengths within
     a twentieth of the size of all, radii of themselves; values that are round by chance anywhere between two
-    round ones.
+    round ones; the next of a row within half a spacing of its place. Of many sets of surfaces that lie so
+    near, one will do so by chance: the evidence is the less for them (`Relation.n_tried`).
     """
     volume = sum(
         float(np.log(_extent(relation, test.constraint.rows[k], estimate, options, size_m)))
         for k in test.rows
     )
-    return test.log_density + volume
+    return test.log_density + volume - float(np.log(relation.n_tried))
+
+
+class Judged(NamedTuple):
+    """A relation that comes into question, its test, and the evidence for it."""
+
+    relation: Relation
+    test: WaldTest
+    evidence: float
+
+    @property
+    def is_implied(self) -> bool:
+        """Whether others say it already."""
+        return not self.test.rows
+
+
+def judge(relation: Relation, estimate: Estimate, options: RelationOptions, size_m: float) -> Judged | None:
+    """Return what there is to say of a relation where the surfaces are; None where it is far off."""
+    test = wald_test(relation, estimate)
+    if not test.is_met or test.chi2 > _FAR**2 * len(test.rows):
+        return None
+    return Judged(relation, test, log_evidence(relation, test, estimate, options, size_m))
 
 
 def _extent(
@@ -52,12 +83,14 @@ def _extent(
         return float(np.radians(options.round_angle_deg))
     if relation.kind in ("radius", "distance") and options.round_length_m is not None:
         return options.round_length_m
+    if relation.kind == "regular" and what == LENGTH:
+        return spacing_of(relation.surfaces, estimate.at)
     if what == RADIUS:
         placed = [estimate.at[number] for number in relation.surfaces]
         is_ring = relation.kind == "equal_ring_radius"
         radii = [one.ring_radius if is_ring else one.radius for one in placed]
-        return 2 * _SHARE * max(radii)
-    return 2 * _SHARE * size_m if what == LENGTH else float(2 * _ASIDE)
+        return 2 * SHARE * max(radii)
+    return 2 * SHARE * size_m if what == LENGTH else float(2 * ASIDE)
 
 
 def _point(fit: SurfaceFit) -> FloatArray:

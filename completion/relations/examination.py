@@ -8,16 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.relations.engine.constraint import ANGLE
+from completion.relations.engine.equation import ANGLE
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.engine.wald import WaldTest, multiplier_tests, wald_test, what_determines, with_only
-from completion.relations.evidence import log_evidence
+from completion.relations.evidence import CHOSEN, LEAST_ALONE, log_evidence
 from completion.relations.options import RelationOptions
 
 LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
 LEAST_GROUP = float(np.log(20.0))  # of all that hang together
 _HARDLY = 0.05
+_NOTHING = 1e-9  # of the greatest misfit: rounding
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 
 
@@ -51,7 +52,8 @@ def examine(
     if test.p < level:
         reason = f"{_misfit(test)} off, which is {np.sqrt(test.chi2):.1f} standard deviations"
         return replace(tested, status=Status.REJECTED, reason=reason)
-    if not relation.is_given and evidence < LEAST_LOG_EVIDENCE:
+    least = LEAST_ALONE if relation.kind in CHOSEN else LEAST_LOG_EVIDENCE
+    if not relation.is_given and evidence < least:
         word = "it hardly holds" if test.p < _HARDLY else "that well it may be met by chance"
         reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
         return replace(tested, status=Status.UNDECIDED, reason=reason)
@@ -111,7 +113,10 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
 def _misfit(test: WaldTest) -> str:
     """How far the equations are from 0, in words."""
     found: list[str] = []
+    least = _NOTHING * float(np.abs(test.constraint.value).max())
     for value, what in zip(test.constraint.value, test.constraint.rows, strict=True):
+        if abs(value) < least:
+            continue
         size = f"{np.degrees(abs(value)):.3g} deg" if what == ANGLE else f"{1000 * abs(value):.3g} mm"
         found.append(size)
     angles = [one for one in found if one.endswith("deg")]

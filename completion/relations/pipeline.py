@@ -66,8 +66,9 @@ def infer(
     # 2. Examine: directions first, then angles, places, radii and distances; in each stage what a person
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
     for stage, kinds in enumerate(STAGES):
+        n_found = len(found)
         todo = [one for one in stated if one.kind in kinds]
-        known = {_key(one) for one in stated} | forbidden
+        known = {_key(one) for one in [*stated, *found]} | forbidden
         for proposed in (False, True):
             if proposed:
                 new = propose(stage, estimate, options) if proposes else []
@@ -80,7 +81,8 @@ def infer(
                     estimate, found, tested = _settled(tested, estimate, found)
                 found.append(_with_conflicts(tested, found))
                 estimate.settle()
-        estimate.solve()
+        if len(found) > n_found:
+            estimate.solve()
 
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.
     while (worst := worst_of(estimate, options.level)) is not None:
@@ -148,5 +150,7 @@ def _again(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
 
 def _key(relation: Relation) -> tuple[object, ...]:
     """What makes two relations the same, whatever their value."""
+    if relation.kind == "regular":
+        return relation.kind, frozenset(relation.surfaces)
     pairs = [frozenset(relation.surfaces[k : k + 2]) for k in range(0, len(relation.surfaces), 2)]
     return relation.kind, frozenset(pairs)

@@ -8,17 +8,21 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from completion.relations.engine.classes import (
+    FAR,
+    angle_allowed,
+    angle_between,
+    direction_classes,
+    near,
+    parallel_now,
+)
 from completion.relations.engine.estimate import Estimate
-from completion.relations.engine.placement import Placement
 from completion.relations.engine.relation import Relation, RelationKind
+from completion.relations.mirrors import further_pairs, mirrored_pairs
 from completion.relations.options import RelationOptions
-from scenes.checks import FloatArray
+from completion.relations.rows import regular_rows
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
-_MOST_SD = float(np.radians(5.0))  # of a direction: less well known, it says nothing
-_GATE = float(np.radians(6.0))  # within which directions come into question, or within three deviations
-_N_SD = 3.0
-_FAR = 6.0  # standard deviations, from which on offsets and radii do not come into question
 _FLAT_ANGLE = float(
     np.radians(1.0)
 )  # round angles nearer than this to 0 or 90 deg are relations of their own
@@ -29,8 +33,13 @@ STAGES: tuple[tuple[RelationKind, ...], ...] = (
     ("coaxial", "coplanar", "axis_in_plane"),
     ("equal_radius", "equal_ring_radius", "radius"),
     ("distance", "equal_distance"),
+    ("regular", "symmetric"),
+    (),
 )
-"""The kinds in the order in which they are examined; those that a person stated come first within each."""
+"""The kinds in the order in which they are examined; those that a person stated come first within each.
+
+In the last stage those mirrors that were told get their other pairs.
+"""
 
 
 def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Relation]:
@@ -41,37 +50,10 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
         2: _places,
         3: _radii,
         4: _distances,
+        5: _patterns,
+        6: _further,
     }
     return [one for one in makers[stage](estimate, options) if one.kind in options.kinds]
-
-
-def direction_classes(estimate: Estimate) -> list[list[int]]:
-    """Group the surfaces whose directions may be parallel, the best known first, in each and of all.
-
-    A surface joins the class whose first member it is nearest to, within 6 deg or three standard deviations.
-    """
-    directed = [number for number in range(len(estimate.fits)) if _has_direction(estimate, number)]
-    deviation = {number: direction_sd(estimate, number) for number in directed}
-    classes: list[list[int]] = []
-    for number in sorted(directed, key=lambda one: (deviation[one], one)):
-        if deviation[number] > _MOST_SD:
-            continue
-        angles = [_between(estimate.at[number], estimate.at[own[0]]) for own in classes]
-        nearest = int(np.argmin(angles)) if angles else -1
-        if nearest >= 0:
-            first = deviation[classes[nearest][0]]
-            allowed = max(_GATE, _N_SD * float(np.hypot(deviation[number], first)))
-            if angles[nearest] <= allowed:
-                classes[nearest].append(number)
-                continue
-        classes.append([number])
-    return classes
-
-
-def direction_sd(estimate: Estimate, number: int) -> float:
-    """Standard deviation of a surface's direction, radians: of its greatest component."""
-    by = estimate.at[number].across @ estimate.at[number].by_direction
-    return float(np.sqrt(np.linalg.eigvalsh(by @ estimate.covariance_of(number) @ by.T)[-1]))
 
 
 def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
@@ -80,14 +62,16 @@ def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relati
     for first, *others in classes:
         yield from (Relation(kind="parallel", surfaces=(first, other)) for other in others)
     for one, two in combinations([own[0] for own in classes], 2):
-        if abs(_between(estimate.at[one], estimate.at[two]) - np.pi / 2) <= _allowed(estimate, one, two):
+        if abs(angle_between(estimate.at[one], estimate.at[two]) - np.pi / 2) <= angle_allowed(
+            estimate, one, two
+        ):
             yield Relation(kind="perpendicular", surfaces=(one, two))
     if options.up is not None:
         for first, *_ in classes:
             cosine = float(np.abs(estimate.at[first].direction @ options.up))
             angle = float(np.arccos(min(1.0, cosine)))
             is_plane = isinstance(estimate.fits[first].surface, Plane)
-            allowed = max(_GATE, _N_SD * direction_sd(estimate, first))
+            allowed = angle_allowed(estimate, first)
             for off, along in ((angle, True), (np.pi / 2 - angle, False)):
                 if off <= allowed:
                     yield Relation(kind="vertical" if along != is_plane else "horizontal", surfaces=(first,))
@@ -97,11 +81,11 @@ def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Round angles between the best known of each class, and of cones."""
     step = np.radians(options.round_angle_deg)
     held = {frozenset(one.relation.surfaces) for one in estimate.imposed}
-    for one, two in combinations([own[0] for own in _parallel_now(estimate)], 2):
-        angle = _between(estimate.at[one], estimate.at[two])
+    for one, two in combinations([own[0] for own in parallel_now(estimate)], 2):
+        angle = angle_between(estimate.at[one], estimate.at[two])
         value = float(np.rint(angle / step) * step)
         is_own = min(value, abs(np.pi / 2 - value)) < _FLAT_ANGLE or frozenset((one, two)) in held
-        if not is_own and abs(angle - value) <= min(_allowed(estimate, one, two), step / 2):
+        if not is_own and abs(angle - value) <= min(angle_allowed(estimate, one, two), step / 2):
             yield Relation(kind="angle", surfaces=(one, two), value=value)
     for number, fit in enumerate(estimate.fits):
         if isinstance(fit.surface, Cone):
@@ -112,22 +96,22 @@ def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
 
 def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]:
     """Planes in one, axes in one, and axes in planes."""
-    classes = _parallel_now(estimate)
+    classes = parallel_now(estimate)
     for own in classes:
         planes = [one for one in own if isinstance(estimate.fits[one].surface, Plane)]
         axes = [one for one in own if one not in planes]
         yield from _clustered("coplanar", planes, estimate)
         yield from _clustered("coaxial", axes, estimate)
     for first, second in combinations(classes, 2):
-        apart = _between(estimate.at[first[0]], estimate.at[second[0]])
-        if abs(apart - np.pi / 2) > _allowed(estimate, first[0], second[0]):
+        apart = angle_between(estimate.at[first[0]], estimate.at[second[0]])
+        if abs(apart - np.pi / 2) > angle_allowed(estimate, first[0], second[0]):
             continue
         for one, two in [(a, b) for a in first for b in second]:
             flat, axis = (one, two) if isinstance(estimate.fits[one].surface, Plane) else (two, one)
             if isinstance(estimate.fits[flat].surface, Plane) and not isinstance(
                 estimate.fits[axis].surface, Plane
             ):
-                yield from _near(Relation(kind="axis_in_plane", surfaces=(flat, axis)), estimate)
+                yield from near(Relation(kind="axis_in_plane", surfaces=(flat, axis)), estimate)
 
 
 def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
@@ -145,13 +129,13 @@ def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
                 np.rint(estimate.at[number].radius / options.round_length_m) * options.round_length_m
             )
             if value > 0:
-                yield from _near(Relation(kind="radius", surfaces=(number,), value=value), estimate)
+                yield from near(Relation(kind="radius", surfaces=(number,), value=value), estimate)
 
 
 def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Round and equal distances between parallel planes that follow one another."""
     steps: list[tuple[int, int]] = []
-    for own in _parallel_now(estimate):
+    for own in parallel_now(estimate):
         planes = [one for one in own if isinstance(estimate.fits[one].surface, Plane)]
         normal = estimate.at[own[0]].direction
         along = {one: float(normal @ estimate.at[one].point) for one in planes}
@@ -162,13 +146,13 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
         for pair in steps:
             value = float(np.rint(known[pair][0] / options.round_length_m) * options.round_length_m)
             if value > 0:
-                yield from _near(Relation(kind="distance", surfaces=pair, value=value), estimate)
+                yield from near(Relation(kind="distance", surfaces=pair, value=value), estimate)
     firsts: list[tuple[int, int]] = []
     for pair in steps:
         for first in firsts:
-            if abs(known[first][0] - known[pair][0]) > _FAR * (known[first][1] + known[pair][1]):
+            if abs(known[first][0] - known[pair][0]) > FAR * (known[first][1] + known[pair][1]):
                 continue  # whatever errors they share, they are too far off
-            found = list(_near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
+            found = list(near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
             if found:
                 yield from found
                 break
@@ -181,7 +165,7 @@ def _clustered(kind: RelationKind, members: Sequence[int], estimate: Estimate) -
     firsts: list[int] = []
     for member in members:
         for first in firsts:
-            found = list(_near(Relation(kind=kind, surfaces=(first, member)), estimate))
+            found = list(near(Relation(kind=kind, surfaces=(first, member)), estimate))
             if found:
                 yield from found
                 break
@@ -189,37 +173,9 @@ def _clustered(kind: RelationKind, members: Sequence[int], estimate: Estimate) -
             firsts.append(member)
 
 
-def _near(relation: Relation, estimate: Estimate) -> Iterator[Relation]:
-    """The relation, where it is not far off in the deviations of each of its equations."""
-    constraint = estimate.constraint(relation)
-    variance = np.diag(estimate.variance(constraint)) + estimate.built_within(constraint)
-    if (np.square(constraint.value) <= _FAR**2 * np.maximum(variance, 1e-24)).all():
-        yield relation
-
-
-def _parallel_now(estimate: Estimate) -> list[list[int]]:
-    """The surfaces with a direction, grouped by what is imposed as parallel, best known first."""
-    pairs = [
-        one.relation.surfaces
-        for one in estimate.imposed
-        if one.relation.kind in ("parallel", "coplanar", "coaxial")
-    ]
-    order = [number for own in direction_classes(estimate) for number in own]
-    group = {number: {number} for number in order}
-    for one, two in pairs:
-        if one in group and two in group and group[one] is not group[two]:
-            group[one] |= group[two]
-            for member in group[two]:
-                group[member] = group[one]
-    found: dict[int, list[int]] = {}
-    for number in order:
-        found.setdefault(id(group[number]), []).append(number)
-    return list(found.values())
-
-
 def _are_one(estimate: Estimate, one: int, two: int) -> bool:
     """Whether two planes are imposed to be one, or not apart by more than may be by chance."""
-    return bool(list(_near(Relation(kind="coplanar", surfaces=(one, two)), estimate)))
+    return bool(list(near(Relation(kind="coplanar", surfaces=(one, two)), estimate)))
 
 
 def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
@@ -229,16 +185,20 @@ def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
     return float(found.value[0]), float(deviations.sum()) + 1e-12
 
 
-def _has_direction(estimate: Estimate, number: int) -> bool:
-    return bool(estimate.at[number].direction.any())
+def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """What has one spacing, and what is alike in one mirror."""
+    rows = list(regular_rows(estimate, options))
+    yield from rows
+    yield from _beyond(rows, mirrored_pairs(estimate, options))
 
 
-def _between(one: Placement, two: Placement) -> float:
-    """Angle between two directions without their signs, radians, 0 to 90 deg."""
-    across: FloatArray = np.cross(one.direction, two.direction)
-    return float(np.arctan2(np.linalg.norm(across), abs(one.direction @ two.direction)))
+def _further(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+    """Other pairs of mirrors that were told."""
+    yield from _beyond(list(regular_rows(estimate, options)), further_pairs(estimate, options))
 
 
-def _allowed(estimate: Estimate, one: int, two: int) -> float:
-    together = np.hypot(direction_sd(estimate, one), direction_sd(estimate, two))
-    return max(float(_GATE), _N_SD * float(together))
+def _beyond(rows: Sequence[Relation], pairs: Iterator[Relation]) -> Iterator[Relation]:
+    """Those pairs that are not of one row, which has mirrors in any case."""
+    for one in pairs:
+        if not any(set(one.surfaces) <= set(row.surfaces) for row in rows):
+            yield one

@@ -9,10 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit, surface_parameters
-from completion.relations.engine.constraint import ANGLE, Frame, constrain
+from completion.relations.engine.constraint import constrain, spacing_of
+from completion.relations.engine.equation import ANGLE, Frame
 from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation
+from completion.relations.engine.symmetry import mirror_of
 from completion.relations.graph import RelationGraph
+from scenes.pose import Pose
 
 FORMAT = "unseen-relations/1"
 _IN_DEGREES = ("angle", "half_angle")
@@ -40,12 +43,18 @@ def misfit_of(relation: Relation, fits: Sequence[SurfaceFit], up: np.ndarray | N
 
 
 def relation_records(
-    graph: RelationGraph, before: Sequence[SurfaceFit], names: Sequence[Any], up: np.ndarray | None = None
+    graph: RelationGraph,
+    before: Sequence[SurfaceFit],
+    names: Sequence[Any],
+    *,
+    up: np.ndarray | None = None,
+    world: Pose | None = None,
 ) -> list[dict[str, Any]]:
     """Return the relations of a graph as files hold them, by the names (n,) of its surfaces.
 
     `before` are the fits (n,) without relations. Values are metres, degrees of angles; `conflicts` are places
-    in this list, from 1; `before` and `after` say how far the surfaces were from it, and are.
+    in this list, from 1; `before` and `after` say how far the surfaces were from it, and are. A row says its
+    spacing, and pairs their mirror, in the frame that `world` leads to.
     """
     return [
         {
@@ -60,6 +69,7 @@ def relation_records(
             "conflicts": [place + 1 for place in one.conflicts],
             "before": _misfit_record(misfit_of(one, before, up)),
             "after": _misfit_record(misfit_of(one, graph.fits, up)),
+            **_pattern_record(one, graph, world),
         }
         for one in graph.relations
     ]
@@ -79,6 +89,21 @@ def surface_record(fit: SurfaceFit, label: int) -> dict[str, Any]:
         **held,
         "standard_deviation": {name: _finite(sd) for name, sd in fit.parameter_deviations().items()},
     }
+
+
+def _pattern_record(relation: Relation, graph: RelationGraph, world: Pose | None) -> dict[str, Any]:
+    """The spacing of a row that holds, or the mirror of pairs that do."""
+    if relation.kind not in ("regular", "symmetric") or not relation.holds:
+        return {}
+    at = {number: place(graph.fits[number].surface, np.zeros(len(graph.fits[number].covariance)))
+          for number in relation.surfaces}  # fmt: skip
+    if relation.kind == "regular":
+        return {"spacing_m": spacing_of(relation.surfaces, at)}
+    mirror = mirror_of(relation.surfaces, at)
+    point, normal = mirror.point[None], mirror.normal[None]
+    if world is not None:
+        point, normal = world.apply(point), world.rotate(normal)
+    return {"mirror": {"point": point[0].tolist(), "normal": normal[0].tolist()}}
 
 
 _PARAMETERS = ("point", "centre", "normal", "direction", "radius", "tube_radius", "half_angle_deg")

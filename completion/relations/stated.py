@@ -143,5 +143,6 @@ def _stated(one: object, name: Callable[[object, str], _Named], source: str) -> 
     )
 
 
-_WRITTEN = ("status", "p", "log_evidence", "given", "reason", "conflicts", "before", "after")
+_WRITTEN = ("status", "p", "log_evidence", "given", "reason", "conflicts", "before", "after",
+            "spacing_m", "mirror")  # fmt: skip
 _KNOWN = (*_FIELDS, *_WRITTEN)

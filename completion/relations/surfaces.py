@@ -133,7 +133,7 @@ def relate_surfaces(
         return RelatedSurfaces(tuple(edited), tuple(told))
     place = {number: k for k, number in enumerate(numbers)}
     relations = [one.of([place[number] for number in some]) for one, some in zip(given, named, strict=True)]
-    doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth_of(numbers))
+    doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth.covariance_of(numbers))
     graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]

@@ -12,6 +12,7 @@ import numpy as np
 from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
 from completion.fitting.result import surface_parameters
+from completion.relations.frames import frame_records
 from completion.relations.record import freedom_record, relation_records
 from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
@@ -206,7 +207,8 @@ def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict
         for name, moved, off, is_moved in zip(names, graph.moved_sd, found.off_m, found.is_moved, strict=True)
     ]
     return {
-        "relations": relation_records(graph, found.before, names),
+        "relations": relation_records(graph, found.before, names, world=world),
+        "direction_frames": frame_records(graph, names, world.rotation),
         "degrees_of_freedom": freedom_record(graph),
         "built_within": {"angle_deg": graph.options.tolerance_deg, "length_m": graph.options.tolerance_m},
         "moved_by_relations": moved,

@@ -14,6 +14,7 @@ from completion.observe.observation import Observation
 from completion.uncertainty.image_field import ImageField, fit_field, mean_field
 from completion.uncertainty.residual_modes import ResidualModes, find_modes
 from completion.uncertainty.sensor_errors import shift_by_sensors
+from completion.uncertainty.shared_errors import SharedErrors
 from scenes.checks import FloatArray
 
 _LEAST_PIXELS = 1_500  # of a surface in a scan, from which on it tells anything of smooth errors
@@ -29,30 +30,21 @@ class StatedFits:
     ----------
     fits : tuple of SurfaceFit
         Their covariances hold the noise, and what errors alike in blocks of pixels add.
-    smooth : (p, p) float
-        Covariance of all p parameters, surface by surface, by smooth and by systematic errors of the scans.
+    smooth : SharedErrors
+        Smooth and systematic errors of the scans, which surfaces share.
     freedom : tuple of float
         Degrees of freedom (n,) that the scale of each covariance is known with; inf where errors are
         independent.
     """
 
     fits: tuple[SurfaceFit, ...]
-    smooth: FloatArray
+    smooth: SharedErrors
     freedom: tuple[float, ...]
 
     def total(self, number: int) -> SurfaceFit:
         """Return a surface's fit with the covariance of all errors."""
-        own, fit = self._columns([number]), self.fits[number]
-        return replace(fit, covariance=fit.covariance + self.smooth[np.ix_(own, own)])
-
-    def smooth_of(self, numbers: Sequence[int]) -> FloatArray:
-        """Return the part (q, q) of `smooth` that is of some surfaces, in their order."""
-        own = self._columns(numbers)
-        return np.asarray(self.smooth[np.ix_(own, own)])
-
-    def _columns(self, numbers: Sequence[int]) -> list[int]:
-        first = np.cumsum([0, *(len(fit.covariance) for fit in self.fits)])
-        return [k for number in numbers for k in range(first[number], first[number + 1])]
+        fit = self.fits[number]
+        return replace(fit, covariance=fit.covariance + self.smooth.covariance_of([number]))
 
 
 def state_fits(
@@ -83,20 +75,22 @@ def state_fits(
     typical = mean_field(list(fields.values()))
 
     # 3. Spread: what these do to each surface, scan by scan, so that surfaces of a scan share them.
-    smooth = _Joint([len(one.fit.covariance) for one in surfaces])
+    sizes = tuple(len(one.fit.covariance) for one in surfaces)
+    shifts = []
     for scan in sorted({scan for own in modes for scan in own}):
         field = fields.get(scan, typical)
-        smooth.add({k: _shift(own, scan, field) for k, own in enumerate(modes) if scan in own})
-    estimated = smooth.covariance.copy()
+        shifts.append({k: _shift(own, scan, field) for k, own in enumerate(modes) if scan in own})
+    estimated = SharedErrors(sizes, tuple(shifts))
 
     # 4. Systematic errors of the sensors, which leave no residual.
-    smooth.add({k: shift_by_sensors(one, observations) for k, one in enumerate(surfaces)})
+    by_sensors = {k: shift_by_sensors(one, observations) for k, one in enumerate(surfaces)}
 
     freedom = [
-        _freedom(one.fit, smooth.own(estimated, k), [fields.get(scan, typical) for scan in modes[k]])
+        _freedom(one.fit, estimated.covariance_of([k]), [fields.get(scan, typical) for scan in modes[k]])
         for k, one in enumerate(surfaces)
     ]
-    return StatedFits(tuple(one.fit for one in surfaces), smooth.covariance, tuple(freedom))
+    smooth = SharedErrors(sizes, (*shifts, by_sensors))
+    return StatedFits(tuple(one.fit for one in surfaces), smooth, tuple(freedom))
 
 
 def _modes_of(
@@ -135,24 +129,3 @@ def _freedom(fit: SurfaceFit, smooth: FloatArray, fields: Sequence[ImageField]) 
     if not fields or part <= 0:
         return np.inf
     return float(min(one.freedom for one in fields)) / part**2
-
-
-class _Joint:
-    """The covariance of all parameters of all surfaces, which grows error by error."""
-
-    def __init__(self, sizes: Sequence[int]) -> None:
-        self._first = np.cumsum([0, *sizes])
-        self.covariance = np.zeros((self._first[-1],) * 2)
-
-    def add(self, shifts: dict[int, FloatArray]) -> None:
-        """Add errors that several surfaces share: what each does to the parameters (k, e) of each."""
-        if not shifts:
-            return
-        where = np.concatenate([np.arange(self._first[k], self._first[k + 1]) for k in shifts])
-        every = np.concatenate(list(shifts.values()))
-        self.covariance[np.ix_(where, where)] += every @ every.T
-
-    def own(self, covariance: FloatArray, number: int) -> FloatArray:
-        """The part of a surface."""
-        own = slice(self._first[number], self._first[number + 1])
-        return np.asarray(covariance[own, own])

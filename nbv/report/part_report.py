@@ -9,6 +9,7 @@ from completion.fitting.result import SurfaceFit
 from completion.parts.part import Part, kinds_text
 from completion.relations.engine.relation import Status
 from nbv.report.blocks.relation_blocks import relation_section
+from nbv.report.figures.relation_graph import MOST_SURFACES, relation_graph
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.part_shots import PartDrawing, part_pictures
 from nbv.report.viewer.part_view import part_view, shown_part
@@ -46,9 +47,24 @@ def part_page(part: Part, title: str) -> Page:
             Section("The part by surface", _view(part)),
             Section("Surfaces", _surface_blocks(part)),
             *relations,
+            *_drawn_relations(part),
         ),
         warnings=part.warnings,
     )
+
+
+def _drawn_relations(part: Part) -> tuple[Section, ...]:
+    """The relations as a drawing; none where there are none, or too many surfaces."""
+    graph = part.relations
+    if graph is None or not graph.relations or len(part.related) > MOST_SURFACES:
+        return ()
+    names = [part.labels[place] for place in part.related]
+    picture = relation_graph(graph, names, [place + 1 for place in part.related]).picture(
+        "The relations of the surfaces, drawn",
+        "Surfaces by their numbers and colours; those of one direction are side by side. Strong lines: "
+        "relations that are imposed; faint lines: what these entail; broken lines: what was rejected.",
+    )
+    return (Section("The relations drawn", (Gallery((picture,), 1),)),)
 
 
 def _summary(part: Part, what: str, holding: int) -> str:

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.completion.relations.figure_one import plane_fit
+from completion.fitting.charts.chart import axis_frame
 from completion.fitting.result import SurfaceFit
+from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane
 
 
@@ -32,3 +36,40 @@ def exact(surface, deviation: float = 1e-3) -> SurfaceFit:
     """A fit of a surface as it is, with all parameters equally well known."""
     k = {Plane: 3, Cylinder: 5, Cone: 6}.get(type(surface), 4)
     return SurfaceFit(surface, deviation, deviation**2 * np.eye(k), 100)
+
+
+def transformed(fit: SurfaceFit, pose: Pose) -> SurfaceFit:
+    """A fit in another frame; the chart of an axis has directions of its own there."""
+    surface, by = fit.surface.transformed(pose), np.eye(len(fit.covariance))
+    if not isinstance(surface, Plane):
+        turn = axis_frame(surface.direction)[:2] @ pose.rotation @ axis_frame(fit.surface.direction)[:2].T
+        by[:2, :2], by[2:4, 2:4] = turn, turn
+    return replace(fit, surface=surface, covariance=by @ fit.covariance @ by.T)
+
+
+def flipped(fit: SurfaceFit) -> SurfaceFit:
+    """A plane's fit with its normal the other way; another's as it is."""
+    surface = fit.surface
+    if not isinstance(surface, Plane):
+        return fit
+    # its v turns over too: the slope along it changes its sign twice, the offset and the other once
+    signs = np.diag([-1.0, -1.0, 1.0])
+    turned = Plane(surface.point, -surface.normal_direction, surface.u_direction)
+    return replace(fit, surface=turned, covariance=signs @ fit.covariance @ signs)
+
+
+def scaled(fit: SurfaceFit, by: float) -> SurfaceFit:
+    """A plane's, cylinder's or cone's fit in another unit of length."""
+    surface = fit.surface
+    if isinstance(surface, Plane):
+        units, small = (
+            np.array([by, 1, 1]),
+            Plane(by * surface.point, surface.normal_direction, surface.u_direction),
+        )
+    elif isinstance(surface, Cylinder):
+        units = np.array([by, by, 1, 1, by])
+        small = Cylinder(by * surface.point, surface.direction, by * surface.radius)
+    else:
+        units = np.array([by, by, 1, 1, by, 1])
+        small = Cone(by * surface.point, surface.direction, by * surface.radius, surface.half_angle)
+    return replace(fit, surface=small, covariance=fit.covariance * np.outer(units, units))

@@ -10,6 +10,7 @@ import typer
 from benchmarks.completion.relations.building import building_table
 from benchmarks.completion.relations.calibration import calibration_table
 from benchmarks.completion.relations.figure_study import cost_table, part_table, start_table
+from benchmarks.completion.relations.pattern_study import pattern_table
 from benchmarks.completion.relations.strips import off_square_table, strip_table
 
 app = typer.Typer(help="What relations between surfaces are worth.", no_args_is_help=True)
@@ -51,6 +52,16 @@ def part(parts: Annotated[int, typer.Option(min=1, help="How many parts a noise.
         for line in table:
             print(line, flush=True)
         print()
+
+
+@app.command()
+def patterns(
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first part.")] = 100,
+    parts: Annotated[int, typer.Option(min=1, help="How many of each, a noise.")] = 50,
+) -> None:
+    """Rows and mirrors of parts that have them, and what is taken for such among surfaces at random."""
+    for line in pattern_table(range(first, first + parts)):
+        print(line, flush=True)
 
 
 @app.command()

@@ -65,7 +65,7 @@ def _by_camera(case: Case) -> Case:
 
 def doubt_of(stated: StatedFits) -> Doubt:
     """Return what is doubtful of some fits."""
-    return Doubt(stated.freedom, stated.smooth)
+    return Doubt(stated.freedom, stated.smooth.covariance_of(range(len(stated.fits))))
 
 
 def _values(relations: Sequence[Relation], fits: Sequence[SurfaceFit], doubt: Doubt) -> list[float]:

@@ -4,50 +4,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from completion.relations.engine.equation import (
+    ANGLE,
+    LENGTH,
+    RADIUS,
+    Constraint,
+    Frame,
+    Rows,
+    built,
+    stacked,
+    weighted,
+)
 from completion.relations.engine.placement import Placement
 from completion.relations.engine.relation import Relation
+from completion.relations.engine.symmetry import symmetric
 from scenes.checks import FloatArray, InputError
-
-ANGLE, LENGTH, RADIUS = 0, 1, 2  # what a row is of
-
-_Rows = tuple[FloatArray | np.float64, dict[int, FloatArray]]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """What relations are measured in that is not of the surfaces: where they began, and which way is up."""
-
-    start: Mapping[int, Placement]  # by number
-    up: FloatArray | None = None  # (3,) unit vector
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Constraint:
-    """The equations of a relation at a place.
-
-    Attributes
-    ----------
-    value : (m,) float
-        c, metres and radians.
-    blocks : dict of int to (m, k) float
-        Derivative by the k parameters of each of its surfaces.
-    rows : (m,) int
-        ANGLE, LENGTH or RADIUS: what each equation is of.
-    """
-
-    value: FloatArray
-    blocks: dict[int, FloatArray]
-    rows: tuple[int, ...]
-
-    def only(self, kept: Sequence[int]) -> Constraint:
-        """Some of the equations."""
-        some = list(kept)
-        blocks = {one: block[some] for one, block in self.blocks.items()}
-        return Constraint(self.value[some], blocks, tuple(self.rows[k] for k in some))
 
 
 def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Constraint:
@@ -65,33 +39,34 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> 
         return _sizes(relation, at)
     if kind in ("vertical", "horizontal"):
         return _against_gravity(relation, at, frame)
+    if kind == "symmetric":
+        return symmetric(relation.surfaces, at, frame)
     for number in relation.surfaces:
         if not at[number].direction.any():
             raise InputError(f"a sphere has no direction: it cannot be {kind.replace('_', ' ')}")
     _check_kinds(relation, at)
+    if kind == "regular":
+        return _regular(relation.surfaces, at, frame)
     two = relation.surfaces[1]
     if kind == "parallel":
-        return _built(_parallel(one, two, at, frame), ANGLE)
+        return built(_parallel(one, two, at, frame), ANGLE)
     if kind == "perpendicular":
-        return _built(_inclined(one, two, at, 1.0, 0.0), ANGLE)
+        return built(_inclined(one, two, at, 1.0, 0.0), ANGLE)
     if kind == "angle":
-        return _built(_angle(relation, at, frame), ANGLE)
+        return built(_angle(relation, at, frame), ANGLE)
     if kind == "axis_in_plane":
         rows = _inclined(one, two, at, 1.0, 0.0), _height(one, two, at)
-        return _stacked([_built(rows[0], ANGLE), _built(rows[1], LENGTH)])
-    turned = _built(_parallel(one, two, at, frame), ANGLE)
+        return stacked([built(rows[0], ANGLE), built(rows[1], LENGTH)])
+    turned = built(_parallel(one, two, at, frame), ANGLE)
     if kind in ("coplanar", "coaxial"):
         beside = _height(one, two, at) if kind == "coplanar" else _offset(one, two, at)
-        return _stacked([turned, _built(beside, LENGTH)])
+        return stacked([turned, built(beside, LENGTH)])
     if kind == "distance":
         apart = _distance(one, two, at, frame)
-        return _built((apart[0] - float(relation.value or 0.0), apart[1]), LENGTH)
+        return built((apart[0] - float(relation.value or 0.0), apart[1]), LENGTH)
     three, four = relation.surfaces[2:]
     first, second = _distance(one, two, at, frame), _distance(three, four, at, frame)
-    blocks = dict(first[1])
-    for number, block in second[1].items():
-        blocks[number] = blocks[number] - block if number in blocks else -block
-    return _built((first[0] - second[0], blocks), LENGTH)
+    return built(weighted([(1.0, first), (-1.0, second)]), LENGTH)
 
 
 def _check_kinds(relation: Relation, at: Mapping[int, Placement]) -> None:
@@ -103,25 +78,15 @@ def _check_kinds(relation: Relation, at: Mapping[int, Placement]) -> None:
         raise InputError("coaxial relates two axes")
     if relation.kind == "axis_in_plane" and flat != [True, False]:
         raise InputError("axis in plane relates a plane and then an axis")
-
-
-def _built(rows: _Rows, what: int) -> Constraint:
-    value = np.atleast_1d(np.asarray(rows[0], dtype=np.float64))
-    blocks = {number: np.atleast_2d(block) for number, block in rows[1].items()}
-    return Constraint(value, blocks, (what,) * len(value))
-
-
-def _stacked(parts: Sequence[Constraint]) -> Constraint:
-    value = np.concatenate([part.value for part in parts])
-    blocks = {number: np.concatenate([part.blocks[number] for part in parts]) for number in parts[0].blocks}
-    return Constraint(value, blocks, sum((part.rows for part in parts), ()))
+    if relation.kind == "regular" and any(flat) != all(flat):
+        raise InputError("regular relates planes, or axes, not both")
 
 
 def _sign(first: FloatArray, second: FloatArray) -> float:
     return -1.0 if first @ second < 0 else 1.0
 
 
-def _parallel(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> _Rows:
+def _parallel(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """Both components of the directions' difference across where the first one began."""
     across = frame.start[one].across
     sign = _sign(frame.start[one].direction, frame.start[two].direction)
@@ -129,7 +94,7 @@ def _parallel(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> 
     return value, {one: across @ at[one].by_direction, two: -sign * across @ at[two].by_direction}
 
 
-def _inclined(one: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> _Rows:
+def _inclined(one: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> Rows:
     """The cosine of the angle less that which it shall be."""
     first, second = at[one], at[two]
     value = sign * first.direction @ second.direction - cosine
@@ -140,7 +105,7 @@ def _inclined(one: int, two: int, at: Mapping[int, Placement], sign: float, cosi
     return value, blocks
 
 
-def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> _Rows:
+def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """The cosine's misfit over the sine: to first order the angle's, radians."""
     one, two = relation.surfaces
     angle = float(relation.value or 0.0)
@@ -153,14 +118,14 @@ def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> _Ro
     return value / sine, {number: block / sine for number, block in blocks.items()}
 
 
-def _height(one: int, two: int, at: Mapping[int, Placement]) -> _Rows:
+def _height(one: int, two: int, at: Mapping[int, Placement]) -> Rows:
     """How far the second's point is above the first, a plane."""
     normal, step = at[one].direction, at[two].point - at[one].point
     own = step @ at[one].by_direction - normal @ at[one].by_point
     return normal @ step, {one: own, two: normal @ at[two].by_point}
 
 
-def _offset(one: int, two: int, at: Mapping[int, Placement]) -> _Rows:
+def _offset(one: int, two: int, at: Mapping[int, Placement]) -> Rows:
     """Both components of the way between two parallel axes, across the first."""
     first, step = at[one], at[two].point - at[one].point
     across, along = at[one].across, at[one].direction
@@ -170,7 +135,30 @@ def _offset(one: int, two: int, at: Mapping[int, Placement]) -> _Rows:
     return sideways @ step, {one: own - sideways @ first.by_point, two: sideways @ at[two].by_point}
 
 
-def _distance(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> _Rows:
+def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame) -> Constraint:
+    """All parallel to the first, and the second differences of their places across it."""
+    first, *others = surfaces
+    turned = [built(_parallel(first, other, at, frame), ANGLE) for other in others]
+    beside = _height if at[first].is_plane else _offset
+    begin = beside(first, others[0], at)
+    places = [(0.0 * np.asarray(begin[0]), dict[int, FloatArray]()), begin]
+    places += [beside(first, other, at) for other in others[1:]]
+    bends = [
+        built(weighted([(1.0, before), (-2.0, here), (1.0, after)]), LENGTH)
+        for before, here, after in zip(places, places[1:], places[2:], strict=False)
+    ]
+    return stacked([*turned, *bends])
+
+
+def spacing_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
+    """How far each surface of a row is from the next, metres, in the mean."""
+    first, last = at[surfaces[0]], at[surfaces[-1]]
+    step = last.point - first.point
+    apart = first.direction @ step if first.is_plane else np.linalg.norm(np.cross(first.direction, step))
+    return float(np.abs(apart)) / (len(surfaces) - 1)
+
+
+def _distance(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """How far apart two parallel planes, a plane and an axis, or two axes are."""
     planes = [at[number].is_plane for number in (one, two)]
     if not any(planes):
@@ -192,25 +180,23 @@ def _sizes(relation: Relation, at: Mapping[int, Placement]) -> Constraint:
         if at[one].half_angle <= 0:
             raise InputError("only a cone has a half angle")
         value = at[one].half_angle - float(relation.value or 0.0)
-        return _built((np.float64(value), {one: at[one].by_half_angle}), ANGLE)
+        return built((np.float64(value), {one: at[one].by_half_angle}), ANGLE)
     if relation.kind == "equal_ring_radius":
         one, two = relation.surfaces
         if min(at[one].ring_radius, at[two].ring_radius) <= 0:
             raise InputError("only tori have a ring")
         value = at[one].ring_radius - at[two].ring_radius
-        return _built(
-            (np.float64(value), {one: at[one].by_ring_radius, two: -at[two].by_ring_radius}), RADIUS
-        )
+        return built((np.float64(value), {one: at[one].by_ring_radius, two: -at[two].by_ring_radius}), RADIUS)
     for number in relation.surfaces:
         if at[number].radius <= 0 or at[number].half_angle > 0:
             raise InputError("only spheres, cylinders and tubes of tori have one radius")
     one, *others = relation.surfaces
     if not others:
         value = at[one].radius - float(relation.value or 0.0)
-        return _built((np.float64(value), {one: at[one].by_radius}), RADIUS)
+        return built((np.float64(value), {one: at[one].by_radius}), RADIUS)
     (two,) = others
     value = at[one].radius - at[two].radius
-    return _built((np.float64(value), {one: at[one].by_radius, two: -at[two].by_radius}), RADIUS)
+    return built((np.float64(value), {one: at[one].by_radius, two: -at[two].by_radius}), RADIUS)
 
 
 def _against_gravity(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Constraint:
@@ -221,7 +207,7 @@ def _against_gravity(relation: Relation, at: Mapping[int, Placement], frame: Fra
     if not at[one].direction.any():
         raise InputError(f"a sphere has no direction: it cannot be {relation.kind}")
     if (relation.kind == "vertical") == at[one].is_plane:
-        return _built((frame.up @ at[one].direction, {one: frame.up @ at[one].by_direction}), ANGLE)
+        return built((frame.up @ at[one].direction, {one: frame.up @ at[one].by_direction}), ANGLE)
     across, sign = frame.start[one].across, _sign(frame.start[one].direction, frame.up)
     value = across @ (at[one].direction - sign * frame.up)
-    return _built((value, {one: across @ at[one].by_direction}), ANGLE)
+    return built((value, {one: across @ at[one].by_direction}), ANGLE)

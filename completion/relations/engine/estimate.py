@@ -20,7 +20,8 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import Constraint, Frame, constrain
+from completion.relations.engine.constraint import constrain
+from completion.relations.engine.equation import Constraint, Frame
 from completion.relations.engine.placement import Placement, place
 from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
@@ -104,7 +105,7 @@ class Estimate:
                 raise InputError(
                     f"surface {number}: its covariance is not finite: too few points for relations"
                 )
-        self.fits, self._doubt, self._built_sd = fits, doubt, sd
+        self.fits, self._doubt, self.built_sd = fits, doubt, sd
         first = [0, *accumulate(len(fit.covariance) for fit in fits)]
         self._columns = [slice(low, high) for low, high in pairwise(first)]
         self._prior = block_diag(np.zeros((0, 0)), *(fit.covariance for fit in fits))
@@ -154,7 +155,7 @@ class Estimate:
 
     def built_within(self, constraint: Constraint) -> FloatArray:
         """Variances (m,) of the equations by how exactly things are built."""
-        return np.asarray(np.square(self._built_sd)[list(constraint.rows)])
+        return np.asarray(np.square(self.built_sd)[list(constraint.rows)])
 
     @property
     def cost(self) -> float:
@@ -250,7 +251,7 @@ class Estimate:
 
     def anew(self) -> Estimate:
         """Return the estimate from the same fits with nothing imposed, that begins where this one is."""
-        other = Estimate(self.fits, self.frame.up, self._built_sd, self._doubt)
+        other = Estimate(self.fits, self.frame.up, self.built_sd, self._doubt)
         other.x = self.x.copy()
         other.at.clear()
         return other

@@ -50,6 +50,23 @@ def test_it_prints_one_object_and_writes_all_files(corner):
     assert summary["free"] == 6
     names = {file.name for file in out.iterdir()}
     assert names == {"part.json", "relations.json", "part.ply", "report.html", "manifest.json"}
+    assert "The relations drawn" in (out / "report.html").read_text("utf-8")
+    (frame,) = json.loads((out / "relations.json").read_text("utf-8"))["direction_frames"]
+    assert (frame["type"], [one["surfaces"] for one in frame["directions"]]) == ("manhattan", [[1], [2], [3]])
+
+
+def test_rows_and_mirrors_may_be_stated(folder, corner):
+    said = folder / "rows.json"
+    said.write_text(json.dumps([{"type": "regular", "surfaces": [1, 2, 3]}]))
+    result = run(folder / "corner.npz", "-o", folder / "rows", "--relations", said)
+    assert result.exit_code == 0, result.output
+    held = json.loads((folder / "rows" / "relations.json").read_text("utf-8"))["relations"]
+    (stated,) = (one for one in held if one["given"])
+    assert (stated["type"], stated["status"]) == ("regular", "rejected")
+    said.write_text(json.dumps([{"type": "symmetric", "surfaces": [1, 2, 3]}]))
+    result = run(folder / "corner.npz", "-o", folder / "rows", "--relations", said)
+    assert result.exit_code == 1
+    assert "symmetric is a relation of pairs of surfaces, two or more, got 3" in result.output
 
 
 def test_part_ply_holds_every_point_in_order(corner, folder):
