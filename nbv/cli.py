@@ -396,6 +396,40 @@ def part(
     run_part(shared, request)
 
 
+@app.command(short_help="Poses of scans from any start.")
+@with_shared
+def register(
+    shared: Shared,
+    scans: Annotated[list[str], typer.Argument(metavar="SCAN...", help="Files or RGB-D folders; PATH#k.")],
+    upright: Annotated[
+        bool, typer.Option("--upright", help="The scanner stood level: only turns about the vertical.")
+    ] = False,
+    start: Annotated[
+        str | None,
+        typer.Option("--start", metavar="FILE", help="Poses to try as well, one a scan.", show_default=False),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compute no pose: say what beams contradict of those given.")
+    ] = False,
+    level: Annotated[
+        float, typer.Option("--level", metavar="P", help="Accepted probability of a false claim.")
+    ] = 0.01,
+    intrinsics: Intrinsics = None,
+    depth_scale: DepthScale = None,
+    units: UnitsOption = "m",
+    up: UpOption = "z",
+) -> None:
+    """Find the poses of scans to each other: registration.json, posed/, report.html.
+
+    A pose is claimed where no other one comes near; else the report shows all that are possible.
+    """
+    from nbv.commands.register import RegisterRequest, run_register
+
+    request = asked_scans(scans, intrinsics, depth_scale, start, origin=None, units=units, up=up)
+    how = RegisterRequest(upright=upright, checks=check, level=level)
+    run_register(shared, request, how)
+
+
 @app.command(short_help="What a scene, a scan or another file holds.")
 @with_shared
 def info(

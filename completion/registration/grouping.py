@@ -92,9 +92,7 @@ def group_scans(
     return standing
 
 
-def _joint(
-    one: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float
-) -> _Joint:
+def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
     """Judge the motions of one group to another that pairs of their scans propose."""
     stay, move = one.placed(views), two.placed(views)
     motions = [

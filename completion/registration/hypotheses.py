@@ -29,6 +29,7 @@ _N_SCREENED, _SCREEN = 1500, 7  # poses that every so many-th facet leaves
 _N_SHORT, _N_FULL = 30, 10
 _SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
 _APART, _APART_SHARE = np.radians(10.0), 0.15  # turn and share of the radius by which poses are distinct
+_LEVEL = np.cos(np.radians(6.0))  # of what is up in both scans
 _LAST_GATE_M = 0.05
 _SLIDES_M = (-0.8, -0.5, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.5, 0.8)
 _N_SLIDES, _BETTER = 4, 0.01
@@ -60,22 +61,31 @@ class Hypothesis:
     free: FloatArray
 
 
-def find_hypotheses(a: StationView, b: StationView) -> list[Hypothesis]:
+def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = None) -> list[Hypothesis]:
     """Return at most five distinct poses of scan b to scan a, best first.
 
     Candidates come from planes and from turns about a plane that both share; beams of both scans screen them,
-    what is left is refined, shortly and then fully, and slid along what facets tell least.
+    what is left is refined, shortly and then fully, and slid along what facets tell least. Where both scans
+    know what is up, only turns about it count. A pose (3, 4) to `start` from is refined as well.
     """
+    if not len(a.sample) or not len(b.sample):
+        return []
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
     radius = max(a.radius_m, b.radius_m)
     planes = plane_candidates(a.directions, b.directions, 2 * radius)
     motions = np.concatenate([planes, turn_candidates(a, b)])
+    if a.up is not None and b.up is not None:
+        motions = motions[motions[:, :, :3] @ b.up @ a.up > _LEVEL]
     if len(motions) > _N_SCREENED:
-        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, _SCREEN)
+        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SCREEN)
         motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
-    motions = distinct(motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION), radius, _N_SHORT)
+    motions = distinct(
+        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION), radius, _N_SHORT
+    )
     motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
     motions = distinct(motions, scores_of(first, second, motions, MIDDLE_M, VIOLATION), radius, _N_FULL)
+    if start is not None:
+        motions = np.concatenate([motions, start[None]])
     return best_of(first, second, motions)
 
 
@@ -89,13 +99,20 @@ def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray)
 
 
 def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
-    """Return a motion with what speaks for it."""
+    """Return a motion (3, 4) with what speaks for it."""
     counts = np.sum([one for one, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
     equations, _ = equations_of(stay, move, motion, _LAST_GATE_M)
     stiff, free = stiffness(equations, max(one.view.radius_m for one in move))
     seen = max(int(counts[2]), 1)
-    return Hypothesis(motion, score, float(counts[0] / seen), float(counts[1] / seen), stiff, free)
+    return Hypothesis(
+        motion=motion,
+        score=score,
+        agree=float(counts[0] / seen),
+        violate=float(counts[1] / seen),
+        stiffness=stiff,
+        free=free,
+    )
 
 
 def scores_of(
@@ -104,6 +121,7 @@ def scores_of(
     motions: FloatArray,
     within_m: float,
     violation: float,
+    *,
     step: int = 1,
 ) -> FloatArray:
     """Return the scores (n,) of motions (n, 3, 4) of some scans into the frame of others.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.registration.grouping import Group
-from completion.registration.motions import composed, inverse, moved
+from completion.registration.motions import STILL, composed, inverse, moved
 from completion.registration.refinement import Equations, Placed, equations_of
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray
@@ -63,14 +63,15 @@ class Network:
 def settle_group(group: Group, views: Sequence[StationView]) -> Network:
     """Bring the scans of a group together by point-to-plane least squares over all pairs at once.
 
-    The first scan stays. Offsets are weighted by their variance and robustly; facets of a pair tell as much as
-    twenty independent ones at most.
+    The first scan stays. Offsets are weighted by their variance and robustly; facets of a pair tell as much
+    as twenty independent ones at most.
     """
     numbers = sorted(group.poses)
     back = inverse(group.poses[numbers[0]])
     poses = [composed(back, group.poses[number]) for number in numbers]
     n = len(numbers)
-    matrix, edges = np.zeros((6 * n, 6 * n)), []
+    matrix: FloatArray = np.zeros((6 * n, 6 * n))
+    edges: list[Edge] = []
     for number in range(_N_ROUNDS):
         gate = _GATES_M[min(number, len(_GATES_M) - 1)]
         matrix, vector, edges = _normal_equations(numbers, poses, views, gate)
@@ -89,13 +90,12 @@ def _normal_equations(
     numbers: Sequence[int], poses: Sequence[FloatArray], views: Sequence[StationView], gate_m: float
 ) -> tuple[FloatArray, FloatArray, list[Edge]]:
     """Normal equations (6 n, 6 n), (6 n,) of turns and shifts of all scans about their places."""
-    n, edges = len(numbers), []
+    n, edges = len(numbers), list[Edge]()
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    still = np.eye(4)[:3].copy()
     for i in range(n):
         for j in range(i + 1, n):
             a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
-            equations, middle = equations_of([a], [b], still, gate_m)
+            equations, middle = equations_of([a], [b], STILL, gate_m)
             if len(equations.offset) < _LEAST:
                 continue
             edges.append(Edge((numbers[i], numbers[j]), len(equations.offset), _rms(equations)))

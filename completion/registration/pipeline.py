@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from completion.registration.grouping import Group, group_scans
-from completion.registration.hypotheses import find_hypotheses
+from completion.registration.hypotheses import Hypothesis, find_hypotheses
 from completion.registration.network import settle_group
-from completion.registration.registered import Registered, verdicts_of
+from completion.registration.registered import Registered, held_poses, verdicts_of
 from completion.registration.station_view import StationView
-from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
@@ -25,13 +24,15 @@ def register_scans(
     scans: Sequence[RangeImage],
     *,
     level: float = LEVEL,
+    upright: bool = False,
+    started: bool = False,
     n_threads: int | None = None,
     progress: Progress | None = None,
     journal: Journal = NO_JOURNAL,
 ) -> Registered:
     """Find the poses of scans to each other from any start (after Robertson & Fisher 2002), or say why not.
 
-    What the scans say of their own poses is not looked at.
+    What the scans say of their own poses is not looked at, unless it is to be started from.
 
     Parameters
     ----------
@@ -39,6 +40,10 @@ def register_scans(
         At least two.
     level : float
         Accepted probability of a false claim, above 0 and below 1.
+    upright : bool
+        Whether the scans' own poses know what is up (z): levelled scanners. Only turns about it are tried.
+    started : bool
+        Whether the scans' own poses are tried too. What beams approve more is never given up for them.
     n_threads : int, optional
         Threads; results do not depend on it.
     progress : callable, optional
@@ -57,12 +62,18 @@ def register_scans(
         raise InputError(f"the level must lie between 0 and 1, got {level}")
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. View: the facets and planes of each scan, in its own frame.
-        options = SegmentationOptions()
-        views = steps.each("facets", lambda scan: StationView.of(scan, options), scans, remember=False)
+        views = steps.each(
+            "facets", lambda scan: StationView.of(scan, upright=upright), scans, remember=False
+        )
 
         # 2. Propose: the poses of each pair of scans that beams of both approve.
+        def propose(pair: tuple[int, int]) -> list[Hypothesis]:
+            first, second = (scans[number].world_from_sensor for number in pair)
+            start = (first.inverse() @ second).matrix[:3] if started else None
+            return find_hypotheses(views[pair[0]], views[pair[1]], start)
+
         pairs = list(combinations(range(len(scans)), 2))
-        proposed = steps.each("pairs", lambda pair: find_hypotheses(views[pair[0]], views[pair[1]]), pairs)
+        proposed = steps.each("pairs", propose, pairs)
         hypotheses = dict(zip(pairs, proposed, strict=True))
 
         # 3. Group: join what may be claimed, the surest first, against all that is placed already.
@@ -76,5 +87,25 @@ def register_scans(
 
         # 5. Judge: what is known of each pair of scans, and by how much beams contradict it.
         return Registered(
-            tuple(networks), verdicts_of(hypotheses, networks, views, level), level, len(scans)
+            tuple(networks), verdicts_of(hypotheses, networks, views, level), tuple(views), level
         )
+
+
+def check_poses(
+    scans: Sequence[RangeImage], *, n_threads: int | None = None, progress: Progress | None = None
+) -> Registered:
+    """Hold the poses that scans came with against what their beams say; no pose is changed.
+
+    Scans whose beams hardly contradict each other's are of one group; the verdict of every pair stands beside
+    its overlap and its contradictions.
+
+    Raises
+    ------
+    InputError
+        Fewer than two scans.
+    """
+    if len(scans) < 2:
+        raise InputError(f"poses of at least two scans can be checked, got {len(scans)}")
+    with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, NO_JOURNAL) as steps:
+        views = steps.each("facets", StationView.of, scans, remember=False)
+        return held_poses(views, [scan.world_from_sensor for scan in scans])

@@ -104,7 +104,8 @@ def votes(a: Directions, b: Directions, i: int, k: int) -> tuple[FloatArray, Flo
     """The best offsets (m,) along direction i of a, metres, and the area that votes for each (m,)."""
     offsets = (a.heights[i][:, None] - b.heights[k][None]).ravel()
     weight = np.minimum(a.areas[i][:, None], b.areas[k][None]).ravel()
-    kept, said = [], []
+    kept: list[float] = []
+    said: list[float] = []
     left = np.argsort(-weight, kind="stable")
     while len(left) and len(kept) < _N_VOTES:
         near = np.abs(offsets[left] - offsets[left[0]]) < _SAME_M

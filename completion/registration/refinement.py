@@ -36,8 +36,8 @@ class Placed(NamedTuple):
 class Equations(NamedTuple):
     """Point-to-plane equations of scans that move together against others that stay.
 
-    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation` and `share` (n,):
-    metres, and how much of an independent measurement each is.
+    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres, and
+    `share` (n,): how much of an independent measurement each is.
     """
 
     growth: FloatArray
@@ -71,7 +71,8 @@ def refine(
         weight = equations.weight
         matrix = equations.growth.T @ (weight[:, None] * equations.growth)
         ridge = _RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
-        change = -np.linalg.solve(matrix + np.diag(ridge), equations.growth.T @ (weight * equations.offset))
+        told = equations.growth.T @ (weight * equations.offset)
+        change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), told).astype(np.float64)
         motion = moved(motion, change, middle)
         if number >= len(GATES_M) and np.abs(change * scale).max() < _STILL * reach:
             break

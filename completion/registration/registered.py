@@ -5,17 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from completion.registration.grouping import Hypotheses
-from completion.registration.hypotheses import judged
+from completion.registration.grouping import Group, Hypotheses
+from completion.registration.hypotheses import Hypothesis, judged
 from completion.registration.motions import STILL, composed, inverse
-from completion.registration.network import Network
+from completion.registration.network import Edge, Network
 from completion.registration.refinement import Placed
 from completion.registration.station_view import StationView
-from completion.registration.verdict import Verdict, judge
+from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
 from scenes.checks import FloatArray
+from scenes.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +50,19 @@ class PairVerdict:
     direction: FloatArray | None
     alternatives: FloatArray
 
+    @classmethod
+    def of_pose(cls, scans: tuple[int, int], held: Hypothesis, verdict: Verdict, reason: str) -> PairVerdict:
+        """Return what is said of one pose alone."""
+        return cls(
+            scans=scans,
+            verdict=verdict,
+            reason=reason,
+            overlap=held.agree,
+            violations=held.violate,
+            direction=None,
+            alternatives=held.motion[None],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registered:
@@ -59,16 +74,16 @@ class Registered:
         Groups, by their first scan; those of one scan are by themselves.
     pairs : tuple of PairVerdict
         All pairs.
-    level : float
-        Accepted probability of a false claim.
-    n_scans : int
-        Scans in all.
+    views : tuple of StationView
+        What was compared of each scan, in its own frame.
+    level : float or None
+        Accepted probability of a false claim; None where poses were only checked.
     """
 
     networks: tuple[Network, ...]
     pairs: tuple[PairVerdict, ...]
-    level: float
-    n_scans: int
+    views: tuple[StationView, ...]
+    level: float | None
 
     @property
     def groups(self) -> tuple[Network, ...]:
@@ -88,7 +103,7 @@ class Registered:
         return None if number is None else self.groups[number].group.poses[scan]
 
     def covariance_of(self, scan: int) -> FloatArray | None:
-        """Return the covariance (6, 6) of a scan's pose: turn, radians, and shift, metres, about its place."""
+        """Return the covariance (6, 6) of a scan's pose: turn (radians) and shift (metres), there."""
         number = self.group_of(scan)
         if number is None:
             return None
@@ -110,9 +125,7 @@ def verdicts_of(
             held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
             reason = "placed in one group, and they share surface there"
             found.append(
-                PairVerdict(
-                    (i, j), Verdict.REGISTERED, reason, held.agree, held.violate, None, motion[None]
-                )
+                PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason)
             )
             continue
         judgement = judge(several, level)
@@ -126,8 +139,34 @@ def verdicts_of(
         best = several[0] if several else None
         found.append(
             PairVerdict(
-                (i, j), verdict, reason, best.agree if best else 0.0, best.violate if best else 0.0,
-                direction, motions if verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES) else motions[:0],
-            )  # fmt: skip
+                scans=(i, j),
+                verdict=verdict,
+                reason=reason,
+                overlap=best.agree if best else 0.0,
+                violations=best.violate if best else 0.0,
+                direction=direction,
+                alternatives=motions if verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES) else motions[:0],
+            )
         )
     return tuple(found)
+
+
+def held_poses(views: Sequence[StationView], poses: Sequence[Pose]) -> Registered:
+    """Return what beams say of poses as they are: all scans are one group, and no pose has a covariance."""
+    n, first = len(views), poses[0].inverse()
+    motions = {number: (first @ pose).matrix[:3].copy() for number, pose in enumerate(poses)}
+    pairs, edges = [], []
+    for i, j in combinations(range(n), 2):
+        motion = composed(inverse(motions[i]), motions[j])
+        held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+        verdict, reason = Verdict.REGISTERED, "beams hardly contradict the poses"
+        if held.score <= LEAST_SCORE and held.violate < MOST_VIOLATED:
+            verdict, reason = Verdict.NO_OVERLAP, "in these poses they share too little to tell"
+        elif held.violate >= MOST_VIOLATED:
+            verdict = Verdict.AMBIGUOUS
+            reason = f"beams contradict {100 * held.violate:.1f} % of what these poses put in view"
+        else:
+            edges.append(Edge((i, j), 0, float("nan")))
+        pairs.append(PairVerdict.of_pose((i, j), held, verdict, reason))
+    network = Network(Group(motions), np.full((6 * n, 6 * n), np.nan), tuple(edges))
+    return Registered((network,), tuple(pairs), tuple(views), None)

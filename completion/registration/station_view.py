@@ -66,6 +66,8 @@ class StationView:
         What its planes face.
     radius_m : float
         Distance from the sensor within which nine tenths of the facets lie, metres.
+    up : (3,) float or None
+        What is up, where the scanner was level or said how it stood.
     """
 
     seen: Observation
@@ -74,22 +76,24 @@ class StationView:
     sample: IntArray
     directions: Directions
     radius_m: float
+    up: FloatArray | None = None
 
     @classmethod
-    def of(cls, scan: RangeImage, options: SegmentationOptions = SegmentationOptions()) -> StationView:
-        """Return the view of a scan, whatever its pose says."""
+    def of(cls, scan: RangeImage, *, upright: bool = False) -> StationView:
+        """Return the view of a scan, whatever its pose says; of that its up alone counts where `upright`."""
         alone = scan.restated(world_from_sensor=Pose.identity())
         seen = observe(alone, Pose.identity())
         facets = facets_of(seen, curved=True)
-        regions = segment(seen, options)
+        regions = segment(seen, SegmentationOptions())
         distance = np.linalg.norm(facets.centre, axis=1)
         return cls(
-            seen,
-            facets,
-            sight_of(seen, EvidenceOptions().tolerance()),
-            _sample(facets.normal),
-            _directions(regions, seen),
-            float(np.quantile(distance, 0.9)) if len(distance) else 1.0,
+            seen=seen,
+            facets=facets,
+            sight=sight_of(seen, EvidenceOptions().tolerance()),
+            sample=_sample(facets.normal),
+            directions=_directions(regions, seen),
+            radius_m=float(np.quantile(distance, 0.9)) if len(distance) else 1.0,
+            up=scan.world_from_sensor.rotation[2] if upright else None,
         )
 
 
@@ -125,15 +129,14 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
 
 def _directions(regions: Sequence[Region], seen: Observation) -> Directions:
     """What the planes among the regions face; parallel ones are one direction."""
-    planes = [one for one in regions if isinstance(one.fit.surface, Plane)]
+    planes = [(one.fit.surface, one.pixels) for one in regions if isinstance(one.fit.surface, Plane)]
     normals, heights, areas = np.zeros((len(planes), 3)), np.zeros(len(planes)), np.zeros(len(planes))
     angle = seen.scan.projection.pixel_angle
-    for k, one in enumerate(planes):
-        plane = one.fit.surface
+    for k, (plane, pixels) in enumerate(planes):
         normal = plane.normal_direction
         height = float(normal @ plane.point)
         normals[k], heights[k] = (normal, height) if height <= 0 else (-normal, -height)
-        points = seen.points_at(one.pixels.flat)
+        points = seen.points_at(pixels.flat)
         distance = np.linalg.norm(points, axis=1)
         cosine = np.abs(points @ normal) / distance
         areas[k] = float((np.square(distance * angle) / np.maximum(cosine, 0.05)).sum())

@@ -12,7 +12,7 @@ import numpy as np
 
 from completion.registration.plane_candidates import votes
 from completion.registration.station_view import StationView
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
 
 _N_LARGEST = 4  # directions of each scan that may be shared
@@ -82,7 +82,11 @@ def _vote(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The shifts (n, 2) with most votes of each turn, their votes (n,) and turns (n,), radians."""
     n_turns = int(np.round(2 * np.pi / _TURN))
-    shifts, counts, turns = np.zeros((n_turns * n_peaks, 2)), np.zeros(n_turns * n_peaks), np.zeros(n_turns * n_peaks)
+    shifts, counts, turns = (
+        np.zeros((n_turns * n_peaks, 2)),
+        np.zeros(n_turns * n_peaks),
+        np.zeros(n_turns * n_peaks),
+    )
     grid, half = np.zeros((side, side), np.int32), side // 2
     for turn in range(n_turns):
         grid[:] = 0

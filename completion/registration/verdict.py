@@ -46,8 +46,8 @@ class Judgement:
 def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     """Return what hypotheses, best first, tell of a pose.
 
-    One is claimed where beams hardly contradict it, where no distinct one comes near it, and where facets tell
-    all six numbers of it. `level` is the accepted probability of a false claim: the margin to the second
+    One is claimed where beams hardly contradict it, where no distinct one comes near it, and where facets
+    tell all six numbers of it. `level` is the accepted probability of a false claim: the margin to the second
     hypothesis follows from it, as measured on pairs of rooms that have nothing in common.
     """
     worth = [one for one in hypotheses if one.score > LEAST_SCORE and one.violate < MOST_VIOLATED]
@@ -57,7 +57,7 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
         best = hypotheses[0]
         return Judgement(
             Verdict.NO_OVERLAP,
-            f"the best pose has score {best.score:.2f}, and beams contradict {100 * best.violate:.1f} % of it",
+            f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it",
         )
     best = worth[0]
     rivals = [one for one in worth[1:] if one.score > margin(level) * best.score]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from nbv.commands.outputs import describe_output, with_states
+from nbv.commands.description.outputs import describe_output, with_states
 from nbv.commands.process.run import Shared, running
 from scenes.files.describe import describe
 from scenes.files.scan_files import Units, split_index

@@ -89,11 +89,14 @@ class GivenScans:
         What is doubtful about the scans, each with its scan's name, and about their poses.
     instruments : tuple of str
         Which sensors took them, and the effects that were active, as far as the files say so.
+    paths : tuple of str
+        The path of each scan, as it was given.
     """
 
     scans: tuple[RangeImage, ...]
     doubts: tuple[str, ...]
     instruments: tuple[str, ...]
+    paths: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
@@ -108,7 +111,7 @@ class GivenScans:
         )
 
 
-def read_request(request: ScanRequest, up: SignedAxis | None = None) -> GivenScans:
+def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: bool = True) -> GivenScans:
     """Return all scans of a request, each file opened once, in a world whose z is up.
 
     Parameters
@@ -117,11 +120,13 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None) -> GivenSca
         The files, and how to read them.
     up : "auto" or an axis, "x" to "-z", optional
         The axis of the files that is up, instead of what the request says.
+    posed : bool
+        Whether several scans must have poses; without, each is in a world of its own.
 
     Raises
     ------
     InputError
-        Unusable files; several scans whose poses are not known; no such axis.
+        Unusable files; several scans whose poses are not known, unless `posed` is off; no such axis.
     """
     scene = next((path for path in request.paths if path.startswith("builtin:")), None)
     if scene is not None:
@@ -129,7 +134,10 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None) -> GivenSca
             f"{scene} is a scene, not a scan; take a scan of it first: "
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
-    scans = _read_clouds(request) if request.origins else _read_scans(request)
+    if request.origins:
+        scans, paths = _read_clouds(request), request.paths
+    else:
+        scans, paths = _read_scans(request, posed=posed)
     axis = request.up if up is None else up
     if axis in ("x", "y", "z"):
         turn, told = world_from_file_up(axis), ""
@@ -137,11 +145,12 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None) -> GivenSca
         turn, told = upright(scans, axis, of_points=bool(request.origins))
     stays = np.array_equal(turn.matrix, np.eye(4))
     given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
+    given = replace(given, paths=tuple(paths))
     return replace(given, doubts=(*given.doubts, told)) if told else given
 
 
-def _read_scans(request: ScanRequest) -> list[RangeImage]:
-    """Return the scans of each path with the poses that it or the request says."""
+def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:
+    """Return the scans of each path with the poses that it or the request says, and the path of each."""
     check_units(request.units)
     parts = [split_index(path) for path in request.paths]
     camera = None
@@ -170,12 +179,14 @@ def _read_scans(request: ScanRequest) -> list[RangeImage]:
         scans += source_of(base).read(number, poses, request.units, spill)
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
-    if len(scans) > 1 and (not registered or at_origin):
+    if posed and len(scans) > 1 and (not registered or at_origin):
         raise InputError(
             f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
-            "(tx ty tz qx qy qz qw, world from sensor), or complete them one by one"
+            "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
+            "one by one"
         )
-    return scans
+    paths = [path for path, count in zip(request.paths, counts, strict=True) for _ in range(count)]
+    return scans, paths
 
 
 def _read_clouds(request: ScanRequest) -> list[RangeImage]:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nbv.commands.outputs import describe_output
-from nbv.commands.records import read_record
+from nbv.commands.description.outputs import describe_output
+from nbv.commands.description.records import read_record
 from scenes.checks import InputError
 from scenes.files.describe import describe
 from scenes.files.scan_files import write_scan

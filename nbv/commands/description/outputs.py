@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.commands.records import (
+from nbv.commands.description.records import (
     describe_camera,
     describe_manifest,
     describe_record,

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: MIT
+"""`unseen register`: poses of scans from any start, or what their poses contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from completion.registration.agreement import count_agreement
+from completion.registration.pipeline import LEVEL, check_poses, register_scans
+from completion.registration.record import registration_record, world_poses
+from completion.registration.registered import Registered
+from completion.registration.verdict import Verdict
+from nbv.commands.process.run import Shared, running
+from nbv.run.wording import count
+from scenes.files.scan_files import split_index, write_scan, write_scans
+from scenes.files.scan_request import GivenScans, ScanRequest, read_request
+from scenes.pose import Pose
+from scenes.run.atomic import write_json
+from scenes.scan.range_image import RangeImage
+
+_WRITTEN = (".npz", ".ply", ".pcd", ".ptx", ".e57", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
+"""Suffixes of files that scans with poses are written to as they came; others become .npz."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RegisterRequest:
+    """How scans are to be registered: see `register_scans`; `checks` computes no pose."""
+
+    upright: bool = False
+    checks: bool = False
+    level: float = LEVEL
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report."""
+        return asdict(self)
+
+
+def run_register(shared: Shared, request: ScanRequest, how: RegisterRequest) -> None:
+    """Register the scans of `request`, or check their poses; write registration.json, scans and report."""
+    with running("register", shared, default="out/register", is_folder=True) as run:
+        run.watch.enter("load")
+        run.read(request.inputs)
+        given = read_request(request, posed=how.checks)
+        asked = {**request.options(), **how.options()}
+        run.warn(given.doubts)
+        run.will_call(count_agreement, 20)
+        if how.checks:
+            found = check_poses(given.scans, n_threads=shared.threads, progress=run.progress)
+        else:
+            found = register_scans(
+                given.scans,
+                level=how.level,
+                upright=how.upright,
+                started=request.poses is not None,
+                n_threads=shared.threads,
+                progress=run.progress,
+                journal=run.journal(asked),
+            )
+        names = names_of(given)
+        warnings = [*given.doubts, *_warnings(found, names)]
+        run.warn(warnings[len(given.doubts) :])
+        run.watch.enter("save")
+        record = {**registration_record(found, given.scans, names), "warnings": warnings}
+        write_json(run.stage.path("registration.json"), record)
+        if not how.checks:
+            _write_posed(run.stage.folder, given, world_poses(found, given.scans))
+        run.watch.enter("report")
+        from nbv.report.registration_report import registration_page
+
+        page = registration_page(found, given.scans, names, request.title)
+        run.report(replace(page, warnings=tuple(warnings)), asked)
+        run.finish(asked, {**summary_of(found), "warnings": warnings}, lines_of(found, names))
+
+
+def names_of(given: GivenScans) -> list[str]:
+    """Return what each scan is called: its path, numbered where the path holds several."""
+    names = []
+    for number, path in enumerate(given.paths):
+        several = given.paths.count(path) > 1
+        names.append(f"{path}#{given.paths[:number].count(path) + 1}" if several else path)
+    return names
+
+
+def summary_of(found: Registered) -> dict[str, Any]:
+    """Return the headline numbers."""
+    verdicts = [one.verdict for one in found.pairs]
+    return {
+        "scans": len(found.views),
+        "groups": [list(one.group.poses) for one in found.groups],
+        "by_themselves": [k for k in range(len(found.views)) if found.group_of(k) is None],
+        "pairs": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
+        "most_contradicted": max((one.violations for one in found.pairs), default=0.0),
+    }
+
+
+def lines_of(found: Registered, names: Sequence[str]) -> list[str]:
+    """Return the headline numbers for people."""
+    if found.level is None:
+        worst = max(found.pairs, key=lambda one: one.violations)
+        first, second = (Path(names[number]).name for number in worst.scans)
+        held = sum(one.verdict is Verdict.REGISTERED for one in found.pairs)
+        return [
+            f"poses      beams hardly contradict {held} of {count(len(found.pairs), 'pair', 'pairs')}",
+            f"worst      {first} and {second}: {100 * worst.violations:.1f} % contradicted",
+        ]
+    lines = [
+        f"group {number + 1}    {count(len(one.group.poses), 'scan', 'scans')}: "
+        + ", ".join(Path(names[scan]).name for scan in one.group.poses)
+        for number, one in enumerate(found.groups)
+    ]
+    alone = [Path(names[k]).name for k in range(len(names)) if found.group_of(k) is None]
+    return lines + ([f"alone      {', '.join(alone)}"] if alone else [])
+
+
+def _warnings(found: Registered, names: Sequence[str]) -> list[str]:
+    """What is not known of the poses, a sentence each."""
+    told = []
+    if found.level is None:
+        return [
+            f"{names[one.scans[0]]} and {names[one.scans[1]]}: {one.reason}"
+            for one in found.pairs
+            if one.verdict is Verdict.AMBIGUOUS
+        ]
+    for number, name in enumerate(names):
+        if found.group_of(number) is None:
+            own = [one for one in found.pairs if number in one.scans]
+            best = min(own, key=lambda one: list(Verdict).index(one.verdict))
+            told.append(f"{name} has no pose: {best.verdict.value}: {best.reason}")
+    for network in found.groups:
+        for scan in list(network.group.poses)[1:]:
+            covariance = found.covariance_of(scan)
+            assert covariance is not None
+            largest = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:]).max()))
+            if largest > 0.05:
+                told.append(
+                    f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
+                )
+    return told
+
+
+def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) -> None:
+    """Write the scans that have poses as posed/NAME, those of one file together where it can hold them."""
+    target = folder / "posed"
+    taken: set[str] = set()
+    for path in dict.fromkeys(given.paths):
+        own = [
+            scan.restated(world_from_sensor=pose)
+            for scan, of, pose in zip(given.scans, given.paths, poses, strict=True)
+            if of == path and pose is not None
+        ]
+        if not own:
+            continue
+        target.mkdir(parents=True, exist_ok=True)
+        base, number = split_index(path)
+        name = base.name if number is None else f"{base.stem}-{number}{base.suffix}"
+        if base.suffix.lower() == ".e57" and name not in taken:
+            write_scans(own, target / name)
+        elif base.suffix.lower() in _WRITTEN and len(own) == 1 and name not in taken:
+            write_scan(own[0], target / name)
+        else:
+            stem = Path(name).stem
+            _write_numbered(own, target, stem, taken)
+            continue
+        taken.add(name)
+
+
+def _write_numbered(scans: Sequence[RangeImage], target: Path, stem: str, taken: set[str]) -> None:
+    """Write scans as .npz of names that are not taken."""
+    number = 0
+    for scan in scans:
+        while True:
+            number += 1
+            name = f"{stem}-{number}.npz"
+            if name not in taken:
+                break
+        taken.add(name)
+        write_scan(scan, target / name)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""`unseen register`: poses, files with poses, a check of poses, and failures in one line."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nbv.cli import app
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensors.sensor import PinholeSensor
+from scenes.files.scan_files import read_scans, write_scan, write_scans
+from scenes.pose import Pose
+from scenes.world.builtin import builtin_scene
+
+CAMERA = PinholeSensor(fov_deg=75, width=240, height=180, max_range_m=12.0)
+POSES = [Pose.looking_at((1.2, 2.9, 1.5), (3.5, 1.0, 0.9)), Pose.looking_at((2.2, 3.1, 1.4), (3.2, 0.8, 0.9))]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["register", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two scans with their poses, and the same without."""
+    here, scene = tmp_path_factory.mktemp("register"), builtin_scene("office")
+    scans = [
+        scan_scene(scene, pose, CAMERA, noise="gaussian-2mm", rng=k, truth=False)
+        for k, pose in enumerate(POSES)
+    ]
+    lost = [scan.restated(world_from_sensor=Pose.identity()) for scan in scans]
+    for k, (scan, other) in enumerate(zip(scans, lost, strict=True)):
+        write_scan(scan, here / f"posed_{k}.npz")
+        write_scan(other, here / f"lost_{k}.ply")
+    write_scans(lost, here / "both.e57")
+    return here
+
+
+@pytest.fixture(scope="module")
+def registered(folder):
+    result = run(folder / "lost_0.ply", folder / "lost_1.ply", "-o", folder / "out", "--json")
+    assert result.exit_code == 0, result.output
+    return folder / "out", json.loads(result.stdout)
+
+
+def test_poses_are_found_and_written(registered):
+    out, said = registered
+    assert said["groups"] == [[0, 1]]
+    record = json.loads((out / "registration.json").read_text())
+    assert record["groups"] == 1
+    true = POSES[0].inverse() @ POSES[1]
+    held = np.array(record["scans"][1]["world_from_sensor"])
+    np.testing.assert_allclose(held, true.matrix, atol=5e-3)
+    assert record["pairs"][0]["verdict"] == "registered"
+    posed = [read_scans(out / "posed" / name)[0] for name in ("lost_0.ply", "lost_1.ply")]
+    np.testing.assert_allclose(posed[1].world_from_sensor.matrix, held, atol=1e-6)
+    assert "Registration" in (out / "report.html").read_text()
+
+
+def test_an_e57_keeps_its_scans_together(folder):
+    result = run(folder / "both.e57", "-o", folder / "e57", "-q")
+    assert result.exit_code == 0, result.output
+    assert len(read_scans(folder / "e57" / "posed" / "both.e57")) == 2
+
+
+def test_poses_that_come_with_scans_are_checked(folder):
+    good = run(folder / "posed_0.npz", folder / "posed_1.npz", "--check", "-o", folder / "good", "--json")
+    assert json.loads(good.stdout)["pairs"]["registered"] == 1
+    assert not (folder / "good" / "posed").exists()
+    start = folder / "start.txt"
+    start.write_text("1.2 2.9 1.5 0 0 0 1\n2.2 3.1 1.4 0 0 0 1\n")
+    bad = run(
+        folder / "posed_0.npz",
+        folder / "posed_1.npz",
+        "--check",
+        "--start",
+        start,
+        "-o",
+        folder / "bad",
+        "--json",
+    )
+    assert json.loads(bad.stdout)["pairs"]["registered"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["lost_0.ply"], "at least two scans"),
+        (["lost_0.ply", "missing.ply"], "missing.ply"),
+        (["lost_0.ply", "lost_1.ply", "--level", "2"], "between 0 and 1"),
+        (["lost_0.ply", "lost_1.ply", "--check"], "without poses"),
+    ],
+)
+def test_what_cannot_be_registered_is_told_in_a_line(folder, arguments, said):
+    named = [folder / one if one.endswith(".ply") else one for one in arguments]
+    result = run(*named, "-o", folder / "none")
+    assert result.exit_code != 0
+    assert said in result.output
+    assert "Traceback" not in result.output
+    assert not (folder / "none" / "registration.json").exists()
