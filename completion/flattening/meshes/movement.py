@@ -90,6 +90,13 @@ def hold_back(
             tested[back] = True
 
 
+def wrong_faces(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> tuple[int, int]:
+    """How many faces turned over, and how many cross others anew, of all whose vertices (n, 3) moved."""
+    moved = np.any(after != before, axis=1)[faces].any(axis=1)
+    turned = _flipped(before, after, faces[moved])
+    return int(turned.sum()), int(new_crossings(before, after, faces, moved).sum())
+
+
 def _flipped(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> BoolArray:
     """Faces whose normals turn by more than a right angle, or that collapse."""
     old, new = (
