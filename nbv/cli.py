@@ -381,6 +381,9 @@ def part(
     ignore_labels: Annotated[
         bool, typer.Option("--ignore-labels", help="Divide the points anew, whatever labels the file holds.")
     ] = False,
+    flatten: Annotated[
+        bool, typer.Option("--flatten", help="Also flat.ply: ripple taken from planes, relief left.")
+    ] = False,
     units: UnitsOption = "m",
 ) -> None:
     """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
@@ -391,7 +394,12 @@ def part(
     from nbv.commands.part import PartRequest, run_part
 
     request = PartRequest(
-        shape=shape, relations=relations, noise_m=noise, ignores_labels=ignore_labels, units=units
+        shape=shape,
+        relations=relations,
+        noise_m=noise,
+        ignores_labels=ignore_labels,
+        flatten=flatten,
+        units=units,
     )
     run_part(shared, request)
 

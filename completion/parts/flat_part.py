@@ -20,6 +20,7 @@ from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Plane
 
 _NEAR = 6.0  # rms of a plane's points within which those on no surface count as its own
+_MOST_TOLD = 3  # planes that are named
 _N_BESIDE = 8  # points that are beside one, where there are no triangles
 
 
@@ -35,6 +36,8 @@ class FlatPart:
         How far each was moved.
     is_relief : (n,) bool
         Those of relief that stayed.
+    surface : (n,) int
+        Label of the plane that each was flattened with, or of the surface that it is on; 0 for none.
     surfaces : tuple of FlatSurface
         What became of each plane, by the label that it has in the part.
     n_held : int
@@ -48,11 +51,24 @@ class FlatPart:
     points: FloatArray
     moved_m: FloatArray
     is_relief: BoolArray
+    surface: IntArray
     surfaces: tuple[FlatSurface, ...]
     n_held: int
     n_turned: int
     n_crossing: int
     level: float
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is to be known of it, a sentence each: planes left as they were, and faults."""
+        told = [f"surface {one.label} is not flattened: {one.reason}" for one in self.surfaces if one.reason]
+        if len(told) > _MOST_TOLD:
+            told[_MOST_TOLD:] = [f"{len(told) - _MOST_TOLD} other planes are too small to be flattened"]
+        if self.n_turned or self.n_crossing:
+            told.append(
+                f"flattening turned {self.n_turned} triangles over and made {self.n_crossing} cross others"
+            )
+        return tuple(told)
 
 
 def flatten_part(
@@ -100,6 +116,7 @@ def flatten_part(
         points=flat.vertices[where],
         moved_m=flat.moved_m[where],
         is_relief=flat.is_relief[where],
+        surface=np.array([0, *part.labels])[place][where],
         surfaces=tuple(replace(one, label=part.labels[one.label - 1]) for one in flat.surfaces),
         n_held=int(flat.is_held[where].sum()),
         n_turned=flat.n_turned,
@@ -163,8 +180,8 @@ def _faces_alike(
 ) -> BoolArray:
     """Pieces (k,) all of whose triangles face as most of their plane's do.
 
-    Of triangles (m, 3, 3): the surface at each corner (m, 3), 0 for none; the piece there (m, 3), -1 for none;
-    and the plane (k,) of each piece.
+    Of triangles (m, 3, 3) the surface at each corner (m, 3), 0 for none, the piece there (m, 3), -1 for none;
+    of each piece its plane (k,).
     """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     alike = np.full(len(plane_of), len(corners) > 0)
