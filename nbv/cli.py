@@ -212,6 +212,9 @@ def complete(
             help="Square, parallel, in one plane: inferred; off; or with what a file states and forbids.",
         ),
     ] = "auto",
+    flatten: Annotated[
+        bool, typer.Option("--flatten", help="Take the ripple from measured planes, leave their relief.")
+    ] = False,
     texture: Annotated[
         Literal["exact", "budget"] | None,
         typer.Option("--texture", help="Search exactly, or quickly.", show_default="by how much is hidden"),
@@ -256,6 +259,7 @@ def complete(
         texture=not no_texture,
         edits=edits,
         relations=relations,
+        flatten=flatten,
         exports=wanted,
         observed=observed,
         search=texture or "auto",

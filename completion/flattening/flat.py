@@ -118,6 +118,10 @@ class FlatSurface:
         """Whether anything was done."""
         return not self.reason
 
+    def named(self, label: int) -> FlatSurface:
+        """The same by another label."""
+        return replace(self, label=label)
+
     def measured(self, before: FloatArray, after: FloatArray, is_relief: BoolArray) -> FlatSurface:
         """The same with what its vertices' distances (n,) from the plane were and are."""
         plain = ~is_relief

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -117,7 +117,7 @@ def flatten_part(
         moved_m=flat.moved_m[where],
         is_relief=flat.is_relief[where],
         surface=np.array([0, *part.labels])[place][where],
-        surfaces=tuple(replace(one, label=part.labels[one.label - 1]) for one in flat.surfaces),
+        surfaces=tuple(one.named(part.labels[one.label - 1]) for one in flat.surfaces),
         n_held=int(flat.is_held[where].sum()),
         n_turned=flat.n_turned,
         n_crossing=flat.n_crossing,

@@ -13,8 +13,8 @@ from scenes.scan.palette import surface_colour
 _MOST_ROWS, _MOST_AREAS = 100, 40
 _LEAST_P = 1e-6
 _NOTE = (
-    "ripple: distance of the points from their plane, root mean square, without relief. least p flattened: of "
-    "the most evident area that was flattened; areas of fewer than four cells always are."
+    "ripple: distance of the points from their plane, root mean square, without relief. least p flattened: "
+    "of the most evident area that was flattened; areas of fewer than four cells always are."
 )
 _NOTE_AREAS = (
     "p: how probably a plane of this size with this ripple and without relief shows an area as evident "
@@ -32,7 +32,7 @@ class FlatRow:
 
 
 def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
-    """Return a table with a row for each plane, one with a row for each area of relief, and what they mean."""
+    """Return a table with a row for each plane, one with a row for each area of relief, and notes."""
     if not rows:
         return (Text("There is no plane."),)
     columns = (

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import matplotlib as mpl
 import numpy as np
 
 from nbv.report.pictures.camera import Camera, overview_cameras
 from nbv.report.pictures.drawing import MeshDrawing, SeenFaces
-from nbv.report.pictures.picture import Picture, picture_of
+from nbv.report.pictures.picture import Picture, height_colours, picture_of
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.scan.palette import surface_bytes
@@ -83,7 +82,7 @@ def height_pictures(
 
     NaN where there is no plane; the scale ends at `most_m` metres either way.
     """
-    drawings = [PartDrawing(mesh, place, _height_colours(heights, most_m)[mesh.faces])
+    drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
                 for heights in (before, after)]  # fmt: skip
     camera = _best(drawings[0], [one for height in _HEIGHTS_DEG for one in drawings[0].cameras(height)])
     scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
@@ -93,13 +92,9 @@ def height_pictures(
     )
 
 
-def _height_colours(heights: FloatArray, most_m: float) -> FloatArray:
-    """Colours (n, 3) of heights (n,); grey of NaN."""
-    known = np.isfinite(heights)
-    share = np.clip(0.5 + np.where(known, heights, 0.0) / max(2 * most_m, 1e-300), 0, 1)
-    out: FloatArray = mpl.colormaps["RdBu_r"](share)[:, :3]
-    out[~known] = _GREY
-    return out
+def _opaque(colours: FloatArray) -> FloatArray:
+    """Colours (n, 3) of colours (n, 4) on grey."""
+    return np.where(colours[:, 3:] > 0, colours[:, :3], _GREY)
 
 
 def _best(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:
