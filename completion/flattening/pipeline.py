@@ -77,7 +77,10 @@ def flatten_heights(
     kept = tuple(
         one
         for one, q in zip(parts.candidates, p, strict=True)
-        if one.stands_out and one.n_cells >= _LEAST and q <= options.level
+        if one.stands_out
+        and one.n_cells >= _LEAST
+        and q <= options.level
+        and abs(one.height_m) > options.rounding_m
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
     error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)
@@ -124,7 +127,7 @@ def flatten_mesh(
 
     Vertices move along the normal of their plane, or, where `origin` says from where they were measured,
     along the rays; those on two or three planes go to where these meet. No face turns over or crosses
-    another anew: vertices that would make one stay where they were.
+    another anew: vertices that would make one stay where they were. Along rays none can.
 
     Parameters
     ----------
@@ -192,10 +195,11 @@ def flatten_mesh(
         planes[label] = fit.surface, fit.rms
 
     # 2. Creases stay creases; what would turn over or cross stays where it was.
+    is_held = np.zeros(len(vertices), np.bool_)
     if rays is None:
         moved = move_creases(vertices, moved, faces, flat, planes)
-    moved, is_held = hold_back(vertices, moved, faces)
-    n_turned, n_crossing = wrong_faces(vertices, moved, faces)
+        moved, is_held = hold_back(vertices, moved, faces)
+    n_turned, n_crossing = wrong_faces(vertices, moved, faces, rays)
 
     # 3. Tell how far all that lies from its plane, before and after.
     for place, one in enumerate(surfaces):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from completion.flattening.options import FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from completion.flattening.record import flat_record
 from completion.observe.observation import Observation
+from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
@@ -33,14 +34,12 @@ class FlatScan:
         By how much each pixel moves along its ray, metres.
     surfaces : tuple of FlatSurface
         What became of each plane that it measured, by the number of the surface.
-    n_held, n_turned, n_crossing : int
-        Pixels that stayed since a triangle would have crossed another; triangles that turned over, and that
-        cross others anew: 0, or it is a fault.
+    n_turned, n_crossing : int
+        Triangles that turned over, and that cross others anew: 0, or it is a fault.
     """
 
     shift_m: NDArray[np.float32]
     surfaces: tuple[FlatSurface, ...]
-    n_held: int
     n_turned: int
     n_crossing: int
 
@@ -63,7 +62,7 @@ def flatten_scan(
     its plane too flatly it stays.
     """
     shift = np.zeros(owner.shape, np.float32)
-    surfaces, n_held, n_turned, n_crossing = list[FlatSurface](), 0, 0, 0
+    surfaces, n_turned, n_crossing = list[FlatSurface](), 0, 0
     for number in np.unique(owner[owner > 0]).tolist():
         if not isinstance(patches[number - 1].source.fit.surface, Plane):
             continue
@@ -74,9 +73,8 @@ def flatten_scan(
         moved = flat.vertices - seen.points_at(pixel)
         shift.ravel()[pixel] = np.einsum("ij,ij->i", moved, seen.rays_at(pixel))
         surfaces.append(flat.surfaces[0].named(number))
-        n_held += int(flat.is_held.sum())
         n_turned, n_crossing = n_turned + flat.n_turned, n_crossing + flat.n_crossing
-    return FlatScan(shift, tuple(surfaces), n_held, n_turned, n_crossing)
+    return FlatScan(shift, tuple(surfaces), n_turned, n_crossing)
 
 
 def _flattened(
@@ -100,7 +98,22 @@ def _flattened(
     labels = np.ones(len(vertices), np.int64)
     fit = patch.source.fit
     mesh = (vertices, number[faces].astype(np.int32), labels, [fit])
-    return pixel, flatten_mesh(*mesh, options, origin=seen.scan.origin, rng=seed)
+    rounding = _rounding_m(seen, pixel, fit.surface.normal(vertices))
+    how = replace(options, rounding_m=max(rounding, options.rounding_m))
+    return pixel, flatten_mesh(*mesh, how, origin=seen.scan.origin, rng=seed)
+
+
+def _rounding_m(seen: Observation, pixel: NDArray[np.int64], normals: FloatArray) -> float:
+    """How much the heights of pixels (n,) over their plane differ by the steps of ranges, metres."""
+    step = seen.noise.step_m
+    if not step:
+        return 0.0
+    ranges = seen.scan.ranges.ravel()
+    if seen.noise.quadratic_per_m:  # steps of the disparity, as of the median range
+        middle = float(np.median(ranges[np.isfinite(ranges)]))
+        step = step * (ranges[pixel] / middle) ** 2
+    cosine = np.abs(np.einsum("ij,ij->i", seen.rays_at(pixel), normals))
+    return float(np.median(step * cosine))
 
 
 def surface_flattening(scans: Sequence[FlatScan], number: int) -> dict[str, Any]:
@@ -138,7 +151,6 @@ def whole_flattening(scans: Sequence[FlatScan]) -> dict[str, Any]:
         "ripple_after_m": _pooled([one.ripple_after_m for one in done], plain),
         "relief_areas": sum(region.kind is RegionKind.RELIEF for one in done for region in one.regions),
         "moved_max_m": max((scan.moved_max_m for scan in scans), default=0.0),
-        "held_pixels": sum(scan.n_held for scan in scans),
         "turned_over": sum(scan.n_turned for scan in scans),
         "crossing_anew": sum(scan.n_crossing for scan in scans),
     }

@@ -102,7 +102,7 @@ def _of_all(points: FloatArray, some: FloatArray, coarse: PartSegmentation) -> P
         triangle_labels=None,
         names=(),
         warnings=(
-            f"surfaces were sought among points {1000 * coarse.spacing_m:.3g} mm apart, where ripple is noise "
-            f"of {1000 * coarse.noise_m:.3g} mm; nothing smaller than a few of these distances has one",
+            f"surfaces were sought among points {1000 * coarse.spacing_m:.3g} mm apart, where ripple is "
+            f"noise of {1000 * coarse.noise_m:.3g} mm; nothing smaller than a few of these distances has one",
         ),
     )

@@ -14,7 +14,8 @@ _MOST_ROWS, _MOST_AREAS = 100, 40
 _LEAST_P = 1e-6
 _NOTE = (
     "ripple: distance of the points from their plane, root mean square, without relief. least p flattened: "
-    "of the most evident area that was flattened; areas of fewer than four cells always are."
+    "of the most evident area that was flattened. Areas of fewer than four cells always are, and those no "
+    "higher than the steps that a sensor's ranges come in."
 )
 _NOTE_AREAS = (
     "p: how probably a plane of this size with this ripple and without relief shows an area as evident "
