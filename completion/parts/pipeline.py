@@ -104,11 +104,11 @@ def divide_part(
     """
 
     def divided() -> PartSegmentation:
+        if has_ripple:
+            return segment_rippled(shape, labels, normals, noise_m=noise_m, progress=progress)
         if labels is not None:
             points = shape.vertices if isinstance(shape, LabelledMesh) else shape
             return fit_labelled(points, labels, normals, noise_m=noise_m)
-        if has_ripple:
-            return segment_rippled(shape, normals, noise_m=noise_m, progress=progress)
         if isinstance(shape, LabelledMesh):
             return segment_mesh(shape, noise_m=noise_m, progress=progress)
         return segment_part(shape, normals, noise_m=noise_m, progress=progress)

@@ -17,6 +17,7 @@ from completion.flattening.options import FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from completion.flattening.record import flat_record
 from completion.observe.observation import Observation
+from completion.observe.range_noise import depth_step
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
@@ -105,15 +106,14 @@ def _flattened(
 
 def _rounding_m(seen: Observation, pixel: NDArray[np.int64], normals: FloatArray) -> float:
     """How much the heights of pixels (n,) over their plane differ by the steps of ranges, metres."""
-    step = seen.noise.step_m
+    ranges = seen.scan.ranges.ravel()[pixel]
+    middle = float(np.median(ranges))
+    step = depth_step(seen.scan, middle, float(ranges.max()))  # cameras' steps grow with the distance
     if not step:
         return 0.0
-    ranges = seen.scan.ranges.ravel()
-    if seen.noise.quadratic_per_m:  # steps of the disparity, as of the median range
-        middle = float(np.median(ranges[np.isfinite(ranges)]))
-        step = step * (ranges[pixel] / middle) ** 2
-    cosine = np.abs(np.einsum("ij,ij->i", seen.rays_at(pixel), normals))
-    return float(np.median(step * cosine))
+    far = ranges >= middle
+    cosine = np.abs(np.einsum("ij,ij->i", seen.rays_at(pixel[far]), normals[far]))
+    return step * float(np.median(cosine))
 
 
 def surface_flattening(scans: Sequence[FlatScan], number: int) -> dict[str, Any]:

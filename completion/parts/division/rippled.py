@@ -8,27 +8,29 @@ they are whole, they say most about where points are.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from scipy.spatial import cKDTree
 
 from completion.parts.division.faces import fitted, groups_of, spread
+from completion.parts.division.labelled import fit_labelled
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
 from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Plane
 
 _SPARSER = (16, 64, 256)  # of how many points one is kept
-_LEAST_KEPT = 100
+_LEAST_KEPT = 40
+_N_NEAR = 18  # neighbours whose plane tells the roughness
 _RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
 
 
 def segment_rippled(
     shape: object,
+    labels: object | None = None,
     normals: object | None = None,
     *,
     noise_m: float | None = None,
@@ -44,39 +46,55 @@ def segment_rippled(
     ----------
     shape : (n, 3) float, or LabelledMesh
         Metres.
+    labels : (n,) int, optional
+        As for `fit_labelled`; what is sought is then the kind of each surface alone.
     normals, noise_m, progress
         As for `segment_part`; they are of the points as they are.
 
     Returns
     -------
     PartSegmentation
-        As `segment_part` and `segment_mesh` do. `noise_m` holds the ripple too; a warning says how sparse
-        the points were where that is not all of them.
+        As `segment_part`, `segment_mesh` and `fit_labelled` do. `noise_m` holds the ripple too; a warning
+        says how sparse the points were where that is not all of them.
 
     Raises
     ------
     InputError
-        As `segment_part` and `segment_mesh` do.
+        As these do.
     """
-    if isinstance(shape, LabelledMesh):
-        found, points = segment_mesh(shape, noise_m=noise_m, progress=progress), shape.vertices
+    points = shape.vertices if isinstance(shape, LabelledMesh) else checked_cloud(shape, None, None)[0]
+    given = None if labels is None else np.asarray(labels)
+    if given is not None:
+        best = fit_labelled(points, given, normals, noise_m=noise_m)
+    elif isinstance(shape, LabelledMesh):
+        best = segment_mesh(shape, noise_m=noise_m, progress=progress)
     else:
-        found = segment_part(shape, normals, noise_m=noise_m, progress=progress)
-        points = checked_cloud(shape, None, None)[0]
-    every = min(len(np.unique(points, axis=0)), MOST_POINTS)
-    best, most = found, said_by_planes(found)
+        best = segment_part(points, normals, noise_m=noise_m, progress=progress)
+    every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best)
     for sparser in _SPARSER:
         if every // sparser < _LEAST_KEPT:
             break
-        kept = thinned(points, every // sparser)
+        some = points[kept := thinned(points, every // sparser)]
+        rough = max(_roughness(some), noise_m or 0.0)
         try:
-            coarse = segment_part(points[kept], progress=progress)
+            if given is None:
+                coarse = segment_part(some, noise_m=rough, progress=progress)
+            else:
+                coarse = fit_labelled(some, given[kept], noise_m=rough)
         except InputError:
             continue
         said = said_by_planes(coarse)
         if said > most:
-            best, most = _of_all(points, points[kept], coarse), said
+            best, most = _of_all(points, some, coarse, given), said
     return best
+
+
+def _roughness(points: FloatArray) -> float:
+    """Deviation of points (n, 3) from the plane of their neighbours, at a usual one, metres."""
+    near = cKDTree(points).query(points, k=min(_N_NEAR, len(points)))[1]
+    about = points[near] - points[near].mean(axis=1, keepdims=True)
+    least = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", about, about))[:, 0]
+    return float(np.sqrt(max(float(np.median(least)), 0.0) / max(near.shape[1] - 3, 1)))
 
 
 def said_by_planes(found: PartSegmentation) -> float:
@@ -88,20 +106,29 @@ def said_by_planes(found: PartSegmentation) -> float:
     return float(np.sum(own * gain)) / max(len(found.labels), 1)
 
 
-def _of_all(points: FloatArray, some: FloatArray, coarse: PartSegmentation) -> PartSegmentation:
-    """The division of all points (n, 3) by that of some of them (m, 3)."""
+def _of_all(
+    points: FloatArray, some: FloatArray, coarse: PartSegmentation, given: IntArray | None
+) -> PartSegmentation:
+    """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
     tolerance = max(coarse.noise_m, _RESOLUTION * coarse.spacing_m)
     surfaces = [fit.surface for fit in coarse.fits]
-    labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
-    fits, labels = fitted(points, surfaces, labels, coarse.noise_m)
-    return replace(
-        coarse,
-        labels=labels,
+    if given is None:
+        labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
+    else:
+        names = np.array(coarse.names)
+        place = np.minimum(np.searchsorted(names, given), len(names) - 1)
+        labels = np.where(names[place] == given, place + 1, 0)
+    fits, own = fitted(points, surfaces, labels, coarse.noise_m)
+    names = tuple(coarse.names[labels[own == k][0] - 1] for k in range(1, len(fits) + 1))
+    return PartSegmentation(
+        labels=own,
         fits=fits,
-        groups=groups_of(points, fits, labels, tolerance),
-        triangle_labels=None,
-        names=(),
+        groups=groups_of(points, fits, own, tolerance),
+        noise_m=coarse.noise_m,
+        spacing_m=coarse.spacing_m,
+        names=names if given is not None else (),
         warnings=(
+            *coarse.warnings,
             f"surfaces were sought among points {1000 * coarse.spacing_m:.3g} mm apart, where ripple is "
             f"noise of {1000 * coarse.noise_m:.3g} mm; nothing smaller than a few of these distances has one",
         ),

@@ -145,3 +145,15 @@ def test_p_of_the_most_evident_region_is_uniform_without_relief() -> None:
     ]
     assert np.mean(np.array(p) <= 0.05) <= 0.12
     assert kstest(p, "uniform", alternative="greater").pvalue > 0.01
+
+
+def test_steps_of_rounding_are_no_relief_and_higher_ones_are() -> None:
+    rounded = 0.004 * np.round(panelled(0) / 0.004)
+    kept = flatten_heights(rounded, CELL)
+    flat = flatten_heights(rounded, CELL, FlatteningOptions(rounding_m=0.0065))
+    steps = [abs(one.height_m) for one in flat.regions if one.kind is RegionKind.RELIEF]
+    assert kept.kept.sum() > flat.kept.sum()
+    assert flat.kept[SWITCH].mean() > 0.9
+    assert min(steps) > 0.0065
+    with pytest.raises(InputError, match="rounding"):
+        FlatteningOptions(rounding_m=-1.0)
