@@ -201,8 +201,10 @@ def _slow_law(ranges: FloatArray, variance: FloatArray, far: float) -> tuple[flo
 
 
 def depth_step(scan: RangeImage, near_m: float, far_m: float) -> float:
-    """Typical step, metres, between the depths that a scan has in an interval of ranges; 0 where hardly any
-    comes twice. Depths are along the optical axis of a camera, of other sensors along the ray.
+    """Typical step of the depths that a scan has in an interval of ranges, metres.
+
+    It is 0 where hardly any comes twice. Depths are along the optical axis of a camera, of other sensors
+    along the ray.
     """
     edges = np.array([0.0, near_m, max(np.nextafter(far_m, np.inf), near_m), np.inf])
     return float(_steps(scan, edges, _MICRON)[0][1])

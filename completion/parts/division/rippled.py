@@ -24,6 +24,7 @@ from scenes.surfaces.catalogue import Plane
 
 _SPARSER = (16, 64, 256)  # of how many points one is kept
 _LEAST_KEPT = 40
+_CLEARLY = 0.5  # nats a point: of fewer points less is known, but for ripple
 _N_NEAR = 18  # neighbours whose plane tells the roughness
 _RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
 
@@ -70,7 +71,8 @@ def segment_rippled(
         best = segment_mesh(shape, noise_m=noise_m, progress=progress)
     else:
         best = segment_part(points, normals, noise_m=noise_m, progress=progress)
-    every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best, size)
     for sparser in _SPARSER:
         if every // sparser < _LEAST_KEPT:
             break
@@ -83,8 +85,8 @@ def segment_rippled(
                 coarse = fit_labelled(some, given[kept], noise_m=rough)
         except InputError:
             continue
-        said = said_by_planes(coarse)
-        if said > most:
+        said = said_by_planes(coarse, size)
+        if said > most + _CLEARLY:
             best, most = _of_all(points, some, coarse, given), said
     return best
 
@@ -97,12 +99,15 @@ def _roughness(points: FloatArray) -> float:
     return float(np.sqrt(max(float(np.median(least)), 0.0) / max(near.shape[1] - 3, 1)))
 
 
-def said_by_planes(found: PartSegmentation) -> float:
-    """Nats a point by which planes shorten its description: their side over the deviation from them."""
+def said_by_planes(found: PartSegmentation, size_m: float) -> float:
+    """Nats a point by which planes shorten its description: their side over the deviation from them.
+
+    A plane's side is that share of the whole size, metres, whose square is its share of the points.
+    """
     deviation = max(found.noise_m, _RESOLUTION * found.spacing_m, 1e-300)
-    size = np.bincount(found.labels, minlength=len(found.fits) + 1)[1:]
-    own = size[[isinstance(fit.surface, Plane) for fit in found.fits]] if len(found.fits) else size
-    gain = np.log(np.maximum(np.sqrt(own) * found.spacing_m / deviation, 1.0))
+    number = np.bincount(found.labels, minlength=len(found.fits) + 1)[1:]
+    own = number[[isinstance(fit.surface, Plane) for fit in found.fits]] if len(found.fits) else number
+    gain = np.log(np.maximum(np.sqrt(own / max(len(found.labels), 1)) * size_m / deviation, 1.0))
     return float(np.sum(own * gain)) / max(len(found.labels), 1)
 
 
