@@ -118,6 +118,14 @@ class FlatSurface:
         """Whether anything was done."""
         return not self.reason
 
+    @property
+    def doubt(self) -> str:
+        """Why it is not to be trusted, where it is not; else empty."""
+        if 2 * self.n_relief <= self.n:
+            return ""
+        share = f"{100 * self.n_relief / self.n:.0f} %"
+        return f"{share} of its points stayed as relief, so that it may be the rest that is relief"
+
     def named(self, label: int) -> FlatSurface:
         """The same by another label."""
         return replace(self, label=label)

@@ -68,7 +68,7 @@ class FlatPart:
             told.append(
                 f"flattening turned {self.n_turned} triangles over and made {self.n_crossing} cross others"
             )
-        return tuple(told)
+        return (*told, *(f"surface {one.label}: {text}" for one in self.surfaces if (text := one.doubt)))
 
 
 def flatten_part(
@@ -105,7 +105,7 @@ def flatten_part(
     faces = np.zeros((0, 3), np.int32) if part.faces is None else where[part.faces].astype(np.int32)
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     place = _with_those_between(part, points, faces, place.astype(np.int64))
-    flat = flatten_mesh(points, faces, place, part.fits, options, rng=rng)
+    flat = flatten_mesh(points, faces, place.astype(np.int64), part.fits, options, rng=rng)
     if not any(one.is_flattened for one in flat.surfaces):
         largest = max(flat.surfaces, key=lambda one: one.n)
         raise InputError(
@@ -142,13 +142,13 @@ def _with_those_between(part: Part, points: FloatArray, faces: IntArray, place: 
     touched[own, label] = True
     touched[:, 0] = False
     is_plane = np.array([True, *(isinstance(fit.surface, Plane) for fit in part.fits)])
-    only = touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1)
+    only: BoolArray = touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1)
     off = np.full((len(free), len(part.fits) + 1), np.inf)
     for number in np.flatnonzero(is_plane)[1:]:
         fit, some = part.fits[number - 1], touched[piece, number]
         off[some, number] = np.abs(fit.surface.distance(points[free[some]])) / max(fit.rms, 1e-300)
     best = off.argmin(axis=1)
-    single = only & (touched.sum(axis=1) == 1)
+    single: BoolArray = np.asarray(only & (touched.sum(axis=1) == 1))
     piece_at = np.full(len(points), -1)
     piece_at[free] = piece
     plane_of = np.where(single, touched.argmax(axis=1), 0)
@@ -191,6 +191,7 @@ def _faces_alike(
             continue
         along = normals @ surface.normal_direction
         side = np.sign(along[(place == number).all(axis=1)].sum())
-        against = np.unique(piece[along * side < 0])
+        turned: BoolArray = np.asarray(along * side < 0)
+        against = np.unique(piece[turned])
         alike[against[(against >= 0) & (plane_of[against] == number)]] = False
     return alike

@@ -23,7 +23,7 @@ from completion.observe.observation import Observation
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
-from completion.result.flat_scans import FlatScan
+from completion.result.flat_scans import FlatScan, flat_doubts
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
 from completion.result.observed_points import (
     Shifts,
@@ -315,7 +315,8 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
+        told = doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
+        return (*told, *flat_doubts(self.flattened))
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

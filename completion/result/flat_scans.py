@@ -22,6 +22,7 @@ from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
+_MOST_TOLD = 3  # surfaces that are named
 _STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may be apart
 
 
@@ -114,6 +115,23 @@ def _rounding_m(seen: Observation, pixel: NDArray[np.int64], normals: FloatArray
     far = ranges >= middle
     cosine = np.abs(np.einsum("ij,ij->i", seen.rays_at(pixel[far]), normals[far]))
     return step * float(np.median(cosine))
+
+
+def flat_doubts(scans: Sequence[FlatScan]) -> tuple[str, ...]:
+    """Return what is to be known of flattened scans, a sentence each."""
+    told = [
+        f"surface {one.label} in scan {scan}, flattened: {one.doubt}"
+        for scan, held in enumerate(scans, start=1)
+        for one in held.surfaces
+        if one.doubt
+    ]
+    if len(told) > _MOST_TOLD:
+        told[_MOST_TOLD:] = [f"so it is with {len(told) - _MOST_TOLD} others"]
+    wrong = sum(scan.n_turned + scan.n_crossing for scan in scans)
+    return (
+        *told,
+        *([f"flattening turned {wrong} triangles over or made them cross others"] if wrong else []),
+    )
 
 
 def surface_flattening(scans: Sequence[FlatScan], number: int) -> dict[str, Any]:

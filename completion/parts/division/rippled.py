@@ -120,9 +120,9 @@ def _of_all(
     if given is None:
         labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
     else:
-        names = np.array(coarse.names)
-        place = np.minimum(np.searchsorted(names, given), len(names) - 1)
-        labels = np.where(names[place] == given, place + 1, 0)
+        known = np.array(coarse.names)
+        place = np.minimum(np.searchsorted(known, given), len(known) - 1)
+        labels = np.where(known[place] == given, place + 1, 0)
     fits, own = fitted(points, surfaces, labels, coarse.noise_m)
     names = tuple(coarse.names[labels[own == k][0] - 1] for k in range(1, len(fits) + 1))
     return PartSegmentation(

@@ -12,6 +12,7 @@ from scenes.scan.palette import surface_colour
 
 _MOST_ROWS, _MOST_AREAS = 100, 40
 _LEAST_P = 1e-6
+_LONG = "are too few to tell ripple from relief"
 _NOTE = (
     "ripple: distance of the points from their plane, root mean square, without relief. least p flattened: "
     "of the most evident area that was flattened. Areas of fewer than four cells always are, and those no "
@@ -50,8 +51,8 @@ def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
     if not areas:
         return (*told, Text("No relief was found."))
     areas.sort(key=lambda pair: -pair[1].area_m2)
-    columns = ("Relief on", "#height, mm", "#sd, mm", "#area, cm\u00b2", "#p", "Without ripple")
-    told.append(Table(columns, tuple(_area_row(*one) for one in areas[:_MOST_AREAS])))
+    of_areas = ("Relief on", "#height, mm", "#sd, mm", "#area, cm\u00b2", "#p", "Without ripple")
+    told.append(Table(of_areas, tuple(_area_row(*one) for one in areas[:_MOST_AREAS])))
     if len(areas) > _MOST_AREAS:
         told.append(
             Text(f"{len(areas) - _MOST_AREAS} smaller areas are not shown; the JSON file holds them.")
@@ -72,7 +73,7 @@ def _row(row: FlatRow) -> tuple[Cell, ...]:
         *(Cell(f"{1000 * value:.2f}") for value in (one.rms_before_m, one.rms_after_m)),
         Cell(f"{100 * one.n_relief / max(one.n, 1):.1f}"),
         Cell(p_text(min(gone)) if gone else ""),
-        Cell(one.reason),
+        Cell(one.reason.replace(_LONG, "too few").partition(";")[0]),
     )
 
 
