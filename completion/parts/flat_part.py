@@ -142,7 +142,7 @@ def _with_those_between(part: Part, points: FloatArray, faces: IntArray, place: 
     touched[own, label] = True
     touched[:, 0] = False
     is_plane = np.array([True, *(isinstance(fit.surface, Plane) for fit in part.fits)])
-    only: BoolArray = touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1)
+    only: BoolArray = np.asarray(touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1))
     off = np.full((len(free), len(part.fits) + 1), np.inf)
     for number in np.flatnonzero(is_plane)[1:]:
         fit, some = part.fits[number - 1], touched[piece, number]
