@@ -13,6 +13,7 @@ from completion.edits.edit import Anchor, Edit
 from completion.extension.choice import KINDS
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
+from completion.flattening.options import FlatteningOptions
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
@@ -60,6 +61,9 @@ class CompletionOptions:
         How exactly things are built, and which relations of surfaces are inferred; when None, none are.
     stated_relations : tuple of StatedRelation
         What a person says that surfaces are, or are not, to each other.
+    flattening : FlatteningOptions, optional
+        Whether ripple is taken from measured planes in the meshes that are written, their relief left; when
+        None, they are as measured. What is inferred, and evidence, never depend on it.
     segmentation, evidence, texturing : options
         Of the stages.
 
@@ -82,6 +86,7 @@ class CompletionOptions:
     edits: tuple[Edit, ...] = ()
     relations: RelationOptions | None = BUILT
     stated_relations: tuple[StatedRelation[Anchor], ...] = ()
+    flattening: FlatteningOptions | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)

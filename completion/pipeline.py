@@ -30,6 +30,7 @@ from completion.options import CompletionOptions
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion
+from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
 from completion.texturing.chart_texture import ChartTexture
@@ -186,6 +187,18 @@ def complete(
         # 8. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(one)) for one in observations]
         found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
+
+        # 9. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
+        flat = options.flattening
+        flattened = (
+            steps.each(
+                "flatten",
+                lambda one: flatten_scan(*one, patches, flat, seed),
+                list(zip(seen.observations, owners, strict=True)),
+            )
+            if flat is not None
+            else []
+        )
     return Completion(
         observations=seen.observations,
         patches=tuple(patches),
@@ -202,6 +215,7 @@ def complete(
         unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
         relations=relations,
+        flattened=tuple(flattened),
     )
 
 
@@ -232,7 +246,7 @@ def complete_first(
     journal: Journal = NO_JOURNAL,
 ) -> Completion:
     """Complete the first scan alone, without what a person says, and without texture."""
-    plain = replace(options, texture=False, edits=(), stated_relations=())
+    plain = replace(options, texture=False, edits=(), stated_relations=(), flattening=None)
     return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
 
 

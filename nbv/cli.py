@@ -212,6 +212,9 @@ def complete(
             help="Square, parallel, in one plane: inferred; off; or with what a file states and forbids.",
         ),
     ] = "auto",
+    flatten: Annotated[
+        bool, typer.Option("--flatten", help="Take the ripple from measured planes, leave their relief.")
+    ] = False,
     texture: Annotated[
         Literal["exact", "budget"] | None,
         typer.Option("--texture", help="Search exactly, or quickly.", show_default="by how much is hidden"),
@@ -256,6 +259,7 @@ def complete(
         texture=not no_texture,
         edits=edits,
         relations=relations,
+        flatten=flatten,
         exports=wanted,
         observed=observed,
         search=texture or "auto",
@@ -381,6 +385,9 @@ def part(
     ignore_labels: Annotated[
         bool, typer.Option("--ignore-labels", help="Divide the points anew, whatever labels the file holds.")
     ] = False,
+    flatten: Annotated[
+        bool, typer.Option("--flatten", help="Also flat.ply: ripple taken from planes, relief left.")
+    ] = False,
     units: UnitsOption = "m",
 ) -> None:
     """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
@@ -391,7 +398,12 @@ def part(
     from nbv.commands.part import PartRequest, run_part
 
     request = PartRequest(
-        shape=shape, relations=relations, noise_m=noise, ignores_labels=ignore_labels, units=units
+        shape=shape,
+        relations=relations,
+        noise_m=noise,
+        ignores_labels=ignore_labels,
+        flatten=flatten,
+        units=units,
     )
     run_part(shared, request)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -87,7 +87,17 @@ class FlatHeights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlatSurface:
-    """What became of one labelled plane of a mesh; as in `FlatHeights`."""
+    """What became of one labelled plane of a mesh; as in `FlatHeights`.
+
+    Attributes
+    ----------
+    n, n_relief : int
+        Its vertices, and those of relief that stayed.
+    rms_before_m, rms_after_m : float
+        Distance of all its vertices from the plane, root mean square.
+    ripple_before_m, ripple_after_m : float
+        The same of those that are no relief.
+    """
 
     label: int
     regions: tuple[Region, ...]
@@ -96,6 +106,42 @@ class FlatSurface:
     plane_m: float
     cell_m: float
     reason: str = ""
+    n: int = 0
+    n_relief: int = 0
+    rms_before_m: float = 0.0
+    rms_after_m: float = 0.0
+    ripple_before_m: float = 0.0
+    ripple_after_m: float = 0.0
+
+    @property
+    def is_flattened(self) -> bool:
+        """Whether anything was done."""
+        return not self.reason
+
+    @property
+    def doubt(self) -> str:
+        """Why it is not to be trusted, where it is not; else empty."""
+        if 2 * self.n_relief <= self.n:
+            return ""
+        share = f"{100 * self.n_relief / self.n:.0f} %"
+        return f"{share} of its points stayed as relief, so that it may be the rest that is relief"
+
+    def named(self, label: int) -> FlatSurface:
+        """The same by another label."""
+        return replace(self, label=label)
+
+    def measured(self, before: FloatArray, after: FloatArray, is_relief: BoolArray) -> FlatSurface:
+        """The same with what its vertices' distances (n,) from the plane were and are."""
+        plain = ~is_relief
+        return replace(
+            self,
+            n=len(before),
+            n_relief=int(is_relief.sum()),
+            rms_before_m=_rms(before),
+            rms_after_m=_rms(after),
+            ripple_before_m=_rms(before[plain]),
+            ripple_after_m=_rms(after[plain]),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +160,9 @@ class FlattenedMesh:
         Vertices that stayed since a face would have turned over or crossed another.
     surfaces : tuple of FlatSurface
         Of each label that is a plane.
+    n_turned, n_crossing : int
+        Faces that turned over, and that cross others they did not cross: counted once all is done, so that
+        anything but 0 is a fault.
     """
 
     vertices: FloatArray
@@ -121,3 +170,10 @@ class FlattenedMesh:
     is_relief: BoolArray
     is_held: BoolArray
     surfaces: tuple[FlatSurface, ...]
+    n_turned: int
+    n_crossing: int
+
+
+def _rms(distance: FloatArray) -> float:
+    """Root mean square, 0 of nothing."""
+    return float(np.sqrt(np.mean(distance**2))) if len(distance) else 0.0

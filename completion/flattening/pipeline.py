@@ -12,7 +12,7 @@ from scipy import ndimage
 from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import FlatHeights, FlatSurface, FlattenedMesh, Region, RegionKind
 from completion.flattening.meshes.chart_grid import ChartGrid, grid_of
-from completion.flattening.meshes.movement import hold_back, move_creases, move_onto
+from completion.flattening.meshes.movement import hold_back, move_creases, move_onto, wrong_faces
 from completion.flattening.null import learn_null
 from completion.flattening.options import FlatteningOptions
 from completion.flattening.regions import Candidate
@@ -61,8 +61,11 @@ def flatten_heights(
         raise InputError(f"the side of a cell is a length above 0, not {cell_m} m")
     known = np.isfinite(heights)
     if min(heights.shape) < _LEAST_SIDE or known.sum() < _LEAST_CELLS:
+        rows, columns = heights.shape
         return _untouched(
-            heights, f"{known.sum()} cells on {heights.shape[0]} x {heights.shape[1]} are too few"
+            heights,
+            f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple "
+            f"from relief; {_LEAST_CELLS} on {_LEAST_SIDE} x {_LEAST_SIDE} are needed",
         )
 
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
@@ -74,7 +77,10 @@ def flatten_heights(
     kept = tuple(
         one
         for one, q in zip(parts.candidates, p, strict=True)
-        if one.stands_out and one.n_cells >= _LEAST and q <= options.level
+        if one.stands_out
+        and one.n_cells >= _LEAST
+        and q <= options.level
+        and abs(one.height_m) > options.rounding_m
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
     error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)
@@ -121,14 +127,14 @@ def flatten_mesh(
 
     Vertices move along the normal of their plane, or, where `origin` says from where they were measured,
     along the rays; those on two or three planes go to where these meet. No face turns over or crosses
-    another anew: vertices that would make one stay where they were.
+    another anew: vertices that would make one stay where they were. Along rays none can.
 
     Parameters
     ----------
     vertices : (n, 3) float
         Metres.
     faces : (m, 3) int
-        Vertices of triangles.
+        Vertices of triangles; of points without any (0, 3).
     labels : (n,) int
         The surface of each vertex, from 1; 0 for none.
     fits : sequence of SurfaceFit
@@ -189,11 +195,26 @@ def flatten_mesh(
         planes[label] = fit.surface, fit.rms
 
     # 2. Creases stay creases; what would turn over or cross stays where it was.
+    is_held = np.zeros(len(vertices), np.bool_)
     if rays is None:
         moved = move_creases(vertices, moved, faces, flat, planes)
-    moved, is_held = hold_back(vertices, moved, faces)
-    away = np.linalg.norm(moved - vertices, axis=1)
-    return FlattenedMesh(moved, away, is_relief, is_held, tuple(surfaces))
+        moved, is_held = hold_back(vertices, moved, faces)
+    n_turned, n_crossing = wrong_faces(vertices, moved, faces, rays)
+
+    # 3. Tell how far all that lies from its plane, before and after.
+    for place, one in enumerate(surfaces):
+        own, plane = np.flatnonzero(labels == one.label), fits[one.label - 1].surface
+        before, after = plane.distance(vertices[own]), plane.distance(moved[own])
+        surfaces[place] = one.measured(before, after, is_relief[own])
+    return FlattenedMesh(
+        vertices=moved,
+        moved_m=np.linalg.norm(moved - vertices, axis=1),
+        is_relief=is_relief,
+        is_held=is_held,
+        surfaces=tuple(surfaces),
+        n_turned=n_turned,
+        n_crossing=n_crossing,
+    )
 
 
 def _heights_of(

@@ -200,6 +200,16 @@ def _slow_law(ranges: FloatArray, variance: FloatArray, far: float) -> tuple[flo
     return float(np.sqrt(best[0])), float(np.sqrt(best[1]))
 
 
+def depth_step(scan: RangeImage, near_m: float, far_m: float) -> float:
+    """Typical step of the depths that a scan has in an interval of ranges, metres.
+
+    It is 0 where hardly any comes twice. Depths are along the optical axis of a camera, of other sensors
+    along the ray.
+    """
+    edges = np.array([0.0, near_m, max(np.nextafter(far_m, np.inf), near_m), np.inf])
+    return float(_steps(scan, edges, _MICRON)[0][1])
+
+
 def _hiding(step: FloatArray, rough: FloatArray) -> float:
     """Typical of steps (n,) that are most of the roughness (n,) of most bins, 0 where they are not."""
     return float(np.median(step)) if np.median(step**2 / 12 - rough / 2) > 0 else 0.0

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from completion.flattening.record import flat_record
+from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.relations.engine.relation import Status
 from completion.relations.frames import frame_records
@@ -20,12 +23,20 @@ from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.palette import surface_bytes
 
 FORMAT = "unseen-part/1"
+_LEGEND = ["surface 0 none"]
 
 
 def write_part(
-    part: Part, folder: str | PathLike[str], *, rows: IntArray | None = None, n_rows: int | None = None
+    part: Part,
+    folder: str | PathLike[str],
+    *,
+    rows: IntArray | None = None,
+    n_rows: int | None = None,
+    flat: FlatPart | None = None,
 ) -> None:
     """Write part.json, relations.json (where relations were looked for) and part.ply, all or none.
+
+    And flat.ply, where the part was flattened.
 
     Parameters
     ----------
@@ -36,6 +47,9 @@ def write_part(
     rows : (n,) int, optional
         Place of each point among all `n_rows` of the input, where some were left out: part.ply holds these
         as well, without coordinates (NaN) and on no surface.
+    flat : FlatPart, optional
+        The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
+        same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
 
     Raises
     ------
@@ -44,17 +58,39 @@ def write_part(
     """
     target = make_folder(folder)
     with locked(target), Stage(target) as stage:
-        write_json(stage.path("part.json"), part_record(part))
+        write_json(stage.path("part.json"), part_record(part, flat))
         if part.relations is not None:
             write_json(stage.path("relations.json"), relations_record(part))
-        points, surface = part.points, part.surface
-        if rows is not None and n_rows is not None:
-            points, surface = np.full((n_rows, 3), np.nan), np.zeros(n_rows, dtype=np.int32)
-            points[rows], surface[rows] = part.points, part.surface
+        every = _Places(rows, n_rows)
+        surface = every.of(part.surface, 0)
         colour = surface_bytes(places_of(part, surface))
         told = {"surface": surface, "red": colour[:, 0], "green": colour[:, 1], "blue": colour[:, 2]}
-        write_mesh_ply(stage.path("part.ply"), points, part.faces, told, ["surface 0 none"])
+        points = every.of(part.points, np.nan)
+        write_mesh_ply(stage.path("part.ply"), points, part.faces, told, _LEGEND)
+        if flat is not None:
+            told = {
+                "surface": every.of(flat.surface.astype(np.int32), 0),
+                "relief": every.of(flat.is_relief.astype(np.uint8), 0),
+                "moved": every.of(flat.moved_m.astype(np.float32), 0.0),
+            }
+            points = every.of(flat.points, np.nan)
+            write_mesh_ply(stage.path("flat.ply"), points, part.faces, told, _LEGEND)
         stage.commit()
+
+
+class _Places(NamedTuple):
+    """Places (n,) of points among all `n_rows` of the input; None where none was left out."""
+
+    rows: IntArray | None
+    n_rows: int | None
+
+    def of(self, values: NDArray[Any], without: float) -> NDArray[Any]:
+        """Values (n, ...) in their places, and what those have that were left out."""
+        if self.rows is None or self.n_rows is None:
+            return values
+        out = np.full((self.n_rows, *values.shape[1:]), without, dtype=values.dtype)
+        out[self.rows] = values
+        return out
 
 
 def places_of(part: Part, surface: IntArray) -> IntArray:
@@ -62,11 +98,15 @@ def places_of(part: Part, surface: IntArray) -> IntArray:
     return np.where(surface > 0, np.searchsorted(part.labels, surface) + 1, 0)
 
 
-def part_record(part: Part) -> dict[str, Any]:
-    """Return what part.json holds, metres, degrees: each surface where relations hold, and as measured."""
+def part_record(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:
+    """Return what part.json holds, metres, degrees: each surface where relations hold, and as measured.
+
+    Where it was flattened, what became of each plane and of the whole.
+    """
     graph = part.relations
     moved = dict(zip(part.related, graph.moved_sd, strict=True)) if graph is not None else {}
-    surfaces = []
+    flattened = {} if flat is None else {one.label: flat_record(one) for one in flat.surfaces}
+    surfaces: list[dict[str, Any]] = []
     for place, label in enumerate(part.labels):
         fit, measured = part.fits[place], part.measured[place]
         same = [other for other, group in zip(part.labels, part.groups, strict=True)
@@ -82,7 +122,9 @@ def part_record(part: Part) -> dict[str, Any]:
                 "moved_sd": moved.get(place),
             }
         )
-    return {
+        if label in flattened:
+            surfaces[-1]["flattening"] = flattened[label]
+    record = {
         "format": FORMAT,
         "units": "m",
         "surfaces": surfaces,
@@ -94,6 +136,25 @@ def part_record(part: Part) -> dict[str, Any]:
         "relations": None if graph is None else status_counts(part),
         "degrees_of_freedom": None if graph is None else freedom_record(graph),
         "warnings": list(part.warnings),
+    }
+    if flat is not None:
+        record["flattening"] = whole_record(flat)
+        record["warnings"] = [*part.warnings, *flat.doubts]
+    return record
+
+
+def whole_record(flat: FlatPart) -> dict[str, Any]:
+    """Return what became of a part that was flattened, all its planes together."""
+    return {
+        "level": flat.level,
+        "planes": sum(one.is_flattened for one in flat.surfaces),
+        "planes_left": sum(not one.is_flattened for one in flat.surfaces),
+        "relief_points": int(flat.is_relief.sum()),
+        "moved_median_m": float(np.median(flat.moved_m[flat.moved_m > 0])) if flat.moved_m.any() else 0.0,
+        "moved_max_m": float(flat.moved_m.max(initial=0.0)),
+        "held_points": flat.n_held,
+        "turned_over": flat.n_turned,
+        "crossing_anew": flat.n_crossing,
     }
 
 

@@ -12,6 +12,7 @@ from completion.parts.division.labelled import fit_labelled
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
+from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
@@ -79,20 +80,52 @@ def model_part(
     >>> part.fits[0].surface.kind, part.relations.relations[0].kind
     ('plane', 'perpendicular')
     """
-    tell = progress or (lambda _stage, _done, _total: None)
-
     # 1. Divide: which surface each point is on, and a fit for each; given labels are kept.
+    found = divide_part(shape, labels, normals=normals, noise_m=noise_m, progress=progress, journal=journal)
+
+    # 2. Relate: of the surfaces that are known well enough, and of all that a person names.
+    return relate_part(shape, found, relations=relations, stated=stated, progress=progress)
+
+
+def divide_part(
+    shape: object,
+    labels: object | None = None,
+    *,
+    normals: object | None = None,
+    noise_m: float | None = None,
+    has_ripple: bool = False,
+    progress: Progress | None = None,
+    journal: Journal = NO_JOURNAL,
+) -> PartSegmentation:
+    """Divide a part into surfaces, or fit one to the points of each label.
+
+    Parameters and errors are those of `model_part`. With `has_ripple` planes may bear ripple, as before they
+    are flattened: they are then sought beneath it (`segment_rippled`).
+    """
+
     def divided() -> PartSegmentation:
+        if has_ripple:
+            return segment_rippled(shape, labels, normals, noise_m=noise_m, progress=progress)
         if labels is not None:
             points = shape.vertices if isinstance(shape, LabelledMesh) else shape
             return fit_labelled(points, labels, normals, noise_m=noise_m)
         if isinstance(shape, LabelledMesh):
-            return segment_mesh(shape, noise_m=noise_m, progress=tell)
-        return segment_part(shape, normals, noise_m=noise_m, progress=tell)
+            return segment_mesh(shape, noise_m=noise_m, progress=progress)
+        return segment_part(shape, normals, noise_m=noise_m, progress=progress)
 
-    found = journal.step("divided", divided)
+    return journal.step("divided", divided)
 
-    # 2. Relate: of the surfaces that are known well enough, and of all that a person names.
+
+def relate_part(
+    shape: object,
+    found: PartSegmentation,
+    *,
+    relations: RelationOptions | None = MACHINED,
+    stated: Sequence[StatedRelation[int]] = (),
+    progress: Progress | None = None,
+) -> Part:
+    """The part that a division makes, its relations found and imposed; as for `model_part`."""
+    tell = progress or (lambda _stage, _done, _total: None)
     tell("relate", 0, 1)
     graph, related = (None, ()) if relations is None else related_faces(found, relations, stated)
     fits = list(found.fits)

@@ -23,8 +23,15 @@ from completion.observe.observation import Observation
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
+from completion.result.flat_scans import FlatScan, flat_doubts
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
-from completion.result.observed_points import observed_mesh, observed_parts, observed_step, remainder
+from completion.result.observed_points import (
+    Shifts,
+    observed_mesh,
+    observed_parts,
+    observed_step,
+    remainder,
+)
 from completion.result.openings import Opening, find_openings
 from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.result.straightening import surface_polygon
@@ -153,6 +160,7 @@ class DerivedModel:
     textures: tuple[ChartTexture | None, ...]  # as of `Completion`
     world_from_reference: Pose  # as of `Completion`
     spill: Spill | NoSpill  # where it is kept
+    shifts: Shifts = ()  # of pixels along their rays, in the meshes of what was measured
 
     @cached_property
     def scans(self) -> tuple[RangeImage, ...]:
@@ -215,12 +223,12 @@ class DerivedModel:
 
     def observed_parts(self, step: int = 1) -> Iterator[LabelledPoints]:
         """Yield measured points of every step-th row and column, working frame, some rows at a time."""
-        return observed_parts(self.observations, self.owners, step)
+        return observed_parts(self.observations, self.owners, step, self.shifts)
 
     @cached_property
     def observed(self) -> LabelledPoints:
         """All measured points of all scans as one mesh, working frame."""
-        return observed_mesh(self.observations, self.owners)
+        return observed_mesh(self.observations, self.owners, self.shifts)
 
     @cached_property
     def remainder(self) -> tuple[LabelledPoints, int]:
@@ -228,7 +236,7 @@ class DerivedModel:
 
         And k, which is 1 but where there are very many.
         """
-        return self.spill.keep(remainder(self.observations, self.owners))
+        return self.spill.keep(remainder(self.observations, self.owners, self.shifts))
 
     @cached_property
     def thin_remainder(self) -> LabelledPoints:
@@ -259,6 +267,7 @@ class CompletedModel:
     flatness_m: float
     choice: Choice
     relations: FoundRelations | None
+    flattened: tuple[FlatScan, ...]
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -274,6 +283,7 @@ class CompletedModel:
             textures=self.textures,
             world_from_reference=self.world_from_reference,
             spill=spill,
+            shifts=tuple(one.shift_m for one in self.flattened),
         )
         object.__setattr__(self, "derived", derived)
 
@@ -305,7 +315,8 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        return doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
+        told = doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
+        return (*told, *flat_doubts(self.flattened))
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

@@ -67,6 +67,8 @@ class Completion(CompletedModel):
         Which surfaces were wanted.
     relations : FoundRelations, optional
         What its surfaces are to each other, working frame; None where nobody asked.
+    flattened : tuple of FlatScan
+        How measured planes are flattened in the meshes that are written, by scan; empty where nobody asked.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

@@ -16,6 +16,8 @@ from completion.result.labelled_points import GREY, LabelledPoints, joined
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
 
+Shifts = Sequence[NDArray[np.float32]]
+"""By how many metres the pixels (rows, columns) of each scan are moved along their rays; empty for none."""
 _BAND = 1 << 18  # pixels that are meshed at a time
 _STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may be apart
 _MOST_FACES = 2_000_000  # of what belongs to no surface
@@ -31,7 +33,10 @@ class _Band:
 
 
 def observed_parts(
-    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]], step: int = 1
+    observations: Sequence[Observation],
+    owners: Sequence[NDArray[np.int32]],
+    step: int = 1,
+    shifts: Shifts = (),
 ) -> Iterator[LabelledPoints]:
     """Yield measured points of all scans, of every step-th row and column, working frame.
 
@@ -39,9 +44,10 @@ def observed_parts(
 
     Triangles are numbered from the part's first vertex on; the last ones of a part have corners in the next.
     `owners`, (rows, columns) for each scan, hold the number of the surface of each pixel; 0 for none.
+    `shifts`, the same or none at all, hold by how many metres each pixel is moved along its ray.
     """
-    for seen, owner in zip(observations, owners, strict=True):
-        for band in _bands(seen, owner, step):
+    for seen, owner, shift in zip(observations, owners, _of_each(shifts, observations), strict=True):
+        for band in _bands(seen, owner, step, shift):
             held = band.points
             yield replace(held, **{name: getattr(held, name)[: band.n_own] for name in held.of_vertices})
             trim()
@@ -56,27 +62,29 @@ def observed_step(observations: Sequence[Observation]) -> int:
     return max(1, int(np.ceil(np.sqrt(n_measured / _MOST_POINTS))))
 
 
-def observed_mesh(observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]) -> LabelledPoints:
+def observed_mesh(
+    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]], shifts: Shifts = ()
+) -> LabelledPoints:
     """Return all measured points of all scans as one mesh, working frame.
 
-    `owners`, (rows, columns) for each scan, as for `observed_parts`.
+    `owners` and `shifts`, (rows, columns) for each scan, as for `observed_parts`.
     """
-    return joined(list(observed_parts(observations, owners)))
+    return joined(list(observed_parts(observations, owners, shifts=shifts)))
 
 
 def remainder(
-    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]]
+    observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]], shifts: Shifts = ()
 ) -> tuple[LabelledPoints, int]:
     """Return the points that belong to no surface, with the triangles at them, working frame.
 
     Where these would be more than two million, it is made of every k-th row and column. Returns k as well.
-    `owners`, (rows, columns) for each scan, as for `observed_parts`.
+    `owners` and `shifts`, (rows, columns) for each scan, as for `observed_parts`.
     """
     n_free = sum(map(_n_free, observations, owners))
     stride = max(1, int(np.ceil(np.sqrt(2 * n_free / _MOST_FACES))))
     parts = []
-    for seen, owner in zip(observations, owners, strict=True):
-        for band in _bands(seen, owner, stride):
+    for seen, owner, shift in zip(observations, owners, _of_each(shifts, observations), strict=True):
+        for band in _bands(seen, owner, stride, shift):
             first, second, third = (band.points.surface == 0)[band.points.faces.T]
             parts.append(band.points.part(first | second | third))
             trim()
@@ -89,13 +97,28 @@ def _n_free(seen: Observation, owner: NDArray[np.int32]) -> int:
     return int(np.count_nonzero((owner == 0) & seen.valid))
 
 
-def _bands(seen: Observation, owner: NDArray[np.int32], stride: int) -> Iterator[_Band]:
+def _of_each(shifts: Shifts, observations: Sequence[Observation]) -> Sequence[NDArray[np.float32] | None]:
+    """The shifts of each scan; None where nothing is moved."""
+    return shifts or [None] * len(observations)
+
+
+def _bands(
+    seen: Observation, owner: NDArray[np.int32], stride: int, shift: NDArray[np.float32] | None
+) -> Iterator[_Band]:
     """Every stride-th row and column of a scan, so many rows at a time."""
     rows, columns = (np.arange(0, size, stride) for size in owner.shape)
     at_a_time = max(1, _BAND // len(columns))
     for first in range(0, len(rows), at_a_time):
         pixel = rows[first : first + at_a_time + 1, None] * owner.shape[1] + columns
-        yield _band(seen, owner, pixel, min(at_a_time, len(rows) - first), stride)
+        band = _band(seen, owner, pixel, min(at_a_time, len(rows) - first), stride)
+        yield band if shift is None else _shifted(band, seen, shift.ravel()[pixel].ravel(), pixel.ravel())
+
+
+def _shifted(band: _Band, seen: Observation, shift: NDArray[np.float32], pixel: NDArray[np.int64]) -> _Band:
+    """A band whose flat pixels (n,) move by so many metres (n,) along their rays; triangles stay."""
+    valid = np.isfinite(seen.scan.ranges.ravel()[pixel])
+    moved = band.points.vertices + shift[valid, None] * seen.rays_at(pixel[valid])
+    return replace(band, points=replace(band.points, vertices=moved))
 
 
 def _band(

@@ -16,6 +16,7 @@ from completion.relations.frames import frame_records
 from completion.relations.record import freedom_record, relation_records
 from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
+from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.verification import Finding, Verification, counterpart
 from scenes.checks import ColourArray, InputError
@@ -24,6 +25,7 @@ from scenes.mesh.blocks import in_blocks
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.mapping import trim
+from scenes.surfaces.catalogue import Plane
 
 _OF_PAIR = (
     "overlap_m2",
@@ -181,6 +183,11 @@ def completion_record(
         "observed_step": 1 if observed == "full" else completion.derived.observed_step,
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    if completion.flattened:
+        record["flattening"] = whole_flattening(completion.flattened)
+        for number, one in enumerate(record["surfaces"], start=1):
+            if one["kind"] == Plane.kind:
+                one["flattening"] = surface_flattening(completion.flattened, number)
     if completion.relations is not None:
         record |= _relations_record(completion, completion.relations)
     if len(completion.observations) > 1:

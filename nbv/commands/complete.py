@@ -11,6 +11,7 @@ import numpy as np
 
 from completion.edits.file import read_edits
 from completion.extension.extent import Mode
+from completion.flattening.options import FlatteningOptions
 from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
@@ -19,6 +20,7 @@ from completion.relations.engine.relation import Status
 from completion.relations.options import BUILT
 from completion.relations.stated import read_scan_relations
 from completion.result.completion import Completion, write_model
+from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
@@ -46,6 +48,7 @@ class CompleteRequest:
     texture: bool
     edits: str | None
     relations: str = "auto"
+    flatten: bool = False
     exports: tuple[str, ...] = ()
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
@@ -74,6 +77,7 @@ class CompleteRequest:
             edits=() if self.edits is None else read_edits(self.edits),
             relations=None if self.relations == "off" else BUILT,
             stated_relations=tuple(one for file in self.stated for one in read_scan_relations(file)),
+            flattening=FlatteningOptions() if self.flatten else None,
         )
 
     @property
@@ -175,6 +179,7 @@ def summary_of(completion: Completion) -> dict[str, Any]:
         "left_out": completion.choice.n_left_out,
         "edits": len(completion.edits),
         **_relations_of(completion),
+        **({"flattening": whole_flattening(completion.flattened)} if completion.flattened else {}),
         **_poses_of(completion),
     }
 
@@ -210,7 +215,11 @@ def lines_of(completion: Completion, verification: Verification | None = None) -
     ]
     if completion.choice.n_left_out:
         lines.append(f"left as measured: {count(completion.choice.n_left_out, 'other surface')}")
-    lines += [*_lines_of_relations(completion), *_lines_of_poses(completion)]
+    lines += [
+        *_lines_of_relations(completion),
+        *_lines_of_flattening(completion),
+        *_lines_of_poses(completion),
+    ]
     if verification is not None:
         confirmed, refuted, hidden = (
             square_metres(verification.area_m2(finding))
@@ -231,6 +240,18 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     holding = sum(one.holds for one in graph.relations)
     others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
     return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
+
+
+def _lines_of_flattening(completion: Completion) -> list[str]:
+    """What flattening did."""
+    if not completion.flattened:
+        return []
+    told = whole_flattening(completion.flattened)
+    return [
+        f"flattened {count(told['planes'], 'plane')}: ripple {1000 * told['ripple_before_m']:.2f} -> "
+        f"{1000 * told['ripple_after_m']:.2f} mm rms, {count(told['relief_areas'], 'area')} of relief kept; "
+        f"{told['turned_over']} triangles turned over, {told['crossing_anew']} cross others anew"
+    ]
 
 
 def lines_of_detail(step: int) -> list[str]:

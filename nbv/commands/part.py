@@ -7,14 +7,19 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from completion.flattening.flat import RegionKind
 from completion.parts.division.reach import reached
-from completion.parts.files import status_counts, write_part
+from completion.parts.files import status_counts, whole_record, write_part
+from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
-from completion.parts.pipeline import MACHINED, model_part
+from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.relations.engine.relation import Status
 from completion.relations.stated import StatedRelation, read_part_relations
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
+from scenes.checks import InputError
 from scenes.files.part_files import PartFile, read_part_file
 from scenes.files.scan_files import Units
 
@@ -27,6 +32,7 @@ class PartRequest:
     relations: str = "auto"
     noise_m: float | None = None
     ignores_labels: bool = False
+    flatten: bool = False
     units: Units = "m"
 
     @property
@@ -45,7 +51,7 @@ class PartRequest:
 
 
 def run_part(shared: Shared, request: PartRequest) -> None:
-    """Divide a part into surfaces, relate them, and write part.json, relations.json, part.ply and report."""
+    """Divide a part into surfaces, relate them, flatten its planes on request, and write files and report."""
     with running("part", shared, default="out/part", is_folder=True) as run:
         run.watch.enter("load")
         run.read(request.files)
@@ -53,37 +59,51 @@ def run_part(shared: Shared, request: PartRequest) -> None:
         held = read_part_file(request.shape, request.units)
         run.will_call(reached, 10)
         part = _modelled(held, request, stated, run)
-        run.warn(part.warnings)
+        flat = _flattened(part, request, run) if request.flatten else None
+        run.warn([*part.warnings, *(() if flat is None else flat.doubts)])
         run.watch.enter("save")
-        write_part(part, run.stage.folder, rows=held.rows, n_rows=held.n_rows)
+        write_part(part, run.stage.folder, rows=held.rows, n_rows=held.n_rows, flat=flat)
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        run.report(part_page(part, Path(request.shape).name), request.options())
-        run.finish(request.options(), summary_of(part), lines_of(part))
+        run.report(part_page(part, Path(request.shape).name, flat), request.options())
+        run.finish(request.options(), summary_of(part, flat), lines_of(part, flat))
 
 
 def _modelled(
     held: PartFile, request: PartRequest, stated: tuple[StatedRelation[int], ...], run: Any
 ) -> Part:
     """The part, with what is doubtful of the file among its warnings."""
-    labels = None if request.ignores_labels else held.label
-    part = model_part(
-        held.points if held.mesh is None else held.mesh,
-        labels,
+    shape = held.points if held.mesh is None else held.mesh
+    found = divide_part(
+        shape,
+        None if request.ignores_labels else held.label,
         normals=held.normals,
         noise_m=request.noise_m,
-        relations=None if request.relations == "off" else MACHINED,
-        stated=stated,
+        has_ripple=request.flatten,
         progress=run.progress,
         journal=run.journal(request.options()),
     )
+    wanted = None if request.relations == "off" else MACHINED
+    part = relate_part(shape, found, relations=wanted, stated=stated, progress=run.progress)
     return replace(part, warnings=(*held.warnings, *part.warnings))
 
 
-def summary_of(part: Part) -> dict[str, Any]:
+def _flattened(part: Part, request: PartRequest, run: Any) -> FlatPart:
+    """The part with its planes flattened."""
+    run.watch.enter("flatten")
+    try:
+        return flatten_part(part, rng=run.shared.seed)
+    except InputError as error:
+        doubts = "".join(f"; {text}" for text in part.warnings)
+        raise InputError(f"{Path(request.shape).name}: {error}{doubts}") from None
+
+
+def summary_of(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:
     """Return the headline numbers."""
     kinds = [fit.surface.kind for fit in part.fits]
+    flattening = {} if flat is None else {"flattening": whole_record(flat)}
+    doubts = () if flat is None else flat.doubts
     return {
         "points": len(part.points),
         "triangles": None if part.faces is None else len(part.faces),
@@ -92,11 +112,12 @@ def summary_of(part: Part) -> dict[str, Any]:
         "noise_m": part.noise_m,
         "relations": None if part.relations is None else status_counts(part),
         "free": None if part.relations is None else part.relations.free,
-        "warnings": list(part.warnings),
+        **flattening,
+        "warnings": [*part.warnings, *doubts],
     }
 
 
-def lines_of(part: Part) -> list[str]:
+def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     """Return the headline numbers for people."""
     what = "vertices" if part.faces is not None else "points"
     share = float((part.surface > 0).mean())
@@ -104,6 +125,7 @@ def lines_of(part: Part) -> list[str]:
         f"surfaces   {kinds_text(part.fits)}, with {100 * share:.1f} % of {len(part.points)} {what}",
         f"noise      {1000 * part.noise_m:.3g} mm, points {1000 * part.spacing_m:.3g} mm apart",
     ]
+    lines += [] if flat is None else _lines_of_flattening(flat, what)
     graph = part.relations
     if graph is None:
         return lines
@@ -112,3 +134,18 @@ def lines_of(part: Part) -> list[str]:
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
     return lines
+
+
+def _lines_of_flattening(flat: FlatPart, what: str) -> list[str]:
+    """What flattening did."""
+    done = [one for one in flat.surfaces if one.is_flattened]
+    kept = sum(region.kind is RegionKind.RELIEF for one in done for region in one.regions)
+    n = np.array([one.n - one.n_relief for one in done])
+    square = np.array([(one.ripple_before_m, one.ripple_after_m) for one in done]) ** 2
+    before, after = 1000 * np.sqrt(n @ square / max(int(n.sum()), 1))
+    return [
+        f"flattened  {count(len(done), 'plane')}: ripple {before:.2f} -> {after:.2f} mm rms, "
+        f"{count(kept, 'area')} of relief kept",
+        f"           {flat.n_turned} triangles turned over, {flat.n_crossing} cross others anew; "
+        f"{flat.n_held} {what} held back for that",
+    ]

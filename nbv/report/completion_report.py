@@ -11,6 +11,7 @@ from typing import Any
 from completion.evidence.registration.registration import Registration
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
+from nbv.report.blocks.flat_scans import flattening_sections
 from nbv.report.blocks.relation_blocks import relation_section
 from nbv.report.blocks.scan_tables import scans_table
 from nbv.report.page.page import (
@@ -69,6 +70,7 @@ def completion_page(
             Section("Before and after", before_and_after(completion, n_threads)),
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
+            *flattening_sections(completion),
             *relation_sections(completion),
             *pose_sections(completion.registration),
             *edit_sections(completion),

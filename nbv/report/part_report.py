@@ -6,21 +6,24 @@ from __future__ import annotations
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
 from completion.relations.engine.relation import Status
+from nbv.report.blocks.flattening_blocks import FlatRow, flattening_blocks
 from nbv.report.blocks.relation_blocks import relation_section
 from nbv.report.figures.relation_graph import MOST_SURFACES, relation_graph
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.pictures.part_shots import PartDrawing, part_pictures
+from nbv.report.pictures.part_shots import PartDrawing, height_pictures, part_pictures
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count
 from scenes.scan.palette import surface_colour
 
 _MOST_ROWS, _MOST_DIGITS = 200, 5
+_SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end
 
 
-def part_page(part: Part, title: str) -> Page:
-    """Return the report of one part."""
+def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
+    """Return the report of one part, and of the same flattened where it was."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
@@ -46,10 +49,11 @@ def part_page(part: Part, title: str) -> Page:
         sections=(
             Section("The part by surface", _view(part)),
             Section("Surfaces", _surface_blocks(part)),
+            *(() if flat is None else (Section("Flattened", _flat_blocks(part, flat)),)),
             *relations,
             *_drawn_relations(part),
         ),
-        warnings=part.warnings,
+        warnings=part.warnings if flat is None else (*part.warnings, *flat.doubts),
     )
 
 
@@ -86,6 +90,29 @@ def _view(part: Part) -> tuple[Block, ...]:
         return (Text("There is nothing to show."),)
     pictures, camera = part_pictures(PartDrawing(shown.mesh, shown.place))
     return part_view(part, shown, (), camera), Gallery(pictures, 2)
+
+
+def _flat_blocks(part: Part, flat: FlatPart) -> tuple[Block, ...]:
+    """Heights over the planes before and after, and a row for each plane."""
+    shown = shown_part(part)
+    point = shown.vertex
+    before, after = np.full(len(point), np.nan), np.full(len(point), np.nan)
+    for one in flat.surfaces:
+        own, plane = flat.surface[point] == one.label, part.fits[part.labels.index(one.label)].surface
+        before[own] = plane.distance(part.points[point[own]])
+        after[own] = plane.distance(flat.points[point[own]])
+    done = [one.ripple_sd_m for one in flat.surfaces if one.is_flattened]
+    most_m = _SHOWN_SD * max(float(np.median(done)), 1e-9)
+    rows = [FlatRow(str(one.label), part.labels.index(one.label) + 1, one) for one in flat.surfaces]
+    what, most = "points" if part.faces is None else "vertices", millimetres(float(flat.moved_m.max()))
+    text = f"{int((flat.moved_m > 0).sum())} {what} were moved, by {most} mm at most."
+    if part.faces is not None:
+        text += (
+            f" Of {len(part.faces)} triangles {flat.n_turned} turned over and {flat.n_crossing} cross others "
+            f"that they did not cross; {flat.n_held} vertices were held back for that."
+        )
+    pictures = height_pictures(shown.mesh, shown.place, before, after, most_m)
+    return Text(text), Gallery(pictures, 2), *flattening_blocks(rows)
 
 
 def _surface_blocks(part: Part) -> tuple[Block, ...]:

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Plane
 
 _MOST_CELLS_A_FACE = 4096
+_NEAR = 8  # neighbours within which the density of points is told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,14 +40,15 @@ def grid_of(
 ) -> ChartGrid:
     """Heights of a mesh (n, 3), (m, 3) over a plane, along the principal axes of its vertices in it.
 
-    A cell has the mean height of the vertices in it, or that of the face over its middle.
+    A cell has the mean height of the vertices in it, or that of the face over its middle. Without faces its
+    side is such that two points lie in a usual one.
     """
     places = _principal(plane.to_uv(vertices))
     height = plane.distance(vertices)
     spans = np.ptp(places, axis=0)
     if cell_m is None:
         edges = places[faces] - places[np.roll(faces, 1, axis=1)]
-        cell_m = float(np.median(np.linalg.norm(edges, axis=2))) if len(faces) else 0.0
+        cell_m = float(np.median(np.linalg.norm(edges, axis=2))) if len(faces) else _side_of_two(places)
     area = 0.5 * np.abs(
         _cross(places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]])
     )
@@ -63,6 +66,13 @@ def grid_of(
     with np.errstate(invalid="ignore"):
         heights = np.where(count > 0, total / count, from_faces / n_faces)
     return ChartGrid(heights.reshape(shape), cell_m, places - 0.5)
+
+
+def _side_of_two(places: FloatArray) -> float:
+    """Side of the square that two of the points (n, 2) share, where they lie as densely as usual."""
+    near = min(_NEAR, len(places) - 1)
+    away = cKDTree(places).query(places, k=[near + 1])[0]
+    return float(np.median(away) * np.sqrt(2 * np.pi / near)) if near else 0.0
 
 
 def _principal(uv: FloatArray) -> FloatArray:

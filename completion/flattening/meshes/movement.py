@@ -22,10 +22,12 @@ def move_onto(
     if origin is None:
         return vertices + rise[:, None] * plane.normal_direction
     rays = vertices - origin
-    rays = rays / np.maximum(np.linalg.norm(rays, axis=1), 1e-30)[:, None]
+    reach = np.maximum(np.linalg.norm(rays, axis=1), 1e-30)
+    rays = rays / reach[:, None]
     along = rays @ plane.normal_direction
     steep = np.abs(along) >= _GRAZING
     length = np.where(steep, rise / np.where(steep, along, 1.0), 0.0)
+    length[length <= -reach] = 0.0  # the plane is behind the sensor
     out: FloatArray = vertices + length[:, None] * rays
     return out
 
@@ -88,6 +90,24 @@ def hold_back(
         if not flipped.any():
             tested[:] = False
             tested[back] = True
+
+
+def wrong_faces(
+    before: FloatArray, after: FloatArray, faces: NDArray[np.int32], origin: FloatArray | None = None
+) -> tuple[int, int]:
+    """How many faces turned over, and how many cross others anew, of all whose vertices (n, 3) moved.
+
+    Where `origin` (n, 3) says from where they were measured, a face turned over if it shows its other side
+    there.
+    """
+    moved = np.any(after != before, axis=1)[faces].any(axis=1)
+    some = faces[moved]
+    if origin is None:
+        turned = _flipped(before, after, some)
+    else:
+        old, new = (np.linalg.det((at - origin)[some]) for at in (before, after))
+        turned = (old * new <= 0) & (old != 0)
+    return int(turned.sum()), int(new_crossings(before, after, faces, moved).sum())
 
 
 def _flipped(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> BoolArray:

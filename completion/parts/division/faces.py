@@ -43,22 +43,27 @@ def numbered_faces(
     return [surfaces[label[one] - 1] for one in kept], number[piece]
 
 
-def spread(points: FloatArray, about: Neighbourhoods, faces: Sequence[Surface], labels: IntArray) -> IntArray:
-    """Labels (n,) of all points (n, 3): of those near, the face that explains a point best."""
-    tree, found = cKDTree(about.points), np.zeros(len(points), dtype=np.int64)
+def spread(
+    points: FloatArray, some: FloatArray, faces: Sequence[Surface], labels: IntArray, tolerance: float
+) -> IntArray:
+    """Labels (n,) of all points (n, 3): of the faces near, that which explains a point best.
+
+    Which are near, labels (m,) of `some` (m, 3) tell; `tolerance` is the deviation from faces, metres.
+    """
+    tree, found = cKDTree(some), np.zeros(len(points), dtype=np.int64)
     for start in range(0, len(points), _CHUNK):
-        some = points[start : start + _CHUNK]
-        near = np.atleast_2d(tree.query(some, k=min(_N_NEAR, len(about.points)))[1].T).T
+        chunk = points[start : start + _CHUNK]
+        near = np.atleast_2d(tree.query(chunk, k=min(_N_NEAR, len(some)))[1].T).T
         candidates = labels[near]
-        least, best = np.full(len(some), CUT * about.tolerance_m), np.zeros(len(some), dtype=np.int64)
+        least, best = np.full(len(chunk), CUT * tolerance), np.zeros(len(chunk), dtype=np.int64)
         for number in np.unique(candidates[candidates > 0]):
             asked = np.flatnonzero((candidates == number).any(axis=1))
-            distance = np.abs(faces[number - 1].distance(some[asked]))
-            own = distance < least[asked] - 1e-3 * about.tolerance_m
-            own |= (candidates[asked, 0] == number) & (distance <= CUT * about.tolerance_m)
+            distance = np.abs(faces[number - 1].distance(chunk[asked]))
+            own = distance < least[asked] - 1e-3 * tolerance
+            own |= (candidates[asked, 0] == number) & (distance <= CUT * tolerance)
             better = own & (best[asked] != candidates[asked, 0])
             least[asked[better]], best[asked[better]] = distance[better], number
-        found[start : start + len(some)] = best
+        found[start : start + len(chunk)] = best
     return found
 
 

@@ -95,8 +95,10 @@ def of_best_kind(about: Neighbourhoods, surfaces: Sequence[Surface], labels: Int
 
 def best_of_kinds(about: Neighbourhoods, own: IntArray, known: Surface | None = None) -> Surface | None:
     """The surface of most score for some points (m,), of any kind, or the one `known`; None if none fits."""
+    if not len(own):
+        return None
     points, best, most = about.points[own], None, -np.inf
-    tried = [one for kind in KINDS for one in likely(about, kind, own)] if len(own) else []
+    tried = [one for kind in KINDS for one in likely(about, kind, own)]
     for other in ([] if known is None else [known]) + tried:
         adapted = adjusted(other, points, about.tolerance_m, len(points))
         score = -np.inf if adapted is None else score_of(adapted[0], points, about.tolerance_m)

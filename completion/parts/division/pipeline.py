@@ -81,7 +81,7 @@ def segment_part(
     tell("fit", 0, 1)
     faces, labels = numbered_faces(about, surfaces, labels)
     if len(kept) < len(cloud):
-        labels = spread(cloud, about, faces, labels)
+        labels = spread(cloud, about.points, faces, labels, about.tolerance_m)
     fits, labels = fitted(cloud, faces, labels, about.noise_m)
     return PartSegmentation(
         labels=labels,

@@ -9,26 +9,33 @@ import numpy as np
 
 from nbv.report.pictures.camera import Camera, overview_cameras
 from nbv.report.pictures.drawing import MeshDrawing, SeenFaces
-from nbv.report.pictures.picture import Picture, picture_of
+from nbv.report.pictures.picture import Picture, height_colours, picture_of
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.scan.palette import surface_bytes
 
 _WIDTH, _TRIAL_WIDTH = 760, 96
 _HEIGHTS_DEG = (38.0, -38.0)
+_GREY = 0.55  # of what has no height
 _SIZE_M = 1.0  # at which a part is drawn, whatever its own
 
 
 class PartDrawing:
-    """A part ready for drawing: a mesh of which both sides are shown, and the surface (m,) of each face."""
+    """A part ready for drawing: a mesh of which both sides are shown, and the surface (m,) of each face.
 
-    def __init__(self, mesh: LabelledMesh, place: IntArray) -> None:
+    It has the colours (m, 3, 3) of the faces' corners, or else those of the surfaces.
+    """
+
+    def __init__(self, mesh: LabelledMesh, place: IntArray, colour: FloatArray | None = None) -> None:
         low, high = mesh.bounds()
         scale = _SIZE_M / max(float(np.linalg.norm(high - low)), 1e-300)
-        colour = np.repeat((surface_bytes(place) / 255.0).astype(np.float32)[:, None], 3, axis=1)
+        if colour is None:
+            colour = np.repeat((surface_bytes(place) / 255.0)[:, None], 3, axis=1)
         self.scale, self.middle = scale, (low + high) / 2
         self.mesh = LabelledMesh(
-            (mesh.vertices - self.middle) * scale, mesh.faces, appearance=Appearance(colour)
+            (mesh.vertices - self.middle) * scale,
+            mesh.faces,
+            appearance=Appearance(colour.astype(np.float32)),
         )
         self.place = place
         self._normals, self._centres = self.mesh.face_normals(), self.mesh.corners.mean(axis=1)
@@ -66,6 +73,28 @@ def part_pictures(drawing: PartDrawing) -> tuple[tuple[Picture, ...], Camera]:
     captions = ("Grey belongs to no surface.", "The same from below.")
     pictures = tuple(drawing.picture(*one) for one in zip(best, titles, captions, strict=True))
     return pictures, drawing.in_world(best[0])
+
+
+def height_pictures(
+    mesh: LabelledMesh, place: IntArray, before: FloatArray, after: FloatArray, most_m: float
+) -> tuple[Picture, ...]:
+    """Return a part coloured by heights (n,) of its vertices over their planes, before and after a change.
+
+    NaN where there is no plane; the scale ends at `most_m` metres either way.
+    """
+    drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
+                for heights in (before, after)]  # fmt: skip
+    camera = _best(drawings[0], [one for height in _HEIGHTS_DEG for one in drawings[0].cameras(height)])
+    scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
+    return (
+        drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
+        drawings[1].picture(camera, "Flattened", "The same: planes are white, relief keeps its colour."),
+    )
+
+
+def _opaque(colours: FloatArray) -> FloatArray:
+    """Colours (n, 3) of colours (n, 4) on grey."""
+    return np.where(colours[:, 3:] > 0, colours[:, :3], _GREY)
 
 
 def _best(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:

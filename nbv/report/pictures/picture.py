@@ -92,5 +92,17 @@ def range_colours(ranges: FloatArray) -> tuple[FloatArray, float, float]:
     return colours, float(low), float(high)
 
 
+def height_colours(heights: FloatArray, most_m: float) -> FloatArray:
+    """Colours (..., 4) of heights (...): blue below, white, red above, in full from `most_m` metres on.
+
+    See-through where there is none (NaN).
+    """
+    known = np.isfinite(heights)
+    share = np.clip(0.5 + np.where(known, heights, 0.0) / max(2 * most_m, 1e-300), 0, 1)
+    colours: FloatArray = mpl.colormaps["RdBu_r"](share)
+    colours[..., 3] = known
+    return colours
+
+
 def _data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")

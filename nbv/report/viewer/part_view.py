@@ -28,11 +28,24 @@ _MOST_OFF = 0.99  # quantile of the distances at which the colour bar ends
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownPart:
-    """A part as triangles for display: surface labels' places (m,) from 1, distances (m,) from these."""
+    """A part as triangles for display.
+
+    Attributes
+    ----------
+    mesh : LabelledMesh
+        n vertices, m triangles.
+    place : (m,) int
+        Places of surface labels from 1; 0 for none.
+    off_m : (m,) float
+        Distances from these surfaces.
+    vertex : (n,) int
+        The point of the part that each vertex is, or stands about.
+    """
 
     mesh: LabelledMesh
     place: IntArray
     off_m: FloatArray
+    vertex: IntArray
 
 
 def shown_part(part: Part) -> ShownPart:
@@ -44,12 +57,13 @@ def shown_part(part: Part) -> ShownPart:
         most: IntArray = np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
         number = _places(part, np.asarray(part.triangle_surface if is_whole else most))
         mesh = LabelledMesh(vertices, faces.astype(np.int32))
-        return ShownPart(mesh, number, _distances(part, mesh.corners.mean(axis=1), number))
+        return ShownPart(mesh, number, _distances(part, mesh.corners.mean(axis=1), number), np.asarray(some))
     kept = thinned(part.points, _MOST_POINTS)
     points = part.points[kept]
     number = _places(part, part.surface[kept])
     mesh = _squares(points, _normals(part, points, number))
-    return ShownPart(mesh, np.repeat(number, 2), np.repeat(_distances(part, points, number), 2))
+    off_m = np.repeat(_distances(part, points, number), 2)
+    return ShownPart(mesh, np.repeat(number, 2), off_m, np.repeat(kept, 4))
 
 
 def part_view(part: Part, shown: ShownPart, pictures: tuple[Picture, ...], camera: Camera) -> Viewer:

@@ -108,7 +108,7 @@ def test_level_of_the_test_decides() -> None:
 
 def test_too_few_cells_are_left_alone_and_why_is_said() -> None:
     out = flatten_heights(np.full((20, 40), 0.001), CELL)
-    assert out.reason == "800 cells on 20 x 40 are too few"
+    assert out.reason.startswith("800 cells of 10 mm on 20 x 40 are too few to tell ripple from relief")
     assert np.all(out.heights == 0.001)
 
 
@@ -145,3 +145,15 @@ def test_p_of_the_most_evident_region_is_uniform_without_relief() -> None:
     ]
     assert np.mean(np.array(p) <= 0.05) <= 0.12
     assert kstest(p, "uniform", alternative="greater").pvalue > 0.01
+
+
+def test_steps_of_rounding_are_no_relief_and_higher_ones_are() -> None:
+    rounded = 0.002 * np.round(panelled(0) / 0.002)
+    kept = flatten_heights(rounded, CELL)
+    flat = flatten_heights(rounded, CELL, FlatteningOptions(rounding_m=0.0022))
+    steps = [abs(one.height_m) for one in flat.regions if one.kind is RegionKind.RELIEF]
+    assert kept.kept.sum() > flat.kept.sum()
+    assert flat.kept[SWITCH].mean() > 0.9
+    assert min(steps) > 0.0022
+    with pytest.raises(InputError, match="rounding"):
+        FlatteningOptions(rounding_m=-1.0)

@@ -94,7 +94,7 @@ def test_small_planes_stay_and_say_why() -> None:
     vertices, faces, labels, fits = wall_mesh(panelled(0)[:12, :12])
     flat = flatten_mesh(vertices, faces, labels, fits)
     assert np.all(flat.moved_m == 0)
-    assert flat.surfaces[0].reason == "144 cells on 12 x 12 are too few"
+    assert flat.surfaces[0].reason.startswith("144 cells of 10 mm on 12 x 12 are too few")
 
 
 def test_regions_of_meshes_have_areas_in_square_metres(wall) -> None:

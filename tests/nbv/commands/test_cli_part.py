@@ -9,7 +9,8 @@ import trimesh
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from scenes.formats.meshes.ply import read_mesh_ply
+from scenes.formats.meshes.ply import read_mesh_ply, write_mesh_ply
+from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 N = 900
 
@@ -172,3 +173,89 @@ def test_labels_that_are_none_are_refused_with_their_file(folder):
     result = run(folder / "halves.csv", "-o", folder / "failed")
     assert result.exit_code == 1
     assert "halves.csv: 20 of 20 labels are no whole numbers" in result.stderr
+
+
+@pytest.fixture(scope="module")
+def flat(folder):
+    """A wall with ripple, a panel and a switch, its vertices labelled."""
+    vertices, faces, labels, _ = wall_mesh(panelled(0))
+    write_mesh_ply(folder / "wall.ply", vertices, faces, {"label": labels.astype(np.int32)}, [])
+    result = run(folder / "wall.ply", "--flatten", "-o", folder / "flat", "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout), folder / "flat"
+
+
+def test_flattening_takes_ripple_from_planes_and_leaves_their_relief(flat):
+    summary, out = flat
+    vertices, faces, _, _ = wall_mesh(panelled(0))
+    held = read_mesh_ply(out / "flat.ply")
+    np.testing.assert_array_equal(held.faces, faces)
+    relief = held.vertex_properties["relief"] == 1
+    assert relief.mean() == pytest.approx((28 * 28 + 12 * 8) / len(vertices), abs=0.005)
+    plane = held.vertices[~relief]
+    assert np.linalg.svd(plane - plane.mean(axis=0), compute_uv=False)[-1] < 1e-9
+    moved = np.linalg.norm(held.vertices - vertices, axis=1)
+    np.testing.assert_allclose(held.vertex_properties["moved"], moved, atol=1e-6)
+    assert summary["flattening"]["turned_over"] == 0
+    assert summary["flattening"]["crossing_anew"] == 0
+
+
+def test_part_json_and_report_tell_what_was_flattened(flat):
+    _, out = flat
+    part = json.loads((out / "part.json").read_text())
+    told = part["surfaces"][0]["flattening"]
+    assert told["is_flattened"]
+    assert told["ripple_after_m"] < 1e-9 < 1e-3 < told["ripple_before_m"]
+    large = [one for one in told["relief"] if one["area_m2"] > 0.005]
+    assert len(large) == 2
+    assert all(one["p"] < 1e-6 for one in large)
+    assert part["flattening"]["relief_points"] > 0
+    assert "Flattened" in (out / "report.html").read_text()
+
+
+def test_without_flattening_nothing_of_it_is_written(corner):
+    summary, out = corner
+    assert "flattening" not in summary
+    assert "flattening" not in (out / "part.json").read_text()
+    assert not (out / "flat.ply").exists()
+
+
+def test_walls_meet_in_their_crease_when_flattened(folder):
+    vertices, faces, labels, _ = corner_mesh(5)
+    write_mesh_ply(folder / "walls.ply", vertices, faces, {"label": labels.astype(np.int32)}, [])
+    result = run(folder / "walls.ply", "--flatten", "-o", folder / "walls", "--quiet")
+    assert result.exit_code == 0, result.output
+    held = read_mesh_ply(folder / "walls" / "flat.ply").vertices
+    crease = held[np.arange(64) * 80]
+    line = crease - crease.mean(axis=0)
+    assert np.linalg.svd(line, compute_uv=False)[1] < 1e-9
+
+
+def test_points_that_were_left_out_keep_their_places_when_flattened(folder):
+    vertices, _, _, _ = wall_mesh(panelled(0))
+    order = np.random.default_rng(0).permutation(len(vertices))
+    points = vertices[order]
+    points[7] = np.nan
+    np.savez(folder / "cloud.npz", points=points, label=np.ones(len(points), np.int32))
+    result = run(folder / "cloud.npz", "--flatten", "-o", folder / "cloud", "--json")
+    assert result.exit_code == 0, result.output
+    held = read_mesh_ply(folder / "cloud" / "flat.ply")
+    assert np.isnan(held.vertices[7]).all()
+    assert len(held.vertices) == len(points)
+    known = np.arange(len(points)) != 7
+    away = np.linalg.norm(held.vertices - points, axis=1)[known]
+    assert 0.001 < np.median(away) < 0.004
+    assert 0.1 < held.vertex_properties["relief"].mean() < 0.25
+
+
+@pytest.mark.parametrize(
+    ("file", "reason"),
+    [("box.stl", "are too few to tell ripple from relief"), ("ball.stl", "no plane to flatten")],
+)
+def test_what_cannot_be_flattened_is_told_in_one_line(folder, file, reason):
+    trimesh.creation.icosphere(subdivisions=3, radius=0.05).export(folder / "ball.stl")
+    result = run(folder / file, "--flatten", "-o", folder / "failed", "--quiet")
+    assert result.exit_code == 1
+    assert reason in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (folder / "failed" / "flat.ply").exists()

@@ -42,7 +42,7 @@ def test_a_run_with_report_derives_everything_once(tmp_path, monkeypatch):
     holes = count_calls(monkeypatch, openings.find_openings, lambda patch: patch)
     cells = count_calls(monkeypatch, outline.outline_cells, lambda patch: patch)
     pages = count_calls(monkeypatch, atlas.make_atlas, len)
-    scans = count_calls(monkeypatch, observed_points.remainder, lambda seen, _owners: len(seen))
+    scans = count_calls(monkeypatch, observed_points.remainder, lambda seen, _owners, _shifts: len(seen))
     words = ["complete", str(tmp_path / "scan.npz"), "-o", str(tmp_path / "out"), "--export", "obj"]
     found = CliRunner().invoke(app, words)
     assert found.exit_code == 0, found.output

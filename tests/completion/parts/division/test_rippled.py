@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: MIT
+"""Planes beneath ripple are whole, and what has no ripple is divided as ever."""
+
+import numpy as np
+
+from completion.parts.division.pipeline import segment_part
+from completion.parts.division.rippled import segment_rippled
+from tests.helpers.wall_examples import panelled, wall_mesh
+
+
+def test_a_wall_with_ripple_is_one_plane():
+    vertices = wall_mesh(panelled(0))[0]
+    found = segment_rippled(vertices)
+    assert [fit.surface.kind for fit in found.fits] == ["plane"]
+    assert (found.labels == 1).mean() > 0.9
+    assert 0.001 < found.noise_m < 0.004
+    assert "where ripple is noise" in found.warnings[0]
+
+
+def test_labels_are_kept_and_their_kind_is_sought_beneath_the_ripple():
+    vertices, _, labels, _ = wall_mesh(panelled(0))
+    found = segment_rippled(vertices, 7 * labels)
+    assert found.names == (7,)
+    assert [fit.surface.kind for fit in found.fits] == ["plane"]
+    assert (found.labels == 1).all()
+
+
+def test_without_ripple_it_is_the_same_division():
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(0, 0.1, (3, 1500, 2))
+    points = np.vstack([np.insert(flat[axis], axis, 0.0, axis=1) for axis in range(3)])
+    points += rng.normal(0, 1e-4, points.shape)
+    np.testing.assert_array_equal(segment_rippled(points).labels, segment_part(points).labels)
