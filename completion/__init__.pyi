@@ -19,6 +19,9 @@ from .parts.files import write_part as write_part
 from .parts.part import Part as Part
 from .parts.pipeline import model_part as model_part
 from .pipeline import complete as complete
+from .registration.pipeline import check_poses as check_poses
+from .registration.pipeline import register_scans as register_scans
+from .registration.registered import Registered as Registered
 from .relations.options import RelationOptions as RelationOptions
 from .relations.stated import StatedRelation as StatedRelation
 from .relations.stated import read_part_relations as read_part_relations

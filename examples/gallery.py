@@ -22,6 +22,7 @@ SMALL = {
     "plot_surface_textures": ["wall_with_window", "-o", "{out}"],
     "plot_segmentation": ["-o", "{out}"],
     "plot_parts": ["-o", "{out}"],
+    "plot_registration": ["-o", "{out}"],
     "plot_flattening": ["--docs", "{out}", "--seeds", "0"],
     "plot_simulated_against_real": ["--docs", "{out}"],
     "plot_report": ["--docs", "{out}"],

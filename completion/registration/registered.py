@@ -124,9 +124,7 @@ def verdicts_of(
             motion = composed(inverse(network.group.poses[i]), network.group.poses[j])
             held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
             reason = "placed in one group, and they share surface there"
-            found.append(
-                PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason)
-            )
+            found.append(PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason))
             continue
         judgement = judge(several, level)
         verdict = judgement.verdict
