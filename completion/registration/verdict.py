@@ -16,7 +16,7 @@ from scenes.checks import FloatArray
 LEAST_SCORE, MOST_VIOLATED = 0.2, 0.05
 """Score and share of violated facets of a pose that is worth a word."""
 
-LEAST_STIFFNESS = 0.001
+LEAST_STIFFNESS = 0.002
 """What facets must tell of a motion at least, of 1 / 6, that it does not slide."""
 
 _MARGINS = ((0.001, 0.35), (0.01, 0.5), (0.05, 0.65), (0.2, 0.8))
@@ -50,17 +50,13 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     tell all six numbers of it. `level` is the accepted probability of a false claim: the margin to the second
     hypothesis follows from it, as measured on pairs of rooms that have nothing in common.
     """
-    worth = [one for one in hypotheses if one.score > LEAST_SCORE and one.violate < MOST_VIOLATED]
-    if not worth:
-        if not hypotheses:
-            return Judgement(Verdict.NO_OVERLAP, "no plane of one scan can be one of the other")
-        best = hypotheses[0]
-        return Judgement(
-            Verdict.NO_OVERLAP,
-            f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it",
-        )
-    best = worth[0]
-    rivals = [one for one in worth[1:] if one.score > margin(level) * best.score]
+    if not hypotheses:
+        return Judgement(Verdict.NO_OVERLAP, "no plane of one scan can be one of the other")
+    best = hypotheses[0]
+    if best.score <= LEAST_SCORE or best.violate >= MOST_VIOLATED:
+        told = f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
+        return Judgement(Verdict.NO_OVERLAP, told)
+    rivals = [one for one in hypotheses[1:] if one.score > margin(level) * best.score]
     direction = _slide(best, rivals)
     if direction is not None:
         reason = "facets tell nothing of a shift along one direction"
@@ -69,7 +65,7 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
         reason = f"{len(rivals)} other poses come within {100 * margin(level):.0f} % of the best score"
         return Judgement(Verdict.AMBIGUOUS, reason)
     if best.stiffness < LEAST_STIFFNESS:
-        return Judgement(Verdict.AMBIGUOUS, "facets tell nothing of a turn about one axis")
+        return Judgement(Verdict.AMBIGUOUS, "facets tell too little of one of its motions")
     return Judgement(Verdict.REGISTERED, "no other pose comes near")
 
 

@@ -135,7 +135,7 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
     if request.origins:
-        scans, paths = _read_clouds(request), request.paths
+        scans, paths = _read_clouds(request), list(request.paths)
     else:
         scans, paths = _read_scans(request, posed=posed)
     axis = request.up if up is None else up

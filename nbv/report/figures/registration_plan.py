@@ -45,7 +45,11 @@ def registration_plan(network: Network, views: Sequence[StationView], world: Flo
                 *pose[:2, 3], "o", color=surface_colour(number + 1), markeredgecolor=theme.ink, zorder=4
             )
             axes.annotate(
-                str(number + 1), pose[:2, 3], xytext=(6, 6), textcoords="offset points", color=theme.ink
+                str(number + 1),
+                (float(pose[0, 3]), float(pose[1, 3])),
+                xytext=(6, 6),
+                textcoords="offset points",
+                color=theme.ink,
             )
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
