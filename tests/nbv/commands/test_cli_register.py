@@ -9,13 +9,15 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.files.scan_files import read_scans, write_scan, write_scans
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 
-CAMERA = PinholeSensor(fov_deg=75, width=240, height=180, max_range_m=12.0)
-POSES = [Pose.looking_at((1.2, 2.9, 1.5), (3.5, 1.0, 0.9)), Pose.looking_at((2.2, 3.1, 1.4), (3.2, 0.8, 0.9))]
+CAMERA = SphericalSensor(
+    azimuth_span_deg=360, elevation_min_deg=-60, elevation_max_deg=60, width=480, height=160
+)
+POSES = [Pose.looking_at((1.2, 2.9, 1.5), (3.5, 1.0, 1.5)), Pose.looking_at((2.2, 3.1, 1.4), (3.2, 0.8, 1.4))]
 
 
 def run(*arguments):
