@@ -32,6 +32,7 @@ from scenes.surfaces.surface import perpendicular
 _LEAST_TOLD = 1e-3  # of what is told best, below which a direction or a mirror is not told
 _N_ROUNDS = 30
 _SMALL = 1e-14  # radians, and shares of the surfaces' reach: a step of the mirror that is the last
+_MOST = 2.0  # radians and shares: a step beyond it is cut, so that pairs of no mirror do not lead away
 _STILL = np.zeros((3, 3))
 
 
@@ -50,9 +51,10 @@ def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: Fra
     for _ in range(_N_ROUNDS):
         found, by_mirror = _misfits(*begin.moved(change), frames, at)
         step = np.linalg.solve(by_mirror[kept], found.value[kept])
-        if np.abs(step * np.array([1.0, 1.0, 1 / begun.reach])).max() < _SMALL:
+        largest = float(np.abs(step * np.array([1.0, 1.0, 1 / begun.reach])).max())
+        if largest < _SMALL:
             break
-        change = change - step
+        change = change - step * min(1.0, _MOST / largest)
     rest = [k for k in range(len(found.rows)) if k not in kept]
     by = by_mirror[rest] @ np.linalg.inv(by_mirror[kept])
     blocks = {number: block[rest] - by @ block[kept] for number, block in found.blocks.items()}
