@@ -23,6 +23,9 @@ from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
 
+_NOTICED = 0.02
+"""Share of contradicted facets of scans that are placed together from which on a person is told."""
+
 _WRITTEN = (".npz", ".ply", ".pcd", ".ptx", ".e57", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
 """Suffixes of files that scans with poses are written to as they came; others become .npz."""
 
@@ -134,12 +137,20 @@ def _warnings(found: Registered, names: Sequence[str]) -> list[str]:
     for network in found.groups:
         for scan in list(network.group.poses)[1:]:
             covariance = found.covariance_of(scan)
-            assert covariance is not None
+            if covariance is None:
+                continue
             largest = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:]).max()))
             if largest > 0.05:
                 told.append(
                     f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
                 )
+    for one in found.pairs:
+        if one.verdict is Verdict.REGISTERED and one.violations > _NOTICED:
+            first, second = (names[number] for number in one.scans)
+            told.append(
+                f"{first} and {second} are placed together, but beams contradict "
+                f"{100 * one.violations:.1f} % of what they share: things were moved between them, or they are two places that look alike"
+            )
     return told
 
 

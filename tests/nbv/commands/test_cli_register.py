@@ -102,3 +102,12 @@ def test_what_cannot_be_registered_is_told_in_a_line(folder, arguments, said):
     assert said in result.output
     assert "Traceback" not in result.output
     assert not (folder / "none" / "registration.json").exists()
+
+
+def test_contradicted_scans_that_are_placed_together_are_told(folder, monkeypatch):
+    """A thing that was moved between two scans: the poses hold, and a person hears of it."""
+    monkeypatch.setattr("nbv.commands.register._NOTICED", 0.0)
+    result = run(folder / "lost_0.ply", folder / "lost_1.ply", "-o", folder / "told", "--json")
+    told = [text for text in json.loads(result.stdout)["warnings"] if "beams contradict" in text]
+    assert len(told) == 1
+    assert "or they are two places that look alike" in told[0]
