@@ -149,8 +149,8 @@ def _warnings(found: Registered, names: Sequence[str]) -> list[str]:
             first, second = (names[number] for number in one.scans)
             told.append(
                 f"{first} and {second} are placed together, but beams contradict "
-                f"{100 * one.violations:.1f} % of what they share: things were moved between them, or they are "
-                "two places that look alike"
+                f"{100 * one.violations:.1f} % of what they share: things were moved between them, or "
+                "they are two places that look alike"
             )
     return told
 
