@@ -65,7 +65,7 @@ def run_register(shared: Shared, request: ScanRequest, how: RegisterRequest) -> 
                 journal=run.journal(asked),
             )
         names = names_of(given)
-        warnings = [*given.doubts, *_warnings(found, names)]
+        warnings = [*given.doubts, *_warnings(found, [Path(name).name for name in names])]
         run.warn(warnings[len(given.doubts) :])
         run.watch.enter("save")
         record = {**registration_record(found, given.scans, names), "warnings": warnings}
