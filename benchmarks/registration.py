@@ -84,11 +84,15 @@ def overlap(a: RangeImage, b: RangeImage) -> float:
 
 
 def _share(seer: RangeImage, seen: RangeImage) -> float:
-    """The share of a scan's points that another one measured."""
-    points = seen.points()[seen.valid][::7] - seer.world_from_sensor.translation
-    distance = np.linalg.norm(points, axis=1)
-    pixel = seer.projection.pixels(points @ seer.world_from_sensor.rotation)
-    inside = np.isfinite(pixel).all(axis=1)
+    """The share of a scan's points that another one measured, on the same side of what they lie on."""
+    grid = seen.points()
+    normals = np.cross(np.gradient(grid, axis=1), np.gradient(grid, axis=0))[seen.valid][::7]
+    points = grid[seen.valid][::7]
+    ray, own = points - seer.world_from_sensor.translation, points - seen.world_from_sensor.translation
+    faces = np.einsum("ij,ij->i", normals, ray) * np.einsum("ij,ij->i", normals, own) > 0
+    distance = np.linalg.norm(ray, axis=1)
+    pixel = seer.projection.pixels(ray @ seer.world_from_sensor.rotation)
+    inside = np.isfinite(pixel).all(axis=1) & faces
     row, column = np.rint(pixel[inside]).astype(int).T
     met = seer.ranges[row.clip(0, seer.shape[0] - 1), column.clip(0, seer.shape[1] - 1)]
     return float(np.count_nonzero(np.abs(met - distance[inside]) < _SAME_M) / len(points))

@@ -13,12 +13,14 @@ import numpy as np
 
 from completion.evidence.registration.facets import Facets
 from completion.evidence.sight import Sight, pixel_of
-from completion.observe.triple import dot, minus
+from completion.observe.triple import Triple, dot, minus
 from scenes.checks import FloatArray, IntArray
 from texture.engine.compiled import compiled
 
 _ALIKE = 0.8  # cosine of the normals of two facets of one surface: 37 degrees
+_OTHER = 0.5  # of two that are not of one surface: 60 degrees
 _LEAST_M = 1e-12
+_SAME_M = 0.01  # within which two that face otherwise are at the same place
 
 
 @compiled
@@ -52,22 +54,46 @@ def count_agreement(
             )
             row, column = pixel // columns // other.side, pixel % columns // other.side
             ray = minus(place, eye.origin)
-            distance = np.sqrt(dot(ray, ray))
             found[number, 2] += 1
-            if other.is_flat[row, column]:
-                w = other.plane[row, column, 0], other.plane[row, column, 1], other.plane[row, column, 2]
-                size = np.sqrt(dot(w, w))
-                behind = (dot(w, ray) - 1.0) / size
-                sd = np.sqrt(own.deviation[k] ** 2 + other.sd[row, column] ** 2)
-                allowed = eye.n_sigma * sd + within_m
-                if abs(behind) <= allowed:
-                    # at the same place: alike, or something else
-                    found[number, 0 if dot(w, facing) > _ALIKE * size else 1] += 1
-                elif behind < 0:
-                    found[number, 1] += 1
-                continue
-            cosine = abs(dot(ray, facing)) / max(distance, _LEAST_M)
-            farther = other.near[row, column] - distance
-            if np.isfinite(farther) and farther * cosine > eye.n_sigma * own.deviation[k] + within_m:
-                found[number, 1] += 1
+            told = _told(other, row, column, ray, facing, own.deviation[k], eye.n_sigma, within_m)
+            if told >= 0:
+                found[number, told] += 1
     return found
+
+
+@compiled
+def _told(
+    other: Facets,
+    row: int,
+    column: int,
+    ray: Triple,
+    facing: Triple,
+    deviation: float,
+    n_sigma: float,
+    within_m: float,
+) -> int:
+    """What a tile and those around it say of a facet: 0 that it agrees, 1 that it is violated, -1 nothing."""
+    rows, columns = other.is_flat.shape
+    faced, asked = 0, 0
+    for r in range(max(row - 1, 0), min(row + 2, rows)):
+        for c in range(max(column - 1, 0), min(column + 2, columns)):
+            asked += 1
+            if not other.is_flat[r, c]:
+                continue
+            w = other.plane[r, c, 0], other.plane[r, c, 1], other.plane[r, c, 2]
+            size = np.sqrt(dot(w, w))
+            behind = (dot(w, ray) - 1.0) / size
+            noise = n_sigma * np.sqrt(deviation**2 + other.sd[r, c] ** 2)
+            cosine = dot(w, facing) / size
+            if cosine > _ALIKE and abs(behind) <= noise + within_m:
+                return 0
+            if cosine < _OTHER and abs(behind) <= noise + min(within_m, _SAME_M):
+                faced += 1
+    if faced == asked:
+        return 1
+    distance = np.sqrt(dot(ray, ray))
+    cosine = abs(dot(ray, facing)) / max(distance, _LEAST_M)
+    farther = other.near[row, column] - distance
+    if np.isfinite(farther) and farther * cosine > n_sigma * deviation + within_m:
+        return 1
+    return -1

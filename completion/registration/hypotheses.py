@@ -19,13 +19,14 @@ from scenes.checks import FloatArray, IntArray
 COARSE_M, MIDDLE_M, FINE_M = 0.2, 0.08, 0.01
 """How far off poses may still be, metres: as candidates, after a short refinement, after a full one."""
 
-COARSE_VIOLATION, VIOLATION = 3.0, 8.0
+COARSE_VIOLATION, VIOLATION = 3.0, 20.0
 """Facets that agree which one that is violated outweighs, of candidates and in the end."""
 
 N_KEPT = 5
 """Distinct hypotheses of a pair."""
 
-_N_SCREENED, _SCREEN = 1500, 7  # poses that every so many-th facet leaves
+_N_SCREENED, _SCREEN = 1500, 21  # poses that every so many-th facet leaves
+_SOME = 3  # every so many-th facet judges poses that are not settled yet
 _N_SHORT, _N_FULL = 30, 10
 _SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
 _APART, _APART_SHARE = np.radians(10.0), 0.15  # turn and share of the radius by which poses are distinct
@@ -80,10 +81,10 @@ def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = N
         scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SCREEN)
         motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
     motions = distinct(
-        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION), radius, _N_SHORT
+        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SOME), radius, _N_SHORT
     )
     motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
-    motions = distinct(motions, scores_of(first, second, motions, MIDDLE_M, VIOLATION), radius, _N_FULL)
+    motions = distinct(motions, scores_of(first, second, motions, MIDDLE_M, VIOLATION, step=_SOME), radius, _N_FULL)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
     return best_of(first, second, motions)
@@ -168,7 +169,7 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
     Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.
     """
     radius = max(one.view.radius_m for one in move)
-    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION)[0])
+    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, step=_SOME)[0])
     for _ in range(_N_SLIDES):
         equations, middle = equations_of(stay, move, motion, _LAST_GATE_M)
         _, free = stiffness(equations, radius)
@@ -176,9 +177,9 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
             break
         change = free / np.array([radius] * 3 + [1.0] * 3)
         tried = np.array([moved(motion, step * change, middle) for step in _SLIDES_M])
-        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION)
+        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, step=_SOME)
         again = refine(stay, move, tried[int(scores.argmax())], *_FULL)
-        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION)[0])
+        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, step=_SOME)[0])
         if score <= best + _BETTER:
             break
         motion, best = again, score

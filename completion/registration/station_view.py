@@ -19,7 +19,7 @@ from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane
 
-N_SAMPLES = 400
+N_SAMPLES = 1200
 """Facets of a scan by which poses are compared."""
 
 N_DIRECTIONS = 9

@@ -24,7 +24,7 @@ _ALIKE = 0.94  # cosine of what they face: 20 degrees
 _UPRIGHT = 0.8  # cosine to the shared direction from which facets tell no shift
 _N_PEAKS = 3  # shifts of a turn
 _N_KEPT = 4000
-_EVERY = 2  # facet of the sample that votes
+_EVERY = 6  # facet of the sample that votes
 
 
 def turn_candidates(a: StationView, b: StationView) -> FloatArray:

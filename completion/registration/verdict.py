@@ -13,7 +13,7 @@ from completion.registration.hypotheses import Hypothesis
 from completion.registration.motions import angle_between
 from scenes.checks import FloatArray
 
-LEAST_SCORE, MOST_VIOLATED = 0.2, 0.05
+LEAST_SCORE, MOST_VIOLATED = 0.4, 0.02
 """Score and share of violated facets of a pose that is worth a word."""
 
 LEAST_STIFFNESS = 0.002
