@@ -26,6 +26,7 @@ N_DIRECTIONS = 9
 """Directions of a scan's planes, those of the largest area."""
 
 _PARALLEL = np.cos(np.radians(5.0))  # planes of one direction
+_STAND = 0.1  # of the radius, within which a scanner sees what it stands on, which moves with it
 _CELLS = 6  # along the edge of the cube map in which facets are counted by what they face
 
 
@@ -86,13 +87,15 @@ class StationView:
         facets = facets_of(seen, curved=True)
         regions = segment(seen, SegmentationOptions())
         distance = np.linalg.norm(facets.centre, axis=1)
+        radius = float(np.quantile(distance, 0.9)) if len(distance) else 1.0
+        apart = np.flatnonzero(distance > _STAND * radius)
         return cls(
             seen=seen,
             facets=facets,
             sight=sight_of(seen, EvidenceOptions().tolerance()),
-            sample=_sample(facets.normal),
+            sample=apart[_sample(facets.normal[apart])],
             directions=_directions(regions, seen),
-            radius_m=float(np.quantile(distance, 0.9)) if len(distance) else 1.0,
+            radius_m=radius,
             up=scan.world_from_sensor.rotation[2] if upright else None,
         )
 
