@@ -84,7 +84,8 @@ def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = N
         motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SOME), radius, _N_SHORT
     )
     motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
-    motions = distinct(motions, scores_of(first, second, motions, MIDDLE_M, VIOLATION, step=_SOME), radius, _N_FULL)
+    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, step=_SOME)
+    motions = distinct(motions, scores, radius, _N_FULL)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
     return best_of(first, second, motions)

@@ -23,7 +23,7 @@ from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
 
-_NOTICED = 0.02
+_NOTICED = 0.005
 """Share of contradicted facets of scans that are placed together from which on a person is told."""
 
 _WRITTEN = (".npz", ".ply", ".pcd", ".ptx", ".e57", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
