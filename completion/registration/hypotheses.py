@@ -13,6 +13,7 @@ from completion.registration.motions import STILL, angle_between, composed, inve
 from completion.registration.plane_candidates import plane_candidates
 from completion.registration.refinement import Placed, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
+from completion.registration.surplus import surplus_of
 from completion.registration.turn_candidates import turn_candidates
 from scenes.checks import FloatArray, IntArray
 
@@ -45,11 +46,13 @@ class Hypothesis:
     motion : (3, 4) float
         A turn and a shift, metres.
     score : float
-        Facets that agree less eight times those that are violated, as shares of each scan's sample, summed.
+        Facets that agree less twenty times those that are violated, as shares of each scan's sample, summed.
     agree, violate : float
         Shares of facets in view of another scan.
     stiffness : float
         Least eigenvalue of what the facets tell, 0 to 1 / 6.
+    surplus : float
+        What agrees beyond three planes of each two scans, summed: three planes agree by construction.
     free : (6,) float
         The motion that they tell least, a turn times the radius and a shift, in the frame of those that stay.
     """
@@ -59,6 +62,7 @@ class Hypothesis:
     agree: float
     violate: float
     stiffness: float
+    surplus: float
     free: FloatArray
 
 
@@ -113,6 +117,11 @@ def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -
         agree=float(counts[0] / seen),
         violate=float(counts[1] / seen),
         stiffness=stiff,
+        surplus=sum(
+            surplus_of(a.view, b.view, composed(composed(inverse(a.pose), motion), b.pose), FINE_M)
+            for a in stay
+            for b in move
+        ),
         free=free,
     )
 

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: MIT
+"""Surplus: what agrees of two scans beyond the three planes that any pose can bring together.
+
+The corner of a room fits that of any other one: three planes settle the six numbers of a pose, and that they
+agree says nothing of whether the scans share anything. What else agrees does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from completion.registration.agreement import AGREES, ask_facets
+from completion.registration.motions import inverse
+from completion.registration.station_view import StationView
+from scenes.checks import FloatArray
+
+_N_FREE = 3  # planes that a pose can bring together
+_ALIKE, _SAME_M = np.cos(np.radians(15.0)), 0.08  # of facets of one plane
+_N_SEEDS = 30  # facets whose planes are tried
+
+
+def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: float) -> float:
+    """Return what agrees of scans, b moved by `motion` (3, 4) to a, beyond three planes, 0 to 2.
+
+    It is a share of the facets of either scan's sample, summed over both.
+    """
+    return _share(b, a, motion, within_m) + _share(a, b, inverse(motion), within_m)
+
+
+def _share(own: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
+    told = ask_facets(own.facets, own.sample, motion, other.sight, other.facets, within_m)
+    chosen = own.sample[told == AGREES]
+    counts = _planes(own.facets.normal[chosen], own.facets.centre[chosen])
+    return sum(counts[_N_FREE:]) / max(len(own.sample), 1)
+
+
+def _planes(normals: FloatArray, places: FloatArray) -> list[int]:
+    """How many facets lie in each plane: that of most facets first, then of those left."""
+    counts, left = [], np.arange(len(normals))
+    while len(left):
+        seeds = left[:: max(1, len(left) // _N_SEEDS)]
+        alike = normals[left] @ normals[seeds].T > _ALIKE
+        height = np.einsum("ij,ij->i", places[seeds], normals[seeds])
+        alike &= np.abs(places[left] @ normals[seeds].T - height) < _SAME_M
+        best = alike[:, alike.sum(axis=0).argmax()]
+        counts.append(int(best.sum()))
+        left = left[~best]
+    return counts
