@@ -22,7 +22,8 @@ from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress
 
-_N_SAMPLES = 30_000
+_SAMPLES = (4_000, 30_000)  # least and most
+_ACROSS = 8  # samples across the narrowest triangle: no face is narrower
 _COVERED = 0.5  # share of the area that vertices stand for, from which on they are enough
 _LEAST_VERTICES = 1_000
 _CREASE = np.radians(40.0)  # between triangles, beyond which a surface has an edge there
@@ -119,16 +120,25 @@ def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
 def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
     """Points (k, 3) spread evenly over the area, and the triangle (k,) of each."""
     total = np.cumsum(areas)
-    step = (np.arange(_N_SAMPLES) + 0.5) / _N_SAMPLES * total[-1]
+    n = _n_samples(mesh, areas)
+    step = (np.arange(n) + 0.5) / n * total[-1]
     own = np.minimum(np.searchsorted(total, step), len(areas) - 1)
     golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
-    index = np.arange(1, _N_SAMPLES + 1)[:, None]
+    index = np.arange(1, n + 1)[:, None]
     a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
     over = a + b > 1
     a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
     corners = mesh.vertices[mesh.faces[own]]
     points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
     return points + b[:, None] * (corners[:, 2] - corners[:, 0]), own
+
+
+def _n_samples(mesh: LabelledMesh, areas: FloatArray) -> int:
+    """How many samples lie closely enough for the narrowest triangle that has an area."""
+    longest = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
+    narrowest = float(np.min(2 * areas[areas > 0] / longest[areas > 0]))
+    least, most = _SAMPLES
+    return int(np.clip(areas.sum() * (_ACROSS / narrowest) ** 2, least, most))
 
 
 def _sag(mesh: LabelledMesh) -> float:

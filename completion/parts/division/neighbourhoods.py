@@ -16,16 +16,15 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
+from completion.parts.division.paraboloids import N_TERMS, paraboloids
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 N_LINKS = 10  # nearest neighbours that count as beside a point
 SIZES = (12, 18, 27, 40, 60, 90, 135)  # neighbours of the paraboloids
 _NOISE_SIZE = 18
 _LEAST, _N_TURNS = 0.05, 20
-_N_TERMS = 6
 _CHANCE = 0.01  # that noise makes a paraboloid look wrong
 _RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
-_CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,15 +72,15 @@ def look_around(
     distances, nearest = cKDTree(points).query(points, k=sizes[-1])
     nearest = nearest.astype(np.int64)
     spacing = _spacing(distances)
-    shapes = [_paraboloids(points, nearest[:, :size]) for size in sizes]
+    shapes = [paraboloids(points, nearest[:, :size]) for size in sizes]
     plain = sizes.index(_NOISE_SIZE) if _NOISE_SIZE in sizes else 0
-    noise = _noise(shapes[plain].rms, max(sizes[plain] - _N_TERMS, 1)) if noise_m is None else noise_m
+    noise = _noise(shapes[plain].rms, max(sizes[plain] - N_TERMS, 1)) if noise_m is None else noise_m
     tolerance = max(noise, _RESOLUTION * spacing)
     n = len(points)
     chosen, smooth = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.bool_)
     explained = np.ones(n, dtype=np.bool_)
     for place, (size, shape) in enumerate(zip(sizes, shapes, strict=True)):
-        freedom = max(size - _N_TERMS, 1)
+        freedom = max(size - N_TERMS, 1)
         explained &= shape.rms**2 * freedom <= tolerance**2 * float(chdtri(freedom, _CHANCE))
         chosen[explained] = place
         if place == 0:
@@ -103,46 +102,9 @@ def look_around(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Paraboloids:
-    """One a point: normal (n, 3), residual (n,), deviation of the normal per unit of residual (n,)."""
-
-    normals: FloatArray
-    rms: FloatArray
-    slope_factor: FloatArray
-
-
 def _spacing(distances: FloatArray) -> float:
     apart = distances[:, 1] if distances.shape[1] > 1 else distances[:, 0]
     return float(np.median(apart[apart > 0])) if (apart > 0).any() else 0.0
-
-
-def _paraboloids(points: FloatArray, nearest: IntArray) -> _Paraboloids:
-    """Least-squares paraboloids over the neighbours (n, k) of points (n, 3)."""
-    n, k = nearest.shape
-    normals, rms, factor = np.empty((n, 3)), np.empty(n), np.empty(n)
-    for first in range(0, n, _CHUNK):
-        some = slice(first, min(first + _CHUNK, n))
-        offset = points[nearest[some]] - points[some, None]
-        about = offset - offset.mean(axis=1, keepdims=True)
-        _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", about, about))
-        local = offset @ axes  # columns: normal, second, first axis
-        scale = np.sqrt(np.einsum("nki,nki->n", offset, offset) / k)
-        scale = np.where(scale > 0, scale, 1.0)
-        local = local / scale[:, None, None]
-        z, x, y = local[..., 0], local[..., 2], local[..., 1]
-        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-        gram = np.einsum("nki,nkj->nij", basis, basis)
-        gram += 1e-12 * k * np.eye(_N_TERMS)
-        inverse = np.linalg.inv(gram)
-        solution = np.einsum("nij,nkj,nk->ni", inverse, basis, z)
-        residual = z - np.einsum("nki,ni->nk", basis, solution)
-        rms[some] = scale * np.sqrt(np.einsum("nk,nk->n", residual, residual) / max(k - _N_TERMS, 1))
-        up = np.stack([np.ones(len(x)), -solution[:, 2], -solution[:, 1]], axis=-1)
-        world = np.einsum("nij,nj->ni", axes, up)
-        normals[some] = world / np.linalg.norm(world, axis=1, keepdims=True)
-        factor[some] = np.sqrt((inverse[:, 1, 1] + inverse[:, 2, 2]) / 2) / scale
-    return _Paraboloids(normals, rms, factor)
 
 
 def _noise(rms: FloatArray, freedom: int) -> float:

@@ -90,10 +90,11 @@ def test_gaps_stay_gaps_and_cost_little(flat) -> None:
 
 
 def test_a_strip_askew_in_its_frame_is_flattened_too() -> None:
-    strip = np.full((300, 300), np.nan)
-    for row in range(300):
-        strip[row, row : row + 6] = ripple(0)[row % SHAPE[0], 10:16][: 300 - row]
+    strip = np.full((176, 176), np.nan)
+    for row in range(176):
+        strip[row, row : row + 6] = ripple(0)[row % SHAPE[0], 10:16][: 176 - row]
     out = flatten_heights(strip, CELL)
+    assert not out.reason
     assert np.array_equal(np.isnan(out.heights), np.isnan(strip))
 
 
