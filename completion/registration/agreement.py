@@ -37,8 +37,7 @@ def count_agreement(
     """
     found = np.zeros((len(motions), 3), np.int64)
     for number in range(len(motions)):
-        for k in sample:
-            told = _asked(own, k, motions[number], sight, other, within_m)
+        for told in ask_facets(own, sample, motions[number], sight, other, within_m):
             if told != OUTSIDE:
                 found[number, 2] += 1
             if told >= 0:
@@ -51,35 +50,29 @@ def ask_facets(
     own: Facets, sample: IntArray, motion: FloatArray, sight: Sight, other: Facets, within_m: float
 ) -> IntArray:
     """Return for a motion (3, 4) what the other scan says of each facet of the `sample` (k,)."""
-    found = np.zeros(len(sample), np.int64)
-    for number in range(len(sample)):
-        found[number] = _asked(own, sample[number], motion, sight, other, within_m)
-    return found
-
-
-@compiled
-def _asked(own: Facets, k: int, m: FloatArray, sight: Sight, other: Facets, within_m: float) -> int:
-    """What the other scan says of one facet, moved."""
-    eye = sight.eye
-    x, y, z = own.centre[k, 0], own.centre[k, 1], own.centre[k, 2]
-    place = (
-        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
-        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
-        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3],
-    )
-    pixel = pixel_of(eye, sight.angles, place)
-    if pixel < 0:
-        return OUTSIDE
-    x, y, z = own.normal[k, 0], own.normal[k, 1], own.normal[k, 2]
-    facing = (
-        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
-        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
-        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
-    )
+    eye, m, found = sight.eye, motion, np.full(len(sample), OUTSIDE)
     columns = eye.shape[1]
-    row, column = pixel // columns // other.side, pixel % columns // other.side
-    ray = minus(place, eye.origin)
-    return _told(other, row, column, ray, facing, own.deviation[k], eye.n_sigma, within_m)
+    for number in range(len(sample)):
+        k = sample[number]
+        x, y, z = own.centre[k, 0], own.centre[k, 1], own.centre[k, 2]
+        place = (
+            m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
+            m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
+            m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3],
+        )
+        pixel = pixel_of(eye, sight.angles, place)
+        if pixel < 0:
+            continue
+        x, y, z = own.normal[k, 0], own.normal[k, 1], own.normal[k, 2]
+        facing = (
+            m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
+            m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
+            m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
+        )
+        row, column = pixel // columns // other.side, pixel % columns // other.side
+        ray = minus(place, eye.origin)
+        found[number] = _told(other, row, column, ray, facing, own.deviation[k], eye.n_sigma, within_m)
+    return found
 
 
 @compiled

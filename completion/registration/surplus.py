@@ -12,7 +12,7 @@ import numpy as np
 from completion.registration.agreement import AGREES, ask_facets
 from completion.registration.motions import inverse
 from completion.registration.station_view import StationView
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 
 _N_FREE = 3  # planes that a pose can bring together
 _ALIKE, _SAME_M = np.cos(np.radians(15.0)), 0.08  # of facets of one plane
@@ -29,20 +29,18 @@ def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: flo
 
 def _share(own: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
     told = ask_facets(own.facets, own.sample, motion, other.sight, other.facets, within_m)
-    chosen = own.sample[told == AGREES]
-    counts = _planes(own.facets.normal[chosen], own.facets.centre[chosen])
-    return sum(counts[_N_FREE:]) / max(len(own.sample), 1)
+    left = own.sample[told == AGREES]
+    for _ in range(_N_FREE):
+        left = _without_largest(own.facets.normal[left], own.facets.centre[left], left)
+    return len(left) / max(len(own.sample), 1)
 
 
-def _planes(normals: FloatArray, places: FloatArray) -> list[int]:
-    """How many facets lie in each plane: that of most facets first, then of those left."""
-    counts, left = [], np.arange(len(normals))
-    while len(left):
-        seeds = left[:: max(1, len(left) // _N_SEEDS)]
-        alike = normals[left] @ normals[seeds].T > _ALIKE
-        height = np.einsum("ij,ij->i", places[seeds], normals[seeds])
-        alike &= np.abs(places[left] @ normals[seeds].T - height) < _SAME_M
-        best = alike[:, alike.sum(axis=0).argmax()]
-        counts.append(int(best.sum()))
-        left = left[~best]
-    return counts
+def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) -> IntArray:
+    """The facets (m,) that do not lie in the plane in which most of them lie."""
+    if not len(facets):
+        return facets
+    seeds = slice(None, None, max(1, len(facets) // _N_SEEDS))
+    height = np.einsum("ij,ij->i", places[seeds], normals[seeds])
+    together = normals @ normals[seeds].T > _ALIKE
+    together &= np.abs(places @ normals[seeds].T - height) < _SAME_M
+    return np.asarray(facets[~together[:, together.sum(axis=0).argmax()]])
