@@ -44,8 +44,9 @@ def joint_table(first: int, n_rooms: int, n_scans: int) -> Iterator[str]:
         alone = sum(found.group_of(k) is None for k in range(n_scans))
         sizes = " + ".join(str(len(one.group.poses)) for one in found.groups) or "none"
         told = f"{within} of {3 * (right + wrong)}"
-        yield f"| {seed} | {sizes} | {connected(scans)} | {right} | {wrong} | {told} | {alone} | {spent:.1f} |"
-        total += [right, wrong, within, alone, connected(scans)]
+        met = connected(scans)
+        yield f"| {seed} | {sizes} | {met} | {right} | {wrong} | {told} | {alone} | {spent:.1f} |"
+        total += [right, wrong, within, alone, met]
     placed = total[0] + total[1]
     yield f"| all | | {total[4]} | {total[0]} | {total[1]} | {total[2]} of {3 * placed} | {total[3]} | |"
 
