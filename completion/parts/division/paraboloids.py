@@ -16,7 +16,7 @@ _RIDGE = 1e-12  # of the number of neighbours: places that determine no parabolo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paraboloids:
-    """One a point: normal (n, 3), rms residual (n,) and the deviation (n,) of the normal for each metre of it."""
+    """One a point: normal (n, 3), rms residual (n,), and the deviation (n,) of the normal per metre of it."""
 
     normals: FloatArray
     rms: FloatArray
