@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,12 +35,15 @@ class Continued:
         reason.
     beyond_m2 : float
         All other inferred area of theirs.
+    beyond_by_reason : dict
+        The same by why it was inferred, m2.
     """
 
     n_surfaces: int
     enclosed_m2: float
     turned_m2: float
     beyond_m2: float
+    beyond_by_reason: dict[str, float] = field(default_factory=dict)
 
 
 def continued_area(
@@ -71,16 +74,35 @@ def continued_area(
         known = scan.truth.surface >= 0
         on_thing = is_thing[scan.truth.surface[known]].astype(np.int64)
         np.add.at(pixels, (owner[known], on_thing), 1)
-    of_thing = pixels[1:, 1] > pixels[1:, 0]
+    return continued_area_of(completed, hypothesis, pixels[1:, 1] > pixels[1:, 0])
+
+
+def continued_area_of(completed: CompletedModel, hypothesis: Hypothesis, of_thing: BoolArray) -> Continued:
+    """Return the area that was continued from surfaces (n_patches,) that are known to be a thing's.
+
+    Parameters
+    ----------
+    completed : CompletedModel
+        A completion.
+    hypothesis : Hypothesis
+        What it inferred.
+    of_thing : (n_patches,) bool
+        Which of its surfaces were measured on the thing.
+    """
     areas = triangle_areas(hypothesis.vertices[hypothesis.faces])
     enclosed = np.array([reason == _ENCLOSED for reason in hypothesis.reasons])[hypothesis.face_reason]
     turned = _along_measured(completed, hypothesis) & ~enclosed
     counted = of_thing[hypothesis.surface]
+    beyond = counted & ~enclosed & ~turned
+    by_reason = np.bincount(hypothesis.face_reason[beyond], areas[beyond], len(hypothesis.reasons))
     return Continued(
         n_surfaces=int(of_thing.sum()),
         enclosed_m2=float(areas[counted & enclosed].sum()),
         turned_m2=float(areas[counted & turned].sum()),
-        beyond_m2=float(areas[counted & ~enclosed & ~turned].sum()),
+        beyond_m2=float(areas[beyond].sum()),
+        beyond_by_reason={
+            name: float(area) for name, area in zip(hypothesis.reasons, by_reason, strict=True) if area > 0
+        },
     )
 
 
