@@ -52,9 +52,9 @@ _SIDES = np.radians([-60, -45, -30, -15, 0, 15, 30, 45, 60])
 _HEIGHTS = np.array([-0.9, -0.4, 0.0, 0.2])  # from the camera, metres
 
 
-def walk(caster: RayCaster, start: FloatArray, n_frames: int) -> list[Pose]:
-    """Walk from `start` (3,), metres; return where the camera was and looked at each frame."""
-    poses, place, heading, turning = [], np.array(start, dtype=np.float64), 0.0, 0.0
+def walk(caster: RayCaster, start: FloatArray, n_frames: int, heading: float = 0.0) -> list[Pose]:
+    """Walk from `start` (3,), metres, first to `heading`, radians; return where the camera was and looked."""
+    poses, place, turning = [], np.array(start, dtype=np.float64), 0.0
     for number in range(n_frames):
         angle = heading + _SIDES
         ahead = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)

@@ -20,7 +20,15 @@ import typer
 from PIL import Image
 
 from benchmarks.completion.ledger.entries import Entry, Outcome, outcome
-from benchmarks.completion.ledger.sources import HELD_OUT_HOUSES, HOUSES, REAL, WALKS, Source, groups
+from benchmarks.completion.ledger.sources import (
+    FURNISHED,
+    HELD_OUT_HOUSES,
+    HOUSES,
+    REAL,
+    WALKS,
+    Source,
+    groups,
+)
 from benchmarks.completion.ledger.table import bin_of, row, rows_by, table
 from completion import CompletionOptions
 from scenes.scan.colour import unit_colour
@@ -32,7 +40,7 @@ _SHOWN = {2: (150, 150, 150), 0: (240, 228, 66), 1: (0, 114, 178), -1: (213, 94,
 def ledger(
     kinds: Annotated[
         list[str] | None,
-        typer.Option("--of", help="real, walks, houses, held-out-houses, or a source's name."),
+        typer.Option("--of", help="real, walks, furnished, houses, held-out-houses, or a source's name."),
     ] = None,
     together: Annotated[int, typer.Option("--together", min=1, help="Frames completed together.")] = 1,
     every: Annotated[int, typer.Option("--every", min=1, help="Of the groups of frames.")] = 1,
@@ -69,6 +77,7 @@ def chosen(kinds: Sequence[str]) -> list[Source]:
     kept: dict[str, Sequence[Source]] = {
         "real": REAL,
         "walks": WALKS,
+        "furnished": FURNISHED,
         "houses": HOUSES,
         "held-out-houses": HELD_OUT_HOUSES,
     }

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.completion.ledger.furnished import FurnishedWalk
 from benchmarks.completion.scenes.houses.frames import frames
 from benchmarks.completion.scenes.houses.house import House, random_house
 from benchmarks.frames import walk
@@ -145,7 +146,7 @@ class Flat:
         return frames(self.house, self.n_frames)
 
 
-Known = Walk | Flat  # whose truth is known
+Known = Walk | Flat | FurnishedWalk  # whose truth is known
 Source = RealFrames | Known
 
 REAL = (
@@ -161,6 +162,18 @@ WALKS = (
     Walk("small house", "scenes/aws_small_house.glb", (2.0, -0.5, 1.4), 240, 8, "z"),
 )
 HOUSES = tuple(Flat(seed) for seed in range(20))
+_DUPLEX = (
+    *("IfcWall", "IfcSlab", "IfcBeam", "IfcWindow", "IfcCovering", "IfcStair", "IfcRailing", "IfcMember"),
+    *("IfcDoor-123", "IfcDoor-124", "IfcDoor-40", "IfcDoor-41"),  # to the open
+)
+_SMALL_HOUSE = ("RoomWall", "HouseWall", "RoomWindow", "Floor", "FoldingDoor")
+FURNISHED = (
+    *(FurnishedWalk("duplex", DATA / "buildings/duplex.glb", _DUPLEX, seed) for seed in range(10)),
+    *(
+        FurnishedWalk("small house", DATA / "scenes/aws_small_house.glb", _SMALL_HOUSE, seed, "z")
+        for seed in range(10, 20)
+    ),
+)
 HELD_OUT_HOUSES = tuple(Flat(seed) for seed in range(100, 120))
 
 
