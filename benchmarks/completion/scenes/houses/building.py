@@ -147,9 +147,9 @@ def _layout(number: int, one: Rectangle, caster: RayCaster, rng: np.random.Gener
         near = away[np.abs(away) < _REACH_M]
         face = float(near.min()) if len(near) else 0.0
         walls.append(Wall(corner - face * inward, along, 0.0, False))
-        for first, last in _runs((np.abs(away - face) < _EVEN_M).all(axis=1)):
+        for first, last in _runs(np.abs(away - face).max(axis=1) < _EVEN_M):
             sides.append(Side(k, 1, float(at[first]), float(at[last - 1])))
-        for first, last in _runs((away > _REACH_M).all(axis=1)):
+        for first, last in _runs(away.min(axis=1) > _REACH_M):
             passages.append(walls[k].place(at[[first, last - 1]], np.zeros(2), 0.0)[:, :2])
     low = np.array([walls[3].point[0], walls[0].point[1]])
     high = np.array([walls[1].point[0], walls[2].point[1]])
