@@ -21,74 +21,87 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 from nbv.report.pictures.camera import Camera, aside_cameras
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.files.scan_request import ScanRequest, read_request
 from scenes.formats.meshes.ply import read_mesh_ply
+from scenes.formats.rgbd.rgbd import depth_scan, read_depth_image
+from scenes.formats.scans.npz import write_npz
+from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
+from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
+from scenes.scan.thumbnail import upright
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("UNSEEN_DATA", ROOT.parent / "shared" / "data")) / "range"
 SMALL_M2 = 0.05
-_WIDTH, _GAP = 480, 8
-_COLOURS = 96  # of a picture's palette
+_GAP = 8
+_COLOURS = 160  # of a picture's palette
 _WHITE = np.full(3, 1.0)
+_LEVEL = Pose.looking_at((0, 0, 0), (0, 1, 0))  # of depth images without a pose
 PROVENANCES = {
     1: ("interior", (0.00, 0.45, 0.70)),
     2: ("between", (0.34, 0.71, 0.91)),
     3: ("edges", (0.00, 0.62, 0.45)),
     4: ("architectural", (0.90, 0.62, 0.00)),
     5: ("full-turn", (0.80, 0.47, 0.65)),
-    7: ("no-return", (0.84, 0.37, 0.00)),
+    7: ("no-return", (0.72, 0.05, 0.20)),
 }  # the numbers in the files, and colours that the colour-blind tell apart (Okabe & Ito)
 
 
-def _disparity_mm(raw: NDArray[np.uint16]) -> FloatArray:
-    """Millimetres of a Kinect's raw disparity in words that are turned round; 0 where there is none."""
-    disparity = raw.byteswap().astype(np.float64)
-    return np.where(disparity < 1092.0, 351300.0 / np.maximum(1092.5 - disparity, 0.5), 0.0)
+def _from_disparity(raw: FloatArray) -> FloatArray:
+    """Metres of a Kinect's raw disparity in words that are turned round; 0 where there is none."""
+    disparity = raw.astype(np.uint16).byteswap().astype(np.float64)
+    return np.where(disparity < 1092.0, 351.3 / np.maximum(1092.5 - disparity, 0.5), 0.0)
 
 
-def _turned_mm(raw: NDArray[np.uint16]) -> FloatArray:
-    """Millimetres of a word whose bits are turned by three."""
-    return ((raw >> 3) | (raw << 13)).astype(np.float64)
+def _from_turned(raw: FloatArray) -> FloatArray:
+    """Metres of millimetres whose bits are turned by three."""
+    words = raw.astype(np.uint16)
+    return ((words >> 3) | (words << 13)) / 1000.0
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A real scan: its place below `range`, what its files do not tell, and how its depth is decoded."""
+    """A real scan: its place below `range`, and what its files do not tell.
+
+    `decode` makes metres of what a depth image holds that belongs to no folder of frames.
+    """
 
     path: str
     intrinsics: tuple[float, ...] | None = None
     depth_scale: float | None = None
     origin: tuple[float, ...] | None = None
-    decode: Callable[[NDArray[np.uint16]], FloatArray] | None = None
+    decode: Callable[[FloatArray], FloatArray] | None = None
 
     def source(self, folder: Path) -> str:
         """The path to read; a decoded depth image is written into `folder`."""
-        if self.decode is None:
+        if self.decode is None or self.intrinsics is None:
             return str(DATA / self.path)
         folder.mkdir(parents=True, exist_ok=True)
-        raw = np.asarray(Image.open(DATA / self.path)).astype(np.uint16)
-        decoded = folder / f"{Path(self.path).stem}.png"
-        Image.fromarray(np.clip(self.decode(raw).round(), 0, 65535).astype(np.uint16)).save(decoded)
+        decoded = folder / f"{Path(self.path).stem}.npz"
+        depth = self.decode(read_depth_image(DATA / self.path))
+        camera = PinholeProjection(depth.shape[1], depth.shape[0], *self.intrinsics)
+        write_npz(depth_scan(depth, camera, _LEVEL, name=decoded.stem), decoded)
         return str(decoded)
 
     def options(self) -> list[str]:
         """What the command is told."""
-        told = [] if self.intrinsics is None else ["--intrinsics", ",".join(map(str, self.intrinsics))]
-        told += [] if self.depth_scale is None else ["--depth-scale", str(self.depth_scale)]
-        return told + ([] if self.origin is None else ["--origin", ",".join(map(str, self.origin))])
+        told = [] if self.origin is None else ["--origin", ",".join(map(str, self.origin))]
+        if self.decode is None and self.intrinsics is not None:
+            told += ["--intrinsics", ",".join(map(str, self.intrinsics))]
+            told += ["--depth-scale", str(self.depth_scale)]
+        return told
 
     def read(self, folder: Path) -> RangeImage:
         """The scan."""
         asked = ScanRequest(
             (self.source(folder),),
-            intrinsics=self.intrinsics,
+            intrinsics=None if self.decode else self.intrinsics,
             depth_scale=self.depth_scale,
             origins=() if self.origin is None else (self.origin,),
             up="auto",
@@ -108,10 +121,12 @@ SCANS = {
     "mug": Scan("pcl/table_scene_mug_stereo_textured.pcd"),
     "pumpA": Scan("e57/pumpA.e57"),
     **{f"learn{k}": Scan(f"mOSD/learn{k}.pcd") for k in (0, 17, 25, 29, 33, 39)},
-    "tunnel": Scan("cape_tunnel/depth_0.png", (575.93, 576.41, 315.15, 230.59), 1000.0),
-    "nyu": Scan("open3d_other_formats/NYU_depth.pgm", _KINECT, 1000.0, decode=_disparity_mm),
-    "sun": Scan("open3d_other_formats/SUN_depth.png", _KINECT, 1000.0, decode=_turned_mm),
-    "tum": Scan("open3d_other_formats/TUM_depth.png", _KINECT, 5000.0),
+    "tunnel": Scan(
+        "cape_tunnel/depth_0.png", (575.93, 576.41, 315.15, 230.59), decode=lambda raw: raw / 1000.0
+    ),
+    "nyu": Scan("open3d_other_formats/NYU_depth.pgm", _KINECT, decode=_from_disparity),
+    "sun": Scan("open3d_other_formats/SUN_depth.png", _KINECT, decode=_from_turned),
+    "tum": Scan("open3d_other_formats/TUM_depth.png", _KINECT, decode=lambda raw: raw / 5000.0),
     "caixa": Scan("pyransac3d/caixa.ply", origin=(0.0, 0.0, 0.0)),
 }
 
@@ -148,7 +163,7 @@ class Drawn:
     def picture(self, origin: FloatArray, rays: FloatArray, *, through: bool) -> FloatArray:
         """Draw (rows, columns, 3) what rays meet; inferred area through what is measured or not."""
         seen = self.measured.first_hit(np.broadcast_to(origin, rays.shape), rays)
-        grey = 0.35 + 0.55 * np.where(seen.hit, seen.incidence_cosine, 0.0)[..., None]
+        grey = 0.3 + 0.6 * _smooth(seen.incidence_cosine, seen.hit)[..., None]
         image = np.where(seen.hit[..., None], grey * _WHITE, 1.0)
         if self.inferred is None:
             return image
@@ -159,21 +174,31 @@ class Drawn:
         return np.where(shown[..., None], share * tint + (1 - share) * image, image)
 
 
-def own_view(scan: RangeImage) -> FloatArray:
-    """Rays (rows, columns, 3) of the scan's pixels, thinned to the width of a picture."""
+def _smooth(values: FloatArray, known: BoolArray) -> FloatArray:
+    """The mean of what is known around each pixel: noise tilts small faces."""
+    share = gaussian_filter(known.astype(np.float64), 4.0)
+    return np.asarray(gaussian_filter(np.where(known, values, 0.0), 4.0) / np.maximum(share, 1e-9))
+
+
+def own_view(scan: RangeImage, width: int) -> FloatArray:
+    """Rays (rows, columns, 3) between the scan's pixels, thinned to about a width; its upper side first."""
     rays = scan.world_from_sensor.rotate(scan.projection.directions())
-    step = max(1, -(-max(rays.shape[:2]) // _WIDTH))
-    thinned = rays[::step, ::step]
-    return np.ascontiguousarray(thinned[::-1] if thinned[0, 0, 2] < thinned[-1, 0, 2] else thinned)
+    between = rays[:-1, :-1] + rays[1:, 1:]  # through faces, not through their corners
+    between = np.pad(between, ((0, 1), (0, 1), (0, 0)), mode="edge")
+    between /= np.linalg.norm(between, axis=-1, keepdims=True)
+    return np.ascontiguousarray(upright(between, scan.projection, width))
 
 
-def pair(scan: RangeImage, versions: Sequence[Drawn]) -> Image.Image:
+def pair(scan: RangeImage, versions: Sequence[Drawn], width: int) -> Image.Image:
     """Return the picture of a scan: versions side by side, its own view above a step aside."""
     camera: Camera = aside_cameras(scan)[4]
-    views = [(scan.origin, own_view(scan), True), (camera.origin, camera.rays(camera.shape(_WIDTH)), False)]
+    views = [
+        (scan.origin, own_view(scan, width), True),
+        (camera.origin, camera.rays(camera.shape(width)), False),
+    ]
     rows = []
     for origin, rays, through in views:
-        images = [_framed(one.picture(origin, rays, through=through)) for one in versions]
+        images = [_framed(one.picture(origin, rays, through=through), width) for one in versions]
         gap = np.ones((len(images[0]), _GAP, 3))
         rows.append(np.concatenate([images[0], gap, *images[1:]], axis=1))
         rows.append(np.ones((_GAP, rows[0].shape[1], 3)))
@@ -181,9 +206,9 @@ def pair(scan: RangeImage, versions: Sequence[Drawn]) -> Image.Image:
     return Image.fromarray((255 * np.clip(whole, 0, 1)).astype(np.uint8))
 
 
-def _framed(image: FloatArray) -> FloatArray:
+def _framed(image: FloatArray, width: int) -> FloatArray:
     """The picture at the common width."""
-    size = (_WIDTH, round(_WIDTH * image.shape[0] / image.shape[1]))
+    size = (width, round(width * image.shape[0] / image.shape[1]))
     small = Image.fromarray((255 * np.clip(image, 0, 1)).astype(np.uint8))
     return np.asarray(small.resize(size, Image.Resampling.BILINEAR)) / 255.0
 
@@ -205,6 +230,7 @@ def main(given: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "-o", "--out", type=Path, default=ROOT / "out/before_after", help="folder of pictures"
     )
+    parser.add_argument("--width", type=int, default=400, help="of each view, pixels")
     asked = parser.parse_args(given)
     names = [name for name in asked.only or SCANS if (DATA / SCANS[name].path.split("#")[0]).exists()]
     if not names:
@@ -221,7 +247,7 @@ def main(given: Sequence[str] | None = None) -> None:
             print(f"| {name} | not in both | | | |")
             continue
         scan = SCANS[name].read(asked.out / "decoded")
-        picture = pair(scan, [Drawn.of(folder) for folder in folders])
+        picture = pair(scan, [Drawn.of(folder) for folder in folders], asked.width)
         picture.quantize(_COLOURS).save(asked.out / f"before_after_{name}.png", optimize=True)
         (n, few, seen, all_), (m, less, now, more) = (figures(folder) for folder in folders)
         print(

@@ -251,7 +251,9 @@ Measured; completed, what is inferred in blue; completed, what is inferred in it
 figures 9 and 10."""
 REAL_HEAD = """## Real scans
 
-Measured, and completed with what is inferred in blue; measured area is grey, for shape alone is drawn."""
+Measured, and completed with what is inferred in blue; measured area is grey, for shape alone is drawn. All
+real scans by an earlier version and by this one, with what is wrong counted: [before and
+after](completion-before-after.md)."""
 
 if __name__ == "__main__":
     main()
