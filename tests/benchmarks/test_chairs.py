@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.ledger.chairs import CHAIRS, continued_in, mask_of, masked_frames
+from benchmarks.completion.ledger.chairs import CHAIRS, HOLE, continued_in, mask_of, masked_frames
 from benchmarks.completion.ledger.sources import REAL
 from completion import CompletionOptions
 from tests.helpers.evaluation_examples import plain_wall
@@ -17,7 +17,7 @@ def test_outlines_are_of_known_frames_and_lie_in_them() -> None:
     assert len({source for source, _, _ in held}) >= 3
     for source, frame, things in held:
         assert 0 <= frame < n_frames[source]
-        assert set(things) <= {*CHAIRS, "sofa"}
+        assert set(things) <= {*CHAIRS, HOLE, "sofa"}
         for outline in (one for own in things.values() for one in own):
             assert len(outline) >= 3
             corners = np.array(outline)
@@ -43,3 +43,5 @@ def test_what_is_continued_counts_for_the_outline_that_holds_most_of_a_surface()
     assert found["all"].enclosed_m2 > 0.3
     assert found["all"].beyond_m2 == pytest.approx(sum(found["all"].beyond_by_reason.values()))
     assert found["part"].enclosed_m2 == 0
+    through = continued_in(scan, {"all": [whole], HOLE: [whole]}, CompletionOptions(texture=False))
+    assert through["all"].n_surfaces == 0

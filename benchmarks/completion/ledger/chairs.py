@@ -3,7 +3,8 @@
 
 Outlines of them were drawn by eye on the depth and the colour of some real frames; they stand beside this
 file in `chairs.json` as (column, row), pixels. Each frame is completed alone, as in the ledger. A surface
-belongs to a thing where more than half of its pixels lie within the thing's outlines. What is inferred of
+belongs to a thing where more than half of its pixels lie within the thing's outlines, and not in outlines of
+holes, between slats, through which one sees what is behind. What is inferred of
 such surfaces is counted: in holes that they enclose, around round limbs between the ends of what was
 measured, and beyond. Sofas are listed, and left out of the verdict on chairs.
 """
@@ -29,6 +30,7 @@ from scenes.scan.range_image import RangeImage
 
 OUTLINES = Path(__file__).with_name("chairs.json")
 CHAIRS = ("chair", "armchair")
+HOLE = "hole"
 MOST_BEYOND_M2 = 0.05  # of a frame
 
 Outline = Sequence[Sequence[float]]  # (column, row)
@@ -66,9 +68,13 @@ def continued_in(
     """Complete a frame alone; return what was continued of each thing outlined on it."""
     completed = complete([scan], options, rng=0)
     hypothesis = hypothesis_of(completed, [scan])
+    holes = mask_of(things.get(HOLE, ()), scan.shape)
+    masks = {
+        thing: mask_of(outlines, scan.shape) & ~holes for thing, outlines in things.items() if thing != HOLE
+    }
     return {
-        thing: continued_area_of(completed, hypothesis, surfaces_in(completed, mask_of(outlines, scan.shape)))
-        for thing, outlines in things.items()
+        thing: continued_area_of(completed, hypothesis, surfaces_in(completed, mask))
+        for thing, mask in masks.items()
     }
 
 
@@ -98,7 +104,8 @@ def chairs(
         worst.append(sum(one.beyond_m2 for thing, one in found.items() if thing in CHAIRS))
         if masks is not None:
             masks.mkdir(parents=True, exist_ok=True)
-            shown = mask_of([outline for own in things.values() for outline in own], scan.shape)
+            drawn = [outline for thing, own in things.items() if thing != HOLE for outline in own]
+            shown = mask_of(drawn, scan.shape) & ~mask_of(things.get(HOLE, ()), scan.shape)
             Image.fromarray(np.where(shown, 255, 64 * scan.valid).astype(np.uint8)).save(
                 masks / f"{name}-{frame}.png"
             )
