@@ -31,6 +31,16 @@ def test_a_wall_behind_a_board_comes_true(is_known: bool) -> None:
     assert found.found[0] == found.found[1] > 0
 
 
+def test_of_a_known_place_other_frames_may_judge_instead_of_the_truth() -> None:
+    wall = plain_wall()
+    off = scan_scene(wall.scene, Pose.looking_at((0.0, 0, 0), (0, -2, 0)), CAMERA)  # sees nothing of the wall
+    source = Walk("wall", "", (0, 0, 0), 2, 1)
+    source.__dict__.update(frames=(wall.scan, off), caster=wall.scene.ray_caster())
+    found = outcome(source, [0], CompletionOptions(texture=False), by_truth=False)
+    assert sum(one.right_m2 + one.wrong_m2 for one in found.entries) == 0
+    assert sum(one.unknown_m2 for one in found.entries) == pytest.approx(HIDDEN_M2, rel=0.15)
+
+
 def test_surfaces_are_pooled_and_drawn_anew() -> None:
     entries = [
         replace(ENTRY, surface=k, right_m2=float(k % 4 > 0), wrong_m2=float(k % 4 == 0)) for k in range(40)

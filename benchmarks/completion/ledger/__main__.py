@@ -46,6 +46,9 @@ def ledger(
     every: Annotated[int, typer.Option("--every", min=1, help="Of the groups of frames.")] = 1,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder.")] = Path("out/ledger"),
     sigma_m: Annotated[float | None, typer.Option("--sigma")] = None,
+    by_truth: Annotated[
+        bool, typer.Option("--by-truth/--by-others", help="What walks and houses are held against.")
+    ] = True,
 ) -> None:
     """Write the ledger, its pictures, and print its tables."""
     out.mkdir(parents=True, exist_ok=True)
@@ -54,7 +57,7 @@ def ledger(
     for source in chosen(kinds or ["real", "walks"]):
         options = CompletionOptions(texture=False, registration_m=source.registration_m, sigma_m=sigma_m)
         for frames in list(groups(len(source.frames), together))[::every]:
-            one = outcome(source, frames, options)
+            one = outcome(source, frames, options, by_truth=by_truth)
             entries.extend(one.entries)
             found += one.found
             name = f"{source.name.replace(', ', '-').replace(' ', '-')}-{'-'.join(str(k) for k in frames)}"

@@ -85,8 +85,13 @@ class Outcome:
     found: tuple[int, int]
 
 
-def outcome(source: Source, frames: Sequence[int], options: CompletionOptions) -> Outcome:
-    """Complete some frames of a source, and hold what was inferred against the other ones, or the truth."""
+def outcome(
+    source: Source, frames: Sequence[int], options: CompletionOptions, *, by_truth: bool = True
+) -> Outcome:
+    """Complete some frames of a source, and hold what was inferred against the other ones, or the truth.
+
+    The truth is asked where it is known, and `by_truth`.
+    """
     scans = [source.frames[k] for k in frames]
     others = [scan for k, scan in enumerate(source.frames) if k not in frames]
     completed = complete(scans, options, rng=0)
@@ -95,7 +100,7 @@ def outcome(source: Source, frames: Sequence[int], options: CompletionOptions) -
     tolerance = max(TOLERANCE_M, 2 * source.registration_m)
     scored = score_by_others(scans, others, samples, tolerance_m=tolerance)
     state = scored.state
-    if isinstance(source, Known):
+    if by_truth and isinstance(source, Known):
         state = np.where(
             state == 2, 2, np.where(is_there(samples.points, samples.normals, source.caster), 1, -1)
         ).astype(np.int8)
