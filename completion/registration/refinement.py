@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.evidence.registration.meetings import meet
+from completion.evidence.registration.meetings import Meetings, meet
 from completion.registration.motions import composed, inverse, moved
 from completion.registration.station_view import StationView
 from scenes.checks import BoolArray, FloatArray
@@ -36,14 +36,15 @@ class Placed(NamedTuple):
 class Equations(NamedTuple):
     """Point-to-plane equations of scans that move together against others that stay.
 
-    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres, and
-    `share` (n,): how much of an independent measurement each is.
+    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres,
+    `share` (n,): how much of an independent measurement each is, and the `places` (n, 3) of the facets.
     """
 
     growth: FloatArray
     offset: FloatArray
     deviation: FloatArray
     share: FloatArray
+    places: FloatArray
 
     @property
     def weight(self) -> FloatArray:
@@ -101,21 +102,20 @@ def _linked(
     there = meet(b.view.facets, relative, a.view.sight, a.view.facets, step)
     here = meet(a.view.facets, inverse(relative), b.view.sight, b.view.facets, step)
     chosen = there.met & (np.abs(there.offset) <= gate_m)
-    arm = _moved(b.view.facets.centre[::step][chosen], b.pose) - middle
-    own = _equations(arm, there.normal[chosen] @ a.pose[:, :3].T, there.offset, there.deviation, chosen)
+    places = _moved(b.view.facets.centre[::step][chosen], b.pose)
+    own = _equations(places, middle, there.normal[chosen] @ a.pose[:, :3].T, there, chosen)
     chosen = here.met & (np.abs(here.offset) <= gate_m)
-    arm = _moved(a.view.facets.centre[::step][chosen], a.pose) - middle
-    other = _equations(arm, -here.normal[chosen] @ b.pose[:, :3].T, here.offset, here.deviation, chosen)
+    places = _moved(a.view.facets.centre[::step][chosen], a.pose)
+    other = _equations(places, middle, -here.normal[chosen] @ b.pose[:, :3].T, here, chosen)
     return own, other
 
 
 def _equations(
-    arm: FloatArray, normals: FloatArray, offset: FloatArray, deviation: FloatArray, chosen: BoolArray
+    places: FloatArray, middle: FloatArray, normals: FloatArray, met: Meetings, chosen: BoolArray
 ) -> Equations:
-    n = int(np.count_nonzero(chosen))
-    growth = np.concatenate([np.cross(arm, normals), normals], axis=1)
-    share = np.full(n, min(1.0, INDEPENDENT / max(n, 1)))
-    return Equations(growth, offset[chosen], deviation[chosen], share)
+    growth = np.concatenate([np.cross(places - middle, normals), normals], axis=1)
+    share = np.full(len(places), min(1.0, INDEPENDENT / max(len(places), 1)))
+    return Equations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 
 def _moved(places: FloatArray, motion: FloatArray) -> FloatArray:
