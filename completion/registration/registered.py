@@ -18,6 +18,7 @@ from completion.registration.station_view import StationView
 from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
 from scenes.checks import FloatArray
 from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +111,33 @@ class Registered:
         network = self.groups[number]
         k = 6 * list(network.group.poses).index(scan)
         return np.asarray(network.covariance[k : k + 6, k : k + 6])
+
+    def world_poses(self, scans: Sequence[RangeImage]) -> list[Pose | None]:
+        """Return the pose of each scan in the world; None of scans that are by themselves.
+
+        The first scan of each group stays where it says that it is: groups know nothing of each other.
+        """
+        poses: list[Pose | None] = [None] * len(scans)
+        for network in self.groups:
+            first, *others = network.group.poses
+            world = poses[first] = scans[first].world_from_sensor
+            for number in others:
+                motion = np.vstack([network.group.poses[number], [0.0, 0.0, 0.0, 1.0]])
+                poses[number] = world @ Pose(motion)
+        return poses
+
+    def pose_deviation(self, scan: int) -> float:
+        """Return by how much the error of a scan's pose shifts its facets along their normals, metres.
+
+        It is the root mean square of what the pose's covariance makes probable; NaN where that is not known.
+        """
+        pose, covariance = self.pose_of(scan), self.covariance_of(scan)
+        if pose is None or covariance is None:
+            return float("nan")
+        facets = self.views[scan].facets
+        normals = facets.normal @ pose[:, :3].T
+        growth = np.concatenate([np.cross(facets.centre @ pose[:, :3].T, normals), normals], axis=1)
+        return float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", growth, covariance, growth))))
 
 
 def verdicts_of(
