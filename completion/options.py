@@ -45,7 +45,8 @@ class CompletionOptions:
         surfaces do. Of such scans it is what they show, and at least this, but no more than 5 mm.
     pose_deviations_m : tuple of float
         How well the pose of each scan is known, metres, where registration told
-        (`Registered.pose_deviation`): instead of the one number above.
+        (`Registered.pose_deviation`): twice this counts where scans hide the error of poses, instead of the
+        one number above.
     moves_scans : bool
         Whether scans whose poses contradict what they measured are moved, by as much as brings them together.
     texture : bool
@@ -143,9 +144,10 @@ class CompletionOptions:
         stated = self.tolerance(len(left_m)).registration_m
         if len(left_m) < 2 or self.evidence.registration_m is not None:
             return np.full(len(left_m), stated)
+        least = min(stated, REGISTRATION_M)
         if self.pose_deviations_m:
-            return np.asarray(np.fmax(_BOUND * np.array(self.pose_deviations_m), left_m))
-        return np.where(np.isfinite(left_m), np.maximum(left_m, min(stated, REGISTRATION_M)), stated)
+            return np.maximum(np.fmax(_BOUND * np.array(self.pose_deviations_m), left_m), least)
+        return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)
 
     def in_force(self, n_scans: int) -> CompletionOptions:
         """Return the options with the tolerances that hold for so many scans, the edits apart."""
