@@ -104,6 +104,14 @@ def test_the_pose_of_a_to_b_is_the_inverse_of_b_to_a(level):
     np.testing.assert_allclose(turned @ other, np.eye(4), atol=2e-3)
 
 
+def test_the_order_of_scans_changes_no_pose(lost, found):
+    turned = register_scans([lost[2], lost[0], lost[1]])
+    poses = [np.vstack([turned.pose_of(k), [0, 0, 0, 1]]) for k in (1, 2, 0)]
+    for number in (1, 2):
+        relative = np.linalg.inv(poses[0]) @ poses[number]
+        np.testing.assert_allclose(relative[:3], found.pose_of(number), atol=2e-3)
+
+
 def test_a_scan_of_another_room_is_left_by_itself_and_changes_nothing(lost, found):
     stranger = scans_of("two_occluders", ((0.8, 0.9, 1.5),), ((3.0, 2.5, 0.5),))
     several = register_scans([*lost, *stranger])
