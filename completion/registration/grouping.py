@@ -9,10 +9,10 @@ from itertools import combinations
 
 import numpy as np
 
+from completion.registration.candidates.motions import STILL, composed, inverse
+from completion.registration.candidates.station_view import StationView
 from completion.registration.hypotheses import MIDDLE_M, VIOLATION, Hypothesis, best_of, distinct, scores_of
-from completion.registration.motions import STILL, composed, inverse
 from completion.registration.refinement import Placed
-from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, judge
 from scenes.checks import FloatArray
 
@@ -115,8 +115,7 @@ def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypothes
     else:
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
-        radius = max(placed.view.radius_m for placed in (*stay, *move))
-        found = best_of(stay, move, distinct(several, scores, radius, _N_TRIED))
+        found = best_of(stay, move, distinct(several, scores, move, _N_TRIED))
     return _Joint(found, judge(found, level))
 
 

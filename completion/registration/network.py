@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from completion.observe.sensor_modes import N_MODES, displacements
+from completion.registration.candidates.motions import STILL, composed, in_units, inverse, moved
+from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group
-from completion.registration.motions import STILL, composed, inverse, moved
 from completion.registration.refinement import Equations, Placed, equations_of
-from completion.registration.station_view import StationView
 from scenes.checks import FloatArray, IntArray
 
 _GATES_M = (0.15, 0.1, 0.05)
@@ -62,6 +62,13 @@ class Network:
     group: Group
     covariance: FloatArray
     edges: tuple[Edge, ...]
+
+    def in_metres(self, unit_m: float) -> Network:
+        """Return the same in metres whose lengths were in units of `unit_m`."""
+        scale = np.tile([1.0] * 3 + [unit_m] * 3, len(self.group.poses))
+        poses = {number: in_units(pose, 1.0 / unit_m) for number, pose in self.group.poses.items()}
+        edges = tuple(replace(one, rms_m=unit_m * one.rms_m) for one in self.edges)
+        return Network(Group(poses), self.covariance * np.outer(scale, scale), edges)
 
 
 def settle_group(group: Group, views: Sequence[StationView]) -> Network:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.registration.motions import composed
+from completion.registration.candidates.motions import composed
 from completion.registration.registered import PairVerdict, Registered
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage

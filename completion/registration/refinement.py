@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.evidence.registration.meetings import Meetings, meet
-from completion.registration.motions import composed, inverse, moved
-from completion.registration.station_view import StationView
+from completion.registration.candidates.motions import composed, inverse, moved
+from completion.registration.candidates.station_view import StationView
 from scenes.checks import BoolArray, FloatArray
 
 GATES_M = (0.3, 0.2, 0.12, 0.08, 0.05)
@@ -122,13 +122,27 @@ def _moved(places: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(places @ motion[:, :3].T + motion[:, 3])
 
 
-def stiffness(equations: Equations, reach_m: float) -> tuple[float, FloatArray]:
-    """Return the least eigenvalue of what n facets tell, 0 to 1 / 6, and its direction (6,).
+class Stiffness(NamedTuple):
+    """What facets that met tell least of a motion."""
 
-    Turns count by what they shift at the distance `reach_m`; the direction is a turn times that, and a shift.
-    """
+    least: float  # eigenvalue, 0 to 1 / 6
+    free: FloatArray  # (6,) its direction: a turn about the middle times the reach, and a shift
+    middle: FloatArray  # (3,) of the facets
+    reach_m: float  # root mean square of their distances to it
+
+    @property
+    def change(self) -> FloatArray:
+        """The motion (6,) that they tell least: a turn about the middle, radians, and a shift, metres."""
+        return np.asarray(self.free / np.array([max(self.reach_m, _STILL)] * 3 + [1.0] * 3))
+
+
+def stiffness(equations: Equations) -> Stiffness:
+    """Return what n facets tell least of a motion; turns count by what they shift at the facets' reach."""
     if not len(equations.offset):
-        return 0.0, np.zeros(6)
-    own = equations.growth / np.array([reach_m] * 3 + [1.0] * 3)
+        return Stiffness(0.0, np.zeros(6), np.zeros(3), 0.0)
+    middle = equations.places.mean(axis=0)
+    arms, normals = equations.places - middle, equations.growth[:, 3:]
+    reach = float(np.sqrt(np.square(arms).sum(axis=1).mean()))
+    own = np.concatenate([np.cross(arms, normals) / max(reach, _STILL), normals], axis=1)
     values, vectors = np.linalg.eigh(own.T @ own / len(own))
-    return max(float(values[0]), 0.0), np.asarray(vectors[:, 0])
+    return Stiffness(max(float(values[0]), 0.0), np.asarray(vectors[:, 0]), middle, reach)

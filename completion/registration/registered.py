@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from completion.registration.candidates.motions import STILL, composed, in_units, inverse
+from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group, Hypotheses
 from completion.registration.hypotheses import Hypothesis, judged
-from completion.registration.motions import STILL, composed, inverse
 from completion.registration.network import Edge, Network
 from completion.registration.refinement import Placed
-from completion.registration.station_view import StationView
 from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
 from scenes.checks import FloatArray
 from scenes.pose import Pose
@@ -79,12 +79,25 @@ class Registered:
         What was compared of each scan, in its own frame.
     level : float or None
         Accepted probability of a false claim; None where poses were only checked.
+    unit_m : float
+        The unit of the views, metres.
     """
 
     networks: tuple[Network, ...]
     pairs: tuple[PairVerdict, ...]
     views: tuple[StationView, ...]
     level: float | None
+    unit_m: float = 1.0
+
+    def in_metres(self, unit_m: float) -> Registered:
+        """Return the same in metres whose poses and alternatives were in units of `unit_m`."""
+        if unit_m == 1.0:
+            return self
+        networks = tuple(one.in_metres(unit_m) for one in self.networks)
+        pairs = tuple(
+            replace(one, alternatives=in_units(one.alternatives, 1.0 / unit_m)) for one in self.pairs
+        )
+        return replace(self, networks=networks, pairs=pairs, unit_m=unit_m)
 
     @property
     def groups(self) -> tuple[Network, ...]:
@@ -136,7 +149,8 @@ class Registered:
             return float("nan")
         facets = self.views[scan].facets
         normals = facets.normal @ pose[:, :3].T
-        growth = np.concatenate([np.cross(facets.centre @ pose[:, :3].T, normals), normals], axis=1)
+        arms = self.unit_m * facets.centre @ pose[:, :3].T
+        growth = np.concatenate([np.cross(arms, normals), normals], axis=1)
         return float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", growth, covariance, growth))))
 
 
@@ -177,10 +191,12 @@ def verdicts_of(
     return tuple(found)
 
 
-def held_poses(views: Sequence[StationView], poses: Sequence[Pose]) -> Registered:
-    """Return what beams say of poses as they are: all scans are one group, and no pose has a covariance."""
-    n, first = len(views), poses[0].inverse()
-    motions = {number: (first @ pose).matrix[:3].copy() for number, pose in enumerate(poses)}
+def held_poses(views: Sequence[StationView], poses: Sequence[FloatArray]) -> Registered:
+    """Return what beams say of n poses (3, 4) in the frame of the first scan, as they are.
+
+    All scans are one group, and no pose has a covariance.
+    """
+    n, motions = len(views), dict(enumerate(poses))
     pairs, edges = [], []
     for i, j in combinations(range(n), 2):
         motion = composed(inverse(motions[i]), motions[j])

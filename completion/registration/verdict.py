@@ -9,8 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from completion.registration.candidates.motions import angle_between
 from completion.registration.hypotheses import Hypothesis
-from completion.registration.motions import angle_between
 from scenes.checks import FloatArray
 
 LEAST_SCORE, MOST_VIOLATED = 0.4, 0.02

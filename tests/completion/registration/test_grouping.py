@@ -5,8 +5,8 @@ from itertools import combinations
 from types import SimpleNamespace
 
 from completion.registration import grouping
+from completion.registration.candidates.motions import STILL
 from completion.registration.grouping import Group, group_scans
-from completion.registration.motions import STILL
 from completion.registration.verdict import Judgement, Verdict
 
 
