@@ -22,6 +22,8 @@ from completion.segmentation.relief import typical_relief
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
 
+_BOUND = 2.0  # standard deviations within which a pose is taken to be known
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CompletionOptions:
@@ -41,6 +43,10 @@ class CompletionOptions:
     registration_m : float
         Error of the poses of several scans, metres, where these do not show it: scans that measured the same
         surfaces do. Of such scans it is what they show, and at least this, but no more than 5 mm.
+    pose_deviations_m : tuple of float
+        How well the pose of each scan is known, metres, where registration told
+        (`Registered.pose_deviation`): twice this counts where scans hide the error of poses, instead of the
+        one number above.
     moves_scans : bool
         Whether scans whose poses contradict what they measured are moved, by as much as brings them together.
     texture : bool
@@ -77,6 +83,7 @@ class CompletionOptions:
     sigma_m: float | None = None
     projector_m: float | None = None
     registration_m: float = REGISTRATION_M
+    pose_deviations_m: tuple[float, ...] = ()
     moves_scans: bool = True
     texture: bool = True
     min_area_m2: float = 0.0
@@ -137,7 +144,10 @@ class CompletionOptions:
         stated = self.tolerance(len(left_m)).registration_m
         if len(left_m) < 2 or self.evidence.registration_m is not None:
             return np.full(len(left_m), stated)
-        return np.where(np.isfinite(left_m), np.maximum(left_m, min(stated, REGISTRATION_M)), stated)
+        least = min(stated, REGISTRATION_M)
+        if self.pose_deviations_m:
+            return np.maximum(np.fmax(_BOUND * np.array(self.pose_deviations_m), left_m), least)
+        return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)
 
     def in_force(self, n_scans: int) -> CompletionOptions:
         """Return the options with the tolerances that hold for so many scans, the edits apart."""

@@ -15,6 +15,7 @@ from nbv.commands.options.options import (
     NoiseOption,
     Origins,
     Poses,
+    RegisterFlag,
     ScanUpOption,
     SceneArgument,
     Scheduler,
@@ -191,6 +192,7 @@ def complete(
     keep_poses: Annotated[
         bool, typer.Option("--keep-poses", help="Move no scan, though its pose contradicts the others.")
     ] = False,
+    register: RegisterFlag = False,
     resolution: Annotated[
         float | None,
         typer.Option(
@@ -244,6 +246,10 @@ def complete(
     kinds = parse_choices(named, _KINDS, "--only")
     if texture is not None and no_texture:
         raise typer.BadParameter("give --texture or --no-texture, not both")
+    if register and scheduler is not None:
+        raise typer.BadParameter(
+            "--register works in one process: run `unseen register` first, then complete its posed/"
+        )
     from nbv.commands.complete import CompleteRequest, run_complete
 
     how = CompleteRequest(
@@ -256,6 +262,7 @@ def complete(
         only=kinds,
         registration_m=registration,
         moves_scans=not keep_poses,
+        register=register,
         texture=not no_texture,
         edits=edits,
         relations=relations,

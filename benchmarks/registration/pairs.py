@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.registration.rooms import Room, is_right, overlap
+from completion.registration.candidates.station_view import StationView
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
 from completion.registration.pipeline import LEVEL
-from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict, judge
 
 _BINS = (0.1, 0.2, 0.4, 1.0)

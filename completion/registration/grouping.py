@@ -9,14 +9,15 @@ from itertools import combinations
 
 import numpy as np
 
+from completion.registration.candidates.motions import STILL, composed, inverse
+from completion.registration.candidates.station_view import StationView
 from completion.registration.hypotheses import MIDDLE_M, VIOLATION, Hypothesis, best_of, distinct, scores_of
-from completion.registration.motions import STILL, composed, inverse
 from completion.registration.refinement import Placed
-from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, judge
 from scenes.checks import FloatArray
 
 Pair = tuple[int, int]
+_Scans = tuple[int, ...]
 Hypotheses = Mapping[Pair, Sequence[Hypothesis]]
 """By the numbers of two scans, the smaller first: motions of the second into the frame of the first."""
 
@@ -28,6 +29,11 @@ class Group:
     """Scans that are placed to each other: by the number of each its pose (3, 4) in the group's frame."""
 
     poses: Mapping[int, FloatArray]
+
+    @property
+    def scans(self) -> tuple[int, ...]:
+        """The numbers of its scans, in order. In one run no two groups have the same."""
+        return tuple(sorted(self.poses))
 
     def placed(self, views: Sequence[StationView]) -> list[Placed]:
         """Return its scans where they stand."""
@@ -72,22 +78,22 @@ def group_scans(
     standing = list(groups)
     known = {number for group in standing for number in group.poses}
     standing += [Group({number: STILL}) for number in range(len(views)) if number not in known]
-    joints: dict[tuple[int, int], _Joint] = {}
+    joints: dict[tuple[_Scans, _Scans], _Joint] = {}
     while len(standing) > 1:
         for one, two in combinations(standing, 2):
-            if (id(one), id(two)) not in joints:
-                joints[id(one), id(two)] = _joint(one, two, views, pairs, level)
+            if (one.scans, two.scans) not in joints:
+                joints[one.scans, two.scans] = _joint(one, two, views, pairs, level)
         ranked = sorted(
-            ((joints[id(one), id(two)].lead, one, two) for one, two in combinations(standing, 2)),
-            key=lambda each: (-each[0], min(each[1].poses), min(each[2].poses)),
+            ((joints[one.scans, two.scans].lead, one, two) for one, two in combinations(standing, 2)),
+            key=lambda each: (-each[0], each[1].scans, each[2].scans),
         )
         lead, one, two = ranked[0]
         if lead < 0:
             break
-        joined = settled(one.joined(two, joints[id(one), id(two)].hypotheses[0].motion))
+        joined = settled(one.joined(two, joints[one.scans, two.scans].hypotheses[0].motion))
         standing = sorted(
             [*(group for group in standing if group is not one and group is not two), joined],
-            key=lambda group: min(group.poses),
+            key=lambda group: group.scans,
         )
     return standing
 
@@ -109,8 +115,7 @@ def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypothes
     else:
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
-        radius = max(placed.view.radius_m for placed in (*stay, *move))
-        found = best_of(stay, move, distinct(several, scores, radius, _N_TRIED))
+        found = best_of(stay, move, distinct(several, scores, move, _N_TRIED))
     return _Joint(found, judge(found, level))
 
 

@@ -9,12 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.registration.agreement import count_agreement
-from completion.registration.motions import STILL, angle_between, composed, inverse, inverses, moved
-from completion.registration.plane_candidates import plane_candidates
+from completion.registration.candidates.form_candidates import form_candidates
+from completion.registration.candidates.motions import (
+    STILL,
+    angle_between,
+    composed,
+    inverse,
+    inverses,
+    moved,
+)
+from completion.registration.candidates.plane_candidates import plane_candidates
+from completion.registration.candidates.station_view import N_SAMPLES, StationView
+from completion.registration.candidates.turn_candidates import turn_candidates
 from completion.registration.refinement import Placed, equations_of, refine, stiffness
-from completion.registration.station_view import StationView
 from completion.registration.surplus import surplus_of
-from completion.registration.turn_candidates import turn_candidates
 from scenes.checks import FloatArray, IntArray
 
 COARSE_M, MIDDLE_M, FINE_M = 0.2, 0.08, 0.01
@@ -26,11 +34,11 @@ COARSE_VIOLATION, VIOLATION = 3.0, 20.0
 N_KEPT = 5
 """Distinct hypotheses of a pair."""
 
-_N_SCREENED, _SCREEN = 1500, 21  # poses that every so many-th facet leaves
-_SOME = 3  # every so many-th facet judges poses that are not settled yet
+_N_SCREENED, _SCREEN = 1500, 57  # poses that so many facets of each scan leave
+_SOME = 400  # facets of each scan that judge poses which are not settled yet
 _N_SHORT, _N_FULL = 30, 10
 _SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
-_APART, _APART_SHARE = np.radians(10.0), 0.15  # turn and share of the radius by which poses are distinct
+_APART, _APART_SHARE = np.radians(10.0), 0.25  # turn and share of the spread by which poses are distinct
 _LEVEL = np.cos(np.radians(6.0))  # of what is up in both scans
 _LAST_GATE_M = 0.05
 _SLIDES_M = (-0.8, -0.5, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.5, 0.8)
@@ -54,7 +62,8 @@ class Hypothesis:
     surplus : float
         What agrees beyond three planes of each two scans, summed: three planes agree by construction.
     free : (6,) float
-        The motion that they tell least, a turn times the radius and a shift, in the frame of those that stay.
+        The motion that they tell least, a turn about the facets' middle times their reach and a shift, in the
+        frame of those that stay.
     """
 
     motion: FloatArray
@@ -76,20 +85,19 @@ def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = N
     if not len(a.sample) or not len(b.sample):
         return []
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
-    radius = max(a.radius_m, b.radius_m)
-    planes = plane_candidates(a.directions, b.directions, 2 * radius)
-    motions = np.concatenate([planes, turn_candidates(a, b)])
+    planes = plane_candidates(a.directions, b.directions, 2 * max(a.radius_m, b.radius_m))
+    motions = np.concatenate([planes, turn_candidates(a, b), form_candidates(a, b)])
     if a.up is not None and b.up is not None:
         motions = motions[motions[:, :, :3] @ b.up @ a.up > _LEVEL]
     if len(motions) > _N_SCREENED:
-        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SCREEN)
+        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SCREEN)
         motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
     motions = distinct(
-        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, step=_SOME), radius, _N_SHORT
+        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SOME), second, _N_SHORT
     )
     motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
-    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, step=_SOME)
-    motions = distinct(motions, scores, radius, _N_FULL)
+    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=_SOME)
+    motions = distinct(motions, scores, second, _N_FULL)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
     return best_of(first, second, motions)
@@ -97,10 +105,9 @@ def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = N
 
 def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray) -> list[Hypothesis]:
     """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to."""
-    radius = max(one.view.radius_m for one in (*stay, *move))
     settled = [_slid(stay, move, refine(stay, move, one, *_FULL)) for one in motions]
     motions = np.array(settled).reshape(-1, 3, 4)
-    kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), radius, N_KEPT)
+    kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
     return [judged(stay, move, one) for one in kept]
 
 
@@ -109,20 +116,20 @@ def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -
     counts = np.sum([one for one, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
     equations, _ = equations_of(stay, move, motion, _LAST_GATE_M)
-    stiff, free = stiffness(equations, max(one.view.radius_m for one in move))
+    stiff = stiffness(equations)
     seen = max(int(counts[2]), 1)
     return Hypothesis(
         motion=motion,
         score=score,
         agree=float(counts[0] / seen),
         violate=float(counts[1] / seen),
-        stiffness=stiff,
+        stiffness=stiff.least,
         surplus=sum(
             surplus_of(a.view, b.view, composed(composed(inverse(a.pose), motion), b.pose), FINE_M)
             for a in stay
             for b in move
         ),
-        free=free,
+        free=stiff.free,
     )
 
 
@@ -133,20 +140,20 @@ def scores_of(
     within_m: float,
     violation: float,
     *,
-    step: int = 1,
+    n: int = N_SAMPLES,
 ) -> FloatArray:
     """Return the scores (n,) of motions (n, 3, 4) of some scans into the frame of others.
 
-    `within_m` is how far off poses may still be; every step-th facet of the samples is looked up.
+    `within_m` is how far off poses may still be; some n facets of each sample are looked up.
     """
     scores = np.zeros(len(motions))
-    for counts, size in _counts(stay, move, motions, within_m, step):
+    for counts, size in _counts(stay, move, motions, within_m, n):
         scores += (counts[:, 0] - violation * counts[:, 1]) / size
     return scores
 
 
 def _counts(
-    stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray, within_m: float, step: int = 1
+    stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray, within_m: float, n: int = N_SAMPLES
 ) -> list[tuple[IntArray, int]]:
     """What each scan says of each other one across (n, 3), and the size of the sample it was asked of."""
     found = []
@@ -154,18 +161,24 @@ def _counts(
         for b in move:
             there = composed(composed(inverse(a.pose), motions), b.pose)
             for own, other, one in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
-                some = own.sample[::step]
+                some = own.sample[:: max(1, round(len(own.sample) / n))]
                 counts = count_agreement(own.facets, some, one, other.sight, other.facets, within_m)
                 found.append((counts, max(len(some), 1)))
     return found
 
 
-def distinct(motions: FloatArray, scores: FloatArray, radius_m: float, n: int) -> FloatArray:
-    """Return at most n of the motions (m, 3, 4) that are distinct, best first."""
+def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n: int) -> FloatArray:
+    """Return at most n of the motions (m, 3, 4) of some scans that are distinct, best first.
+
+    They are where they turn the scans otherwise, or put the middle of what these saw elsewhere.
+    """
+    spread = max(one.view.spread_m for one in move)
+    middle = np.mean([one.pose[:, :3] @ one.view.middle + one.pose[:, 3] for one in move], axis=0)
+    places = motions[:, :, :3] @ middle + motions[:, :, 3]
     kept: list[int] = []
     for k in np.argsort(-scores, kind="stable").tolist():
         near = angle_between(motions[k], motions[kept]) < _APART
-        near &= np.linalg.norm(motions[kept][:, :, 3] - motions[k][:, 3], axis=1) < _APART_SHARE * radius_m
+        near &= np.linalg.norm(places[kept] - places[k], axis=1) < _APART_SHARE * spread
         if not near.any():
             kept.append(k)
             if len(kept) == n:
@@ -178,18 +191,15 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
 
     Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.
     """
-    radius = max(one.view.radius_m for one in move)
-    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, step=_SOME)[0])
+    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, n=_SOME)[0])
     for _ in range(_N_SLIDES):
-        equations, middle = equations_of(stay, move, motion, _LAST_GATE_M)
-        _, free = stiffness(equations, radius)
-        if not free.any():
+        told = stiffness(equations_of(stay, move, motion, _LAST_GATE_M)[0])
+        if not told.free.any():
             break
-        change = free / np.array([radius] * 3 + [1.0] * 3)
-        tried = np.array([moved(motion, step * change, middle) for step in _SLIDES_M])
-        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, step=_SOME)
+        tried = np.array([moved(motion, step * told.change, told.middle) for step in _SLIDES_M])
+        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=_SOME)
         again = refine(stay, move, tried[int(scores.argmax())], *_FULL)
-        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, step=_SOME)[0])
+        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=_SOME)[0])
         if score <= best + _BETTER:
             break
         motion, best = again, score

@@ -6,11 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 
+from completion.registration.candidates.motions import in_units
+from completion.registration.candidates.station_view import StationView, unit_of
 from completion.registration.grouping import Group, group_scans
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
 from completion.registration.network import settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
-from completion.registration.station_view import StationView
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
@@ -61,15 +62,19 @@ def register_scans(
     if not 0 < level < 1:
         raise InputError(f"the level must lie between 0 and 1, got {level}")
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
-        # 1. View: the facets and planes of each scan, in its own frame.
+        # 1. View: the facets and planes of each scan, in its own frame; small objects in smaller units.
+        unit = unit_of(scans)
         views = steps.each(
-            "facets", lambda scan: StationView.of(scan, upright=upright), scans, remember=False
+            "facets",
+            lambda scan: StationView.of(scan, upright=upright, unit_m=unit),
+            scans,
+            remember=False,
         )
 
         # 2. Propose: the poses of each pair of scans that beams of both approve.
         def propose(pair: tuple[int, int]) -> list[Hypothesis]:
             first, second = (scans[number].world_from_sensor for number in pair)
-            start = (first.inverse() @ second).matrix[:3] if started else None
+            start = in_units((first.inverse() @ second).matrix[:3], unit) if started else None
             return find_hypotheses(views[pair[0]], views[pair[1]], start)
 
         pairs = list(combinations(range(len(scans)), 2))
@@ -86,9 +91,8 @@ def register_scans(
         networks = [settle_group(group, views) for group in groups]
 
         # 5. Judge: what is known of each pair of scans, and by how much beams contradict it.
-        return Registered(
-            tuple(networks), verdicts_of(hypotheses, networks, views, level), tuple(views), level
-        )
+        verdicts = verdicts_of(hypotheses, networks, views, level)
+        return Registered(tuple(networks), verdicts, tuple(views), level=level).in_metres(unit)
 
 
 def check_poses(
@@ -107,5 +111,8 @@ def check_poses(
     if len(scans) < 2:
         raise InputError(f"poses of at least two scans can be checked, got {len(scans)}")
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, NO_JOURNAL) as steps:
-        views = steps.each("facets", StationView.of, scans, remember=False)
-        return held_poses(views, [scan.world_from_sensor for scan in scans])
+        unit = unit_of(scans)
+        views = steps.each("facets", lambda scan: StationView.of(scan, unit_m=unit), scans, remember=False)
+        first = scans[0].world_from_sensor.inverse()
+        poses = [in_units((first @ scan.world_from_sensor).matrix[:3], unit) for scan in scans]
+        return held_poses(views, poses).in_metres(unit)

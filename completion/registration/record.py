@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Record: registration.json, and the poses of registered scans in the world."""
+"""Record: registration.json."""
 
 from __future__ import annotations
 
@@ -8,28 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from completion.registration.motions import composed
+from completion.registration.candidates.motions import composed
 from completion.registration.registered import PairVerdict, Registered
 from scenes.checks import FloatArray
-from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 
 FORMAT = "unseen-registration/1"
-
-
-def world_poses(found: Registered, scans: Sequence[RangeImage]) -> list[Pose | None]:
-    """Return the pose of each scan in the world; None of scans that are by themselves.
-
-    The first scan of each group stays where it says that it is: groups know nothing of each other.
-    """
-    poses: list[Pose | None] = [None] * len(scans)
-    for network in found.groups:
-        numbers = list(network.group.poses)
-        world = scans[numbers[0]].world_from_sensor
-        for number in numbers:
-            motion = np.vstack([network.group.poses[number], [0.0, 0.0, 0.0, 1.0]])
-            poses[number] = scans[number].world_from_sensor if number == numbers[0] else world @ Pose(motion)
-    return poses
 
 
 def registration_record(
@@ -46,7 +30,7 @@ def registration_record(
     names : sequence of str
         What each is called.
     """
-    poses = world_poses(found, scans)
+    poses = found.world_poses(scans)
     return {
         "format": FORMAT,
         "units": "m",

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.evidence.registration.meetings import meet
-from completion.registration.motions import composed, inverse, moved
-from completion.registration.station_view import StationView
+from completion.evidence.registration.meetings import Meetings, meet
+from completion.registration.candidates.motions import composed, inverse, moved
+from completion.registration.candidates.station_view import StationView
 from scenes.checks import BoolArray, FloatArray
 
 GATES_M = (0.3, 0.2, 0.12, 0.08, 0.05)
@@ -36,14 +36,15 @@ class Placed(NamedTuple):
 class Equations(NamedTuple):
     """Point-to-plane equations of scans that move together against others that stay.
 
-    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres, and
-    `share` (n,): how much of an independent measurement each is.
+    `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres,
+    `share` (n,): how much of an independent measurement each is, and the `places` (n, 3) of the facets.
     """
 
     growth: FloatArray
     offset: FloatArray
     deviation: FloatArray
     share: FloatArray
+    places: FloatArray
 
     @property
     def weight(self) -> FloatArray:
@@ -101,34 +102,47 @@ def _linked(
     there = meet(b.view.facets, relative, a.view.sight, a.view.facets, step)
     here = meet(a.view.facets, inverse(relative), b.view.sight, b.view.facets, step)
     chosen = there.met & (np.abs(there.offset) <= gate_m)
-    arm = _moved(b.view.facets.centre[::step][chosen], b.pose) - middle
-    own = _equations(arm, there.normal[chosen] @ a.pose[:, :3].T, there.offset, there.deviation, chosen)
+    places = _moved(b.view.facets.centre[::step][chosen], b.pose)
+    own = _equations(places, middle, there.normal[chosen] @ a.pose[:, :3].T, there, chosen)
     chosen = here.met & (np.abs(here.offset) <= gate_m)
-    arm = _moved(a.view.facets.centre[::step][chosen], a.pose) - middle
-    other = _equations(arm, -here.normal[chosen] @ b.pose[:, :3].T, here.offset, here.deviation, chosen)
+    places = _moved(a.view.facets.centre[::step][chosen], a.pose)
+    other = _equations(places, middle, -here.normal[chosen] @ b.pose[:, :3].T, here, chosen)
     return own, other
 
 
 def _equations(
-    arm: FloatArray, normals: FloatArray, offset: FloatArray, deviation: FloatArray, chosen: BoolArray
+    places: FloatArray, middle: FloatArray, normals: FloatArray, met: Meetings, chosen: BoolArray
 ) -> Equations:
-    n = int(np.count_nonzero(chosen))
-    growth = np.concatenate([np.cross(arm, normals), normals], axis=1)
-    share = np.full(n, min(1.0, INDEPENDENT / max(n, 1)))
-    return Equations(growth, offset[chosen], deviation[chosen], share)
+    growth = np.concatenate([np.cross(places - middle, normals), normals], axis=1)
+    share = np.full(len(places), min(1.0, INDEPENDENT / max(len(places), 1)))
+    return Equations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 
 def _moved(places: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(places @ motion[:, :3].T + motion[:, 3])
 
 
-def stiffness(equations: Equations, reach_m: float) -> tuple[float, FloatArray]:
-    """Return the least eigenvalue of what n facets tell, 0 to 1 / 6, and its direction (6,).
+class Stiffness(NamedTuple):
+    """What facets that met tell least of a motion."""
 
-    Turns count by what they shift at the distance `reach_m`; the direction is a turn times that, and a shift.
-    """
+    least: float  # eigenvalue, 0 to 1 / 6
+    free: FloatArray  # (6,) its direction: a turn about the middle times the reach, and a shift
+    middle: FloatArray  # (3,) of the facets
+    reach_m: float  # root mean square of their distances to it
+
+    @property
+    def change(self) -> FloatArray:
+        """The motion (6,) that they tell least: a turn about the middle, radians, and a shift, metres."""
+        return np.asarray(self.free / np.array([max(self.reach_m, _STILL)] * 3 + [1.0] * 3))
+
+
+def stiffness(equations: Equations) -> Stiffness:
+    """Return what n facets tell least of a motion; turns count by what they shift at the facets' reach."""
     if not len(equations.offset):
-        return 0.0, np.zeros(6)
-    own = equations.growth / np.array([reach_m] * 3 + [1.0] * 3)
+        return Stiffness(0.0, np.zeros(6), np.zeros(3), 0.0)
+    middle = equations.places.mean(axis=0)
+    arms, normals = equations.places - middle, equations.growth[:, 3:]
+    reach = float(np.sqrt(np.square(arms).sum(axis=1).mean()))
+    own = np.concatenate([np.cross(arms, normals) / max(reach, _STILL), normals], axis=1)
     values, vectors = np.linalg.eigh(own.T @ own / len(own))
-    return max(float(values[0]), 0.0), np.asarray(vectors[:, 0])
+    return Stiffness(max(float(values[0]), 0.0), np.asarray(vectors[:, 0]), middle, reach)

@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from completion.registration.candidates.motions import STILL, composed, in_units, inverse
+from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group, Hypotheses
 from completion.registration.hypotheses import Hypothesis, judged
-from completion.registration.motions import STILL, composed, inverse
 from completion.registration.network import Edge, Network
 from completion.registration.refinement import Placed
-from completion.registration.station_view import StationView
 from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
 from scenes.checks import FloatArray
 from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +79,25 @@ class Registered:
         What was compared of each scan, in its own frame.
     level : float or None
         Accepted probability of a false claim; None where poses were only checked.
+    unit_m : float
+        The unit of the views, metres.
     """
 
     networks: tuple[Network, ...]
     pairs: tuple[PairVerdict, ...]
     views: tuple[StationView, ...]
     level: float | None
+    unit_m: float = 1.0
+
+    def in_metres(self, unit_m: float) -> Registered:
+        """Return the same in metres whose poses and alternatives were in units of `unit_m`."""
+        if unit_m == 1.0:
+            return self
+        networks = tuple(one.in_metres(unit_m) for one in self.networks)
+        pairs = tuple(
+            replace(one, alternatives=in_units(one.alternatives, 1.0 / unit_m)) for one in self.pairs
+        )
+        return replace(self, networks=networks, pairs=pairs, unit_m=unit_m)
 
     @property
     def groups(self) -> tuple[Network, ...]:
@@ -110,6 +124,34 @@ class Registered:
         network = self.groups[number]
         k = 6 * list(network.group.poses).index(scan)
         return np.asarray(network.covariance[k : k + 6, k : k + 6])
+
+    def world_poses(self, scans: Sequence[RangeImage]) -> list[Pose | None]:
+        """Return the pose of each scan in the world; None of scans that are by themselves.
+
+        The first scan of each group stays where it says that it is: groups know nothing of each other.
+        """
+        poses: list[Pose | None] = [None] * len(scans)
+        for network in self.groups:
+            first, *others = network.group.poses
+            world = poses[first] = scans[first].world_from_sensor
+            for number in others:
+                motion = np.vstack([network.group.poses[number], [0.0, 0.0, 0.0, 1.0]])
+                poses[number] = world @ Pose(motion)
+        return poses
+
+    def pose_deviation(self, scan: int) -> float:
+        """Return by how much the error of a scan's pose shifts its facets along their normals, metres.
+
+        It is the root mean square of what the pose's covariance makes probable; NaN where that is not known.
+        """
+        pose, covariance = self.pose_of(scan), self.covariance_of(scan)
+        if pose is None or covariance is None:
+            return float("nan")
+        facets = self.views[scan].facets
+        normals = facets.normal @ pose[:, :3].T
+        arms = self.unit_m * facets.centre @ pose[:, :3].T
+        growth = np.concatenate([np.cross(arms, normals), normals], axis=1)
+        return float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", growth, covariance, growth))))
 
 
 def verdicts_of(
@@ -149,10 +191,12 @@ def verdicts_of(
     return tuple(found)
 
 
-def held_poses(views: Sequence[StationView], poses: Sequence[Pose]) -> Registered:
-    """Return what beams say of poses as they are: all scans are one group, and no pose has a covariance."""
-    n, first = len(views), poses[0].inverse()
-    motions = {number: (first @ pose).matrix[:3].copy() for number, pose in enumerate(poses)}
+def held_poses(views: Sequence[StationView], poses: Sequence[FloatArray]) -> Registered:
+    """Return what beams say of n poses (3, 4) in the frame of the first scan, as they are.
+
+    All scans are one group, and no pose has a covariance.
+    """
+    n, motions = len(views), dict(enumerate(poses))
     pairs, edges = [], []
     for i, j in combinations(range(n), 2):
         motion = composed(inverse(motions[i]), motions[j])

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from completion.registration.agreement import AGREES, ask_facets
-from completion.registration.motions import inverse
-from completion.registration.station_view import StationView
+from completion.registration.candidates.motions import inverse
+from completion.registration.candidates.station_view import StationView
 from scenes.checks import FloatArray, IntArray
 
 _N_FREE = 3  # planes that a pose can bring together

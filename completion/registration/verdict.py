@@ -9,8 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from completion.registration.candidates.motions import angle_between
 from completion.registration.hypotheses import Hypothesis
-from completion.registration.motions import angle_between
 from scenes.checks import FloatArray
 
 LEAST_SCORE, MOST_VIOLATED = 0.4, 0.02
@@ -82,13 +82,20 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
     """Return the probability that the first hypothesis is right, 0 to 1.
 
     It falls with the score of the second one, with what beams contradict, and rises with what agrees beyond
-    the three planes that any pose can bring together.
+    the three planes that any pose can bring together. It is no higher than that of the first against any
+    other one that beams approve of, each seen by itself: in a place that is its own image, or that repeats
+    itself, poses that share less are as good.
     """
-    best = hypotheses[0]
-    second = max((one.score for one in hypotheses[1:]), default=0.0)
-    odds = _TRUST + _BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
-    odds += _BY_VIOLATION * best.violate + _BY_SURPLUS * float(np.log(best.surplus + _LEAST_SURPLUS))
+    best, *others = hypotheses
+    second = max((one.score for one in others), default=0.0)
+    odds = _odds_alone(best) + _BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
+    odds = min([odds, *(_odds_alone(best) - _odds_alone(one) for one in others if one.score > 0)])
     return float(1.0 / (1.0 + np.exp(-odds)))
+
+
+def _odds_alone(one: Hypothesis) -> float:
+    """Log odds of a pose without any other one beside it."""
+    return float(_TRUST + _BY_VIOLATION * one.violate + _BY_SURPLUS * np.log(one.surplus + _LEAST_SURPLUS))
 
 
 def trust_for(level: float) -> float:
@@ -98,15 +105,24 @@ def trust_for(level: float) -> float:
 
 
 def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
-    """The direction (3,) in which alone the best one and its rivals differ, if facets tell nothing of it."""
-    turn, shift = best.free[:3], best.free[3:]
-    if best.stiffness >= LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
+    """The direction (3,) along which the best one and all its rivals slide, or in which alone they differ."""
+    direction = _free_shift(best)
+    if direction is None:
         return None
-    direction = shift / np.linalg.norm(shift)
     for one in rivals:
         apart = one.motion[:, 3] - best.motion[:, 3]
-        if angle_between(best.motion, one.motion[None])[0] > _SAME_TURN:
+        is_along = abs(float(apart @ direction)) >= _ALONG * np.linalg.norm(apart)
+        if is_along and angle_between(best.motion, one.motion[None])[0] <= _SAME_TURN:
+            continue
+        own = _free_shift(one)
+        if own is None or abs(float(own @ direction)) < _ALONG:
             return None
-        if abs(float(apart @ direction)) < _ALONG * np.linalg.norm(apart):
-            return None
-    return np.asarray(direction)
+    return direction
+
+
+def _free_shift(one: Hypothesis) -> FloatArray | None:
+    """The direction (3,) of a shift of which facets tell nothing; None where they do, or of a turn."""
+    turn, shift = one.free[:3], one.free[3:]
+    if one.stiffness >= LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
+        return None
+    return np.asarray(shift / np.linalg.norm(shift))

@@ -223,10 +223,17 @@ def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict
 
 
 def _poses_record(completion: CompletedModel) -> dict[str, Any]:
-    """What the scans say of their poses: by scan how far moved and still unsure, by pair how far apart."""
+    """What scans say of their poses: where each stands, how far moved and unsure, and pairs how far apart."""
     registration = completion.registration
     scans = [
-        {"scan": number, "moved_m": float(moved), "error_m": seen.pose_error_m}
+        {
+            "scan": number,
+            "world_from_sensor": (
+                completion.world_from_reference @ seen.scan.world_from_sensor
+            ).matrix.tolist(),
+            "moved_m": float(moved),
+            "error_m": seen.pose_error_m,
+        }
         for number, (moved, seen) in enumerate(
             zip(registration.moved_m, completion.observations, strict=True), start=1
         )

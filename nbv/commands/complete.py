@@ -16,6 +16,7 @@ from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
+from completion.registration.agreement import count_agreement
 from completion.relations.engine.relation import Status
 from completion.relations.options import BUILT
 from completion.relations.stated import read_scan_relations
@@ -27,6 +28,7 @@ from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
+from nbv.scans.registering import register_request
 from nbv.scans.remote_completion import complete_by_workers
 from scenes.files.scan_request import ScanRequest, read_request
 
@@ -45,6 +47,7 @@ class CompleteRequest:
     max_sd_m: float
     registration_m: float
     moves_scans: bool = True
+    register: bool = False
     texture: bool
     edits: str | None
     relations: str = "auto"
@@ -102,13 +105,24 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
-        given = read_request(request)
+        journal = run.journal({**request.options(), **how.options()})
+        options = how.resolved()
+        if how.register:
+            run.will_call(count_agreement, 20)
+            placed = register_request(
+                request,
+                request.up,
+                n_threads=shared.threads,
+                progress=run.progress,
+                journal=journal.part("register"),
+            )
+            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
+        else:
+            given = read_request(request)
         scans = given.scans
         run.warn(given.doubts)
-        options = how.resolved()
         asked = {**request.options(), "instruments": given.instruments, **how.options()}
         resolved = {**asked, "resolved": asdict(options.in_force(len(scans)))}
-        journal = run.journal({**request.options(), **how.options()})
         run.will_call(solve_plane, 40)
         if how.scheduler is not None:
             complete_by_workers(

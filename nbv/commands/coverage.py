@@ -48,6 +48,7 @@ class CoverageRequest:
 
     plan: str | None = None
     scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
+    register: bool = False
     sensor: str = "generic60"
     max_incidence_deg: float = 60.0
     max_range_m: float | None = None
@@ -63,6 +64,7 @@ class CoverageRequest:
         return {
             "plan": None if self.plan is None else Path(self.plan).name,
             **self.scans.options(),
+            "register": self.register,
             "sensor": Path(self.sensor).name,
             "max_incidence_deg": self.max_incidence_deg,
             "max_range_m": self.max_range_m,

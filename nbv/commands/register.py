@@ -8,23 +8,19 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from completion.registration.agreement import count_agreement
 from completion.registration.pipeline import LEVEL, check_poses, register_scans
-from completion.registration.record import registration_record, world_poses
+from completion.registration.record import registration_record
 from completion.registration.registered import Registered
 from completion.registration.verdict import Verdict
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
+from nbv.scans.registering import doubts_of_poses
 from scenes.files.scan_files import split_index, write_scan, write_scans
 from scenes.files.scan_request import GivenScans, ScanRequest, read_request
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
-
-_NOTICED = 0.005
-"""Share of contradicted facets of scans that are placed together from which on a person is told."""
 
 _WRITTEN = (".npz", ".ply", ".pcd", ".ptx", ".e57", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
 """Suffixes of files that scans with poses are written to as they came; others become .npz."""
@@ -64,29 +60,20 @@ def run_register(shared: Shared, request: ScanRequest, how: RegisterRequest) -> 
                 progress=run.progress,
                 journal=run.journal(asked),
             )
-        names = names_of(given)
-        warnings = [*given.doubts, *_warnings(found, [Path(name).name for name in names])]
+        names = given.names
+        warnings = [*given.doubts, *doubts_of_poses(found, [Path(name).name for name in names])]
         run.warn(warnings[len(given.doubts) :])
         run.watch.enter("save")
         record = {**registration_record(found, given.scans, names), "warnings": warnings}
         write_json(run.stage.path("registration.json"), record)
         if not how.checks:
-            _write_posed(run.stage.folder, given, world_poses(found, given.scans))
+            _write_posed(run.stage.folder, given, found.world_poses(given.scans))
         run.watch.enter("report")
         from nbv.report.registration_report import registration_page
 
         page = registration_page(found, given.scans, names, request.title)
         run.report(replace(page, warnings=tuple(warnings)), asked)
         run.finish(asked, {**summary_of(found), "warnings": warnings}, lines_of(found, names))
-
-
-def names_of(given: GivenScans) -> list[str]:
-    """Return what each scan is called: its path, numbered where the path holds several."""
-    names = []
-    for number, path in enumerate(given.paths):
-        several = given.paths.count(path) > 1
-        names.append(f"{path}#{given.paths[:number].count(path) + 1}" if several else path)
-    return names
 
 
 def summary_of(found: Registered) -> dict[str, Any]:
@@ -118,41 +105,6 @@ def lines_of(found: Registered, names: Sequence[str]) -> list[str]:
     ]
     alone = [Path(names[k]).name for k in range(len(names)) if found.group_of(k) is None]
     return lines + ([f"alone      {', '.join(alone)}"] if alone else [])
-
-
-def _warnings(found: Registered, names: Sequence[str]) -> list[str]:
-    """What is not known of the poses, a sentence each."""
-    told = []
-    if found.level is None:
-        return [
-            f"{names[one.scans[0]]} and {names[one.scans[1]]}: {one.reason}"
-            for one in found.pairs
-            if one.verdict is Verdict.AMBIGUOUS
-        ]
-    for number, name in enumerate(names):
-        if found.group_of(number) is None:
-            own = [one for one in found.pairs if number in one.scans]
-            best = min(own, key=lambda one: list(Verdict).index(one.verdict))
-            told.append(f"{name} has no pose: {best.verdict.value}: {best.reason}")
-    for network in found.groups:
-        for scan in list(network.group.poses)[1:]:
-            covariance = found.covariance_of(scan)
-            if covariance is None:
-                continue
-            largest = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:]).max()))
-            if largest > 0.05:
-                told.append(
-                    f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
-                )
-    for one in found.pairs:
-        if one.verdict is Verdict.REGISTERED and one.violations > _NOTICED:
-            first, second = (names[number] for number in one.scans)
-            told.append(
-                f"{first} and {second} are placed together, but beams contradict "
-                f"{100 * one.violations:.1f} % of what they share: things were moved between them, or "
-                "they are two places that look alike"
-            )
-    return told
 
 
 def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) -> None:

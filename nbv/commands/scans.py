@@ -24,6 +24,7 @@ from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
+from nbv.scans.registering import register_request
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.scan_mesh import MOST_PIXELS
@@ -177,10 +178,17 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
             max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m
         )
         sensor = load_sensor(request.sensor)
-        given = read_request(request.scans, request.up)
+        options = CompletionOptions(mode=request.inference, texture=False)
+        if request.register:
+            placed = register_request(
+                request.scans, request.up, n_threads=shared.threads, progress=run.progress
+            )
+            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
+        else:
+            given = read_request(request.scans, request.up)
+        run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]
-        options = CompletionOptions(mode=request.inference, texture=False)
         model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
         completed = CompletedSurfaces(model, options.max_sd_m)
         scan_map = ScanMap.of(

@@ -98,6 +98,15 @@ class GivenScans:
     instruments: tuple[str, ...]
     paths: tuple[str, ...] = ()
 
+    @property
+    def names(self) -> list[str]:
+        """What each scan is called: its path, numbered where the path holds several."""
+        found = []
+        for number, path in enumerate(self.paths):
+            several = self.paths.count(path) > 1
+            found.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
+        return found
+
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
         """Look at scans."""
@@ -138,15 +147,18 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
         scans, paths = _read_clouds(request), list(request.paths)
     else:
         scans, paths = _read_scans(request, posed=posed)
-    axis = request.up if up is None else up
-    if axis in ("x", "y", "z"):
-        turn, told = world_from_file_up(axis), ""
-    else:
-        turn, told = upright(scans, axis, of_points=bool(request.origins))
+    turn, told = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
     stays = np.array_equal(turn.matrix, np.eye(4))
     given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
     given = replace(given, paths=tuple(paths))
     return replace(given, doubts=(*given.doubts, told)) if told else given
+
+
+def turn_to_z(scans: Sequence[RangeImage], up: SignedAxis, *, of_points: bool) -> tuple[Pose, str]:
+    """Return the turn of a world of scans after which z is up, and a word about it where it was estimated."""
+    if up in ("x", "y", "z"):
+        return world_from_file_up(up), ""
+    return upright(scans, up, of_points=of_points)
 
 
 def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:

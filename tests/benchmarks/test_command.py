@@ -105,7 +105,12 @@ def first_office() -> tuple[Case, tuple[RangeImage, ...], tuple[TrueCells, ...]]
 
 
 @pytest.mark.parametrize(
-    ("index", "recall", "precision"), [(0, 0.747, 0.726), (1, 0.747, 0.955), (2, 0.836, 0.934)]
+    ("index", "recall", "precision"),
+    [
+        pytest.param(0, 0.747, 0.726, marks=pytest.mark.long),
+        pytest.param(1, 0.747, 0.955, marks=pytest.mark.long),
+        (2, 0.836, 0.934),
+    ],
 )
 def test_baselines_score_as_published(index: int, recall: float, precision: float) -> None:
     """The published figures are those of ten frames; this is the first of them."""
@@ -118,6 +123,7 @@ def test_baselines_score_as_published(index: int, recall: float, precision: floa
     assert tally.precision[1] == pytest.approx(precision, abs=0.05)
 
 
+@pytest.mark.long
 def test_the_command_writes_record_page_and_pictures(tmp_path, monkeypatch) -> None:
     import typer
 

@@ -41,6 +41,7 @@ def test_no_surface_of_three_scans_with_wrong_poses_is_worse_than_of_one(turn, s
     assert found.wrong_m2[1] < exact.wrong_m2[1] + 0.05
 
 
+@pytest.mark.long
 def test_contradictions_grow_with_the_error_of_the_poses_and_are_cured():
     errors = [max(one.offset_m for one in trial(*off).pairs) for off in OFF]
     assert errors == sorted(errors)

@@ -156,6 +156,9 @@ Intrinsics = Annotated[
 DepthScale = Annotated[
     float | None, typer.Option("--depth-scale", metavar="N", help="Depth values a unit.", show_default=False)
 ]
+RegisterFlag = Annotated[
+    bool, typer.Option("--register", help="Find the scans' poses first; what has none is left out.")
+]
 Poses = Annotated[
     str | None,
     typer.Option("--poses", metavar="FILE", help="World from sensor, one a scan.", show_default=False),

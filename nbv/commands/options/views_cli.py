@@ -11,6 +11,7 @@ from nbv.commands.options.options import (
     NoiseOption,
     Origins,
     Poses,
+    RegisterFlag,
     Scheduler,
     SensorOption,
     UnitsOption,
@@ -148,6 +149,7 @@ def coverage(
     scene: KnownScene = None,
     plan: PlanFile = None,
     scans: ScanFiles = None,
+    register: RegisterFlag = False,
     intrinsics: Intrinsics = None,
     depth_scale: DepthScale = None,
     poses: Poses = None,
@@ -165,6 +167,8 @@ def coverage(
         raise typer.BadParameter("give either --plan plan.json or --scans SCAN, one or more times")
     if scene is None and plan is not None:
         raise typer.BadParameter("a plan alone measures nothing: give SCENE too")
+    if register and scene is not None:
+        raise typer.BadParameter("--register places scans to each other, not to SCENE: leave one of them out")
     given = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units="m" if scene else units)
     from nbv.commands.coverage import CoverageRequest, run_coverage
     from nbv.commands.scans import run_scan_coverage
@@ -172,6 +176,7 @@ def coverage(
     request = CoverageRequest(
         plan=plan,
         scans=given,
+        register=register,
         sensor=sensor,
         max_incidence_deg=max_incidence,
         max_range_m=max_range,

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from completion.registration.motions import composed
+from completion.registration.candidates.motions import composed
+from completion.registration.candidates.station_view import StationView
 from completion.registration.network import Network
-from completion.registration.station_view import StationView
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from scenes.checks import FloatArray
 from scenes.scan.palette import surface_colour

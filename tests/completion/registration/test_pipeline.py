@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.registration.pipeline import check_poses, register_scans
-from completion.registration.record import registration_record, world_poses
+from completion.registration.record import registration_record
 from completion.registration.verdict import Verdict
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
@@ -71,7 +71,7 @@ def errors_of(poses, scans):
 
 def test_scans_from_any_start_come_together(office, lost, found):
     assert len(found.groups) == 1
-    errors = errors_of(world_poses(found, lost), office)
+    errors = errors_of(found.world_poses(lost), office)
     assert errors[:, 0].max() < 0.1
     assert errors[:, 1].max() < 0.005
     assert {one.verdict for one in found.pairs} == {Verdict.REGISTERED}
@@ -79,7 +79,7 @@ def test_scans_from_any_start_come_together(office, lost, found):
 
 
 def test_the_truth_lies_within_the_covariance(office, lost, found):
-    poses = world_poses(found, lost)
+    poses = found.world_poses(lost)
     for number in (1, 2):
         true = office[0].world_from_sensor.inverse() @ office[number].world_from_sensor
         held = poses[0].inverse() @ poses[number]
@@ -102,6 +102,14 @@ def test_the_pose_of_a_to_b_is_the_inverse_of_b_to_a(level):
     turned = np.vstack([there.groups[0].group.poses[1], [0, 0, 0, 1]])
     other = np.vstack([back.groups[0].group.poses[1], [0, 0, 0, 1]])
     np.testing.assert_allclose(turned @ other, np.eye(4), atol=2e-3)
+
+
+def test_the_order_of_scans_changes_no_pose(lost, found):
+    turned = register_scans([lost[2], lost[0], lost[1]])
+    poses = [np.vstack([turned.pose_of(k), [0, 0, 0, 1]]) for k in (1, 2, 0)]
+    for number in (1, 2):
+        relative = np.linalg.inv(poses[0]) @ poses[number]
+        np.testing.assert_allclose(relative[:3], found.pose_of(number), atol=2e-3)
 
 
 def test_a_scan_of_another_room_is_left_by_itself_and_changes_nothing(lost, found):
@@ -131,14 +139,14 @@ def test_level_scanners_need_turns_about_the_vertical_alone(level):
     turn = np.array([[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
     scans = [level[0], level[1].restated(world_from_sensor=Pose(turn) @ level[1].world_from_sensor)]
     held = register_scans(scans, upright=True)
-    errors = errors_of(world_poses(held, scans), level)
+    errors = errors_of(held.world_poses(scans), level)
     assert errors[1, 0] < 0.1
     assert errors[1, 1] < 0.005
 
 
 def test_a_right_start_is_not_made_worse(level):
     held = register_scans(level, started=True)
-    errors = errors_of(world_poses(held, level), level)
+    errors = errors_of(held.world_poses(level), level)
     assert errors[1, 1] < 0.003
 
 

@@ -11,7 +11,8 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.range_noise import RangeNoise
-from completion.uncertainty.sensor_errors import displacements, shift_by_sensors
+from completion.observe.sensor_modes import displacements
+from completion.uncertainty.sensor_errors import shift_by_sensors
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
@@ -47,7 +48,8 @@ def stated_by(merged, observations):
 def test_the_covariance_is_what_moving_the_points_does(projection, noise, n_modes):
     merged, seen = wall_seen(projection, noise)
     pixels = np.arange(projection.shape[0] * projection.shape[1])
-    points, moves = seen.points_at(pixels), displacements(seen, pixels)
+    points = seen.points_at(pixels)
+    moves = displacements(seen, points)
     assert np.count_nonzero(np.abs(moves).max(axis=(1, 2))) == n_modes
     weight = 1 / np.square(seen.sigma_at(pixels))
     gradient = merged.fit.gradient(points)

@@ -20,8 +20,8 @@ CAMERA = SphericalSensor(
 POSES = [Pose.looking_at((1.2, 2.9, 1.5), (3.5, 1.0, 1.5)), Pose.looking_at((2.2, 3.1, 1.4), (3.2, 0.8, 1.4))]
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["register", *(str(argument) for argument in arguments)])
+def run(*arguments, command="register"):
+    return CliRunner().invoke(app, [command, *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,9 @@ def folder(tmp_path_factory):
         write_scan(scan, here / f"posed_{k}.npz")
         write_scan(other, here / f"lost_{k}.ply")
     write_scans(lost, here / "both.e57")
+    elsewhere = Pose.looking_at((0.8, 0.9, 1.5), (3.0, 2.5, 1.5))
+    stranger = scan_scene(builtin_scene("two_occluders"), elsewhere, CAMERA, rng=7, truth=False)
+    write_scan(stranger.restated(world_from_sensor=Pose.identity()), here / "stranger.ply")
     return here
 
 
@@ -106,8 +109,52 @@ def test_what_cannot_be_registered_is_told_in_a_line(folder, arguments, said):
 
 def test_contradicted_scans_that_are_placed_together_are_told(folder, monkeypatch):
     """Whatever share of contradictions is worth a word, both scans and the two reasons are named."""
-    monkeypatch.setattr("nbv.commands.register._NOTICED", -1.0)
+    monkeypatch.setattr("nbv.scans.registering._NOTICED", -1.0)
     result = run(folder / "lost_0.ply", folder / "lost_1.ply", "-o", folder / "told", "--json")
     told = [text for text in json.loads(result.stdout)["warnings"] if "beams contradict" in text]
     assert len(told) == 1
     assert "or they are two places that look alike" in told[0]
+
+
+@pytest.fixture(scope="module")
+def completed(folder):
+    named = [folder / name for name in ("lost_0.ply", "stranger.ply", "lost_1.ply")]
+    result = run(*named, "--register", "--no-texture", "-o", folder / "done", "--json", command="complete")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout), json.loads((folder / "done" / "completion.json").read_text())
+
+
+def test_scans_are_registered_before_they_are_completed(completed):
+    """Two scans stand as they stood, and what has no pose is left out and named."""
+    said, record = completed
+    assert said["scans"] == 2
+    first, second = (np.array(one["world_from_sensor"]) for one in record["poses"]["scans"])
+    np.testing.assert_allclose(
+        np.linalg.inv(first) @ second, (POSES[0].inverse() @ POSES[1]).matrix, atol=5e-3
+    )
+    assert any("1 scan is left out" in text and "stranger.ply" in text for text in said["warnings"])
+
+
+def test_coverage_by_scans_registers_them(folder):
+    named = [text for name in ("lost_0.ply", "lost_1.ply") for text in ("--scans", folder / name)]
+    result = run(*named, "--register", "-o", folder / "covered", "--json", command="coverage")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["scans"] == 2
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "said"),
+    [
+        ("complete", ["lost_0.ply", "stranger.ply", "--register"], "no two of 2 scans can be placed"),
+        ("complete", ["lost_0.ply", "--register"], "at least two scans"),
+        ("complete", ["lost_0.ply", "lost_1.ply", "--register", "--scheduler", "x:1"], "in one process"),
+        ("coverage", ["builtin:office", "--scans", "lost_0.ply", "--register"], "not to SCENE"),
+    ],
+)
+def test_what_cannot_be_registered_first_is_told_in_a_line(folder, command, arguments, said):
+    named = [folder / one if one.endswith(".ply") else one for one in arguments]
+    result = run(*named, "-o", folder / "nothing", command=command)
+    assert result.exit_code != 0
+    assert said in " ".join(result.output.replace("│", " ").split())
+    assert "Traceback" not in result.output
+    assert not (folder / "nothing" / "report.html").exists()

@@ -24,6 +24,11 @@ def inverse(motion: FloatArray) -> FloatArray:
     return np.asarray(inverses(motion[None])[0])
 
 
+def in_units(motions: FloatArray, unit_m: float) -> FloatArray:
+    """Motions (..., 3, 4) whose shifts are in units of `unit_m` instead of metres."""
+    return np.ascontiguousarray(motions / np.array([1.0, 1.0, 1.0, unit_m]))
+
+
 def composed(first: FloatArray, then: FloatArray) -> FloatArray:
     """The motions (..., 3, 4) of going by `then` and afterwards by `first`; either may be several."""
     turn = first[..., :3] @ then[..., :3]

@@ -10,7 +10,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from completion.registration.station_view import Directions
+from completion.registration.candidates.station_view import Directions
 from scenes.checks import FloatArray
 
 _SAME_ANGLE = np.radians(4.0)  # by which angles between directions may differ

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.registration.plane_candidates import votes
-from completion.registration.station_view import StationView
+from completion.registration.candidates.plane_candidates import votes
+from completion.registration.candidates.station_view import StationView
 from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ N_DIRECTIONS = 9
 
 _PARALLEL = np.cos(np.radians(5.0))  # planes of one direction
 _STAND = 0.1  # of the radius, within which a scanner sees what it stands on, which moves with it
+_LEAST_SPREAD_M, _N_POINTS = 1.5, 5000  # root mean square distance to the middle of points that tell it
 _CELLS = 6  # along the edge of the cube map in which facets are counted by what they face
 
 
@@ -67,6 +68,10 @@ class StationView:
         What its planes face.
     radius_m : float
         Distance from the sensor within which nine tenths of the facets lie, metres.
+    middle : (3,) float
+        The middle of the facets.
+    spread_m : float
+        Root mean square of their distances to it, metres.
     up : (3,) float or None
         What is up, where the scanner was level or said how it stood.
     """
@@ -77,12 +82,20 @@ class StationView:
     sample: IntArray
     directions: Directions
     radius_m: float
+    middle: FloatArray
+    spread_m: float
     up: FloatArray | None = None
 
     @classmethod
-    def of(cls, scan: RangeImage, *, upright: bool = False) -> StationView:
-        """Return the view of a scan, whatever its pose says; of that its up alone counts where `upright`."""
+    def of(cls, scan: RangeImage, *, upright: bool = False, unit_m: float = 1.0) -> StationView:
+        """Return the view of a scan, whatever its pose says; of that its up alone counts where `upright`.
+
+        Lengths are then in units of `unit_m`.
+        """
         alone = scan.restated(world_from_sensor=Pose.identity())
+        if unit_m != 1.0:
+            sigma = None if scan.sigma_m is None else scan.sigma_m / unit_m
+            alone = replace(alone, ranges=scan.ranges / unit_m, sigma_m=sigma)
         seen = observe(alone, Pose.identity())
         facets = facets_of(seen, curved=True)
         regions = segment(seen, SegmentationOptions())
@@ -96,8 +109,24 @@ class StationView:
             sample=apart[_sample(facets.normal[apart])],
             directions=_directions(regions, seen),
             radius_m=radius,
+            middle=facets.centre.mean(axis=0) if len(distance) else np.zeros(3),
+            spread_m=float(np.sqrt(facets.centre.var(axis=0).sum())) if len(distance) else 1.0,
             up=scan.world_from_sensor.rotation[2] if upright else None,
         )
+
+
+def unit_of(scans: Sequence[RangeImage]) -> float:
+    """Return the unit in which what the scans saw is as large as a desk at least: 1 m, or less for objects.
+
+    Gates and cells of registration are lengths in rooms. What is smaller is taken for larger than it is.
+    """
+    spreads = []
+    for scan in scans:
+        points = scan.points()[scan.valid]
+        points = points[:: max(1, len(points) // _N_POINTS)]
+        if len(points):
+            spreads.append(float(np.sqrt(points.var(axis=0).sum())))
+    return min(1.0, float(np.median(spreads)) / _LEAST_SPREAD_M) if spreads else 1.0
 
 
 def _sample(normals: FloatArray) -> IntArray:
