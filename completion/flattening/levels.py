@@ -6,12 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.flattening.pieces import Labels
 from completion.flattening.ripple import Ripple
 from scenes.checks import BoolArray, FloatArray
 
 _PASSES = 3
+_CHUNK = 8_192  # cells at a time
 _USUAL = 3.0  # sd
 
 
@@ -32,16 +34,16 @@ class Levels:
         Where heights are not `known` they follow the levels in turn, as the ripple is most probable there.
         """
         n = int(labels.max()) + 1
-        columns = np.empty((n, int(known.sum())), np.float32)
-        for k in range(n):
-            columns[k] = ripple.whitened((labels == k).astype(np.float64))[known]
+        columns = ripple.whitened_areas(labels, known)
         white = ripple.whitened(heights)[known].astype(np.float32)
         weight = np.ones_like(white)
-        for _ in range(_PASSES):
-            normal = ((columns * weight) @ columns.T).astype(np.float64)
+        for turn in range(_PASSES):
+            normal, right = _normal_equations(columns, weight, white)
             normal += 1e-8 * np.trace(normal) / n * np.eye(n)
             covariance = np.linalg.inv(normal)
-            level = covariance @ (columns @ (weight * white)).astype(np.float64)
+            level = covariance @ right
+            if turn + 1 == _PASSES:
+                break
             rest = white - level.astype(np.float32) @ columns
             weight = np.minimum(1, (_USUAL / np.maximum(np.abs(rest), 1e-6)) ** 2).astype(np.float32)
             heights = level[labels] + ripple.continued(heights - level[labels], known)
@@ -71,3 +73,15 @@ class Levels:
         """Heights over one of the areas, with their covariance."""
         toward = self.covariance - self.covariance[one]
         return Levels(self.height_m - self.height_m[one], toward - toward[:, one][:, None])
+
+
+def _normal_equations(
+    columns: NDArray[np.float32], weight: NDArray[np.float32], white: NDArray[np.float32]
+) -> tuple[FloatArray, FloatArray]:
+    """Matrix (n, n) and right-hand side (n,) of levels by columns (n, m), of heights with weights (m,)."""
+    n = len(columns)
+    normal = np.zeros((n, n), np.float32)
+    for first in range(0, columns.shape[1], _CHUNK):
+        some = columns[:, first : first + _CHUNK]
+        normal += (some * weight[first : first + _CHUNK]) @ some.T
+    return normal.astype(np.float64), (columns @ (weight * white)).astype(np.float64)

@@ -40,6 +40,10 @@ class Null:
         return float(-np.expm1(-expected))
 
 
+NOTHING = Null(np.inf, np.inf, 1.0)
+"""Of walls on which nothing could stay: no evidence says anything."""
+
+
 def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     """Make walls without relief with the ripple of a wall, and find regions on them.
 

@@ -13,7 +13,7 @@ from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import FlatHeights, FlatSurface, FlattenedMesh, Region, RegionKind
 from completion.flattening.meshes.chart_grid import ChartGrid, grid_of
 from completion.flattening.meshes.movement import hold_back, move_creases, move_onto, wrong_faces
-from completion.flattening.null import learn_null
+from completion.flattening.null import NOTHING, learn_null
 from completion.flattening.options import FlatteningOptions
 from completion.flattening.regions import Candidate
 from completion.flattening.separation import separate
@@ -70,17 +70,19 @@ def flatten_heights(
 
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
     parts = separate(np.where(known, heights, 0.0), known)
-    null = learn_null(parts, np.random.default_rng(rng))
+    could_stay = [
+        one.stands_out and one.n_cells >= _LEAST and abs(one.height_m) > options.rounding_m
+        for one in parts.candidates
+    ]
+    hidden_by_steps = options.rounding_m > 0 and not any(could_stay)
+    null = NOTHING if hidden_by_steps else learn_null(parts, np.random.default_rng(rng))
     p = [null.p(one.evidence, int(known.sum())) for one in parts.candidates]
 
     # 2. Keep what a wall without relief would hardly show; all else is the plane.
     kept = tuple(
         one
-        for one, q in zip(parts.candidates, p, strict=True)
-        if one.stands_out
-        and one.n_cells >= _LEAST
-        and q <= options.level
-        and abs(one.height_m) > options.rounding_m
+        for one, q, could in zip(parts.candidates, p, could_stay, strict=True)
+        if could and q <= options.level
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
     error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)

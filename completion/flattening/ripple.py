@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from completion.flattening.spectrum import Spectrum
@@ -15,6 +16,8 @@ _NEIGHBOURHOOD = 25  # cells, over which the strength of the error is compared w
 _LEAST_STRENGTH = 0.7
 _OUTLIER = 8  # times the middle size
 _FILL_STEPS = 10
+_AROUND = 64  # cells around an area, beyond which its whitened field is a hundredth of it
+_MOST_WINDOW = 0.5  # of the canvas: areas with larger windows are whitened on all of it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +51,36 @@ class Ripple:
     def whitened(self, field: FloatArray) -> FloatArray:
         """A field (rows, columns) in which ripple is white noise of unit sd."""
         return self.filtered(field, 1 / np.sqrt(self.power)) / self.strength
+
+    def whitened_areas(self, labels: NDArray[np.int64], known: BoolArray) -> NDArray[np.float32]:
+        """Fields (n, m) that are 1 in the area of a label (rows, columns) from 0, whitened, at `known` cells.
+
+        Small areas are whitened in a window around them, beyond which hardly anything is left of them.
+        """
+        boxes = ndimage.find_objects(labels + 1)
+        place = np.cumsum(known.ravel()) - 1
+        weak = 1 / self.strength
+        columns = np.zeros((len(boxes), int(known.sum())), np.float32)
+        windows = dict[tuple[int, int], FloatArray]()
+        for number, (column, box) in enumerate(zip(columns, boxes, strict=True)):
+            inside = labels[box] == number
+            shape = _window(inside.shape)
+            if np.prod(shape) > _MOST_WINDOW * labels.size:
+                field = self.filtered((labels == number).astype(np.float64), 1 / np.sqrt(self.power))
+                column[:] = (field * weak)[known]
+                continue
+            if shape not in windows:
+                windows[shape] = 1 / np.sqrt(self.spectrum.on(shape))
+            area = np.zeros(shape)
+            area[: inside.shape[0], : inside.shape[1]] = inside
+            at = [
+                (np.where((along := np.arange(n)) < (n + m) // 2, along, along - n) + side.start) % most
+                for n, m, side, most in zip(shape, inside.shape, box, labels.shape, strict=True)
+            ]
+            cells = at[0][:, None] * labels.shape[1] + at[1]
+            seen = known.ravel()[cells]
+            column[place[cells[seen]]] = (self.filtered(area, windows[shape]) * weak.ravel()[cells])[seen]
+        return columns
 
     def noise_power(self) -> float:
         """Variance of the noise of single cells, m^2: the floor of the spectrum."""
@@ -96,3 +129,9 @@ def _step_energy(power: FloatArray) -> float:
     """Energy of a unit step that crosses waves of `power` (n,)."""
     turn = np.pi * np.arange(1, len(power)) / len(power)
     return float(np.sum(1 / (4 * np.sin(turn) ** 2 * power[1:])) / len(power))
+
+
+def _window(sides: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of the window around an area; few different ones, whose transforms are fast."""
+    rows, columns = (fft.next_fast_len(-(-(side + 2 * _AROUND) // 16) * 16, real=True) for side in sides)
+    return rows, columns

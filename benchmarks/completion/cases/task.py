@@ -22,6 +22,7 @@ from benchmarks.completion.truth.cells import TrueCells
 from benchmarks.completion.truth.hypothesis import Hypothesis
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from completion.result.completed_model import CompletedModel
 from nbv.commands.process.progress import Progress
 from nbv.scanning.effects.effects import Effects
 from scenes.checks import FloatArray
@@ -135,10 +136,14 @@ class Bench:
         return self._of_completion(method, chosen)
 
     def _of_completion(self, method: str, options: CompletionOptions) -> tuple[Outcome, Cost]:
-        model = self.task.case.model
         completed, cost = measured(
             lambda: complete(self.scans, options, rng=self.task.seed, n_threads=self.n_threads)
         )
+        return self.outcome_of(method, completed), cost
+
+    def outcome_of(self, method: str, completed: CompletedModel) -> Outcome:
+        """Score what a method made of the scans."""
+        model = self.task.case.model
         found = hypothesis_of(completed, self.scans)
         surfaces = [patch.source.fit.surface for patch in completed.patches]
         return self._scored(
@@ -147,7 +152,7 @@ class Bench:
             merge_counts(self.scans, completed.owners, model.scored),
             radius_errors(model, self.scans, surfaces, found.true_surface),
             (completed.hypothesised_m2, completed.free_space_violation_m2),
-        ), cost
+        )
 
     def _of_baseline(self, method: str, baseline: Baseline) -> tuple[Outcome, Cost]:
         model = self.task.case.model

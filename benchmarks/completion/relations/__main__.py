@@ -9,9 +9,13 @@ import typer
 
 from benchmarks.completion.relations.building import building_table
 from benchmarks.completion.relations.calibration import calibration_table
+from benchmarks.completion.relations.corner_study import corner_table
 from benchmarks.completion.relations.figure_study import cost_table, part_table, start_table
 from benchmarks.completion.relations.pattern_study import pattern_table
+from benchmarks.completion.relations.real_study import real_table
+from benchmarks.completion.relations.sensors import SENSORS
 from benchmarks.completion.relations.strips import off_square_table, strip_table
+from benchmarks.completion.relations.warp_study import warp_table
 
 app = typer.Typer(help="What relations between surfaces are worth.", no_args_is_help=True)
 
@@ -46,6 +50,15 @@ def off_square(first: _First = 100, rooms: _Rooms = 25) -> None:
 
 
 @app.command()
+def corners(
+    first: _First = 2000, rooms: Annotated[int, typer.Option("--rooms", min=1, help="How many rooms.")] = 10
+) -> None:
+    """Hidden corners of rooms without relations and with them, and what these do to the strata."""
+    for line in corner_table(first, rooms):
+        print(line, flush=True)
+
+
+@app.command()
 def part(parts: Annotated[int, typer.Option(min=1, help="How many parts a noise.")] = 100) -> None:
     """The part of figure 1: how well its R60 is known, wrong statements, and fits from any start."""
     for table in (part_table(parts), start_table(parts)):
@@ -65,9 +78,32 @@ def patterns(
 
 
 @app.command()
-def building(stations: Annotated[int, typer.Option(min=1, help="In the largest rooms.")] = 8) -> None:
+def building(
+    stations: Annotated[int, typer.Option(min=1, help="In the largest rooms.")] = 8,
+    sensor: Annotated[
+        list[int] | None, typer.Option(min=1, max=len(SENSORS), help="Of the five; all, when not given.")
+    ] = None,
+) -> None:
     """The duplex from several stations: which true relations are found, and which false ones."""
-    for line in building_table(stations):
+    for line in building_table(stations, [number - 1 for number in sensor or range(1, 1 + len(SENSORS))]):
+        print(line, flush=True)
+
+
+@app.command()
+def warps(
+    first: _First = 2000,
+    rooms: Annotated[int, typer.Option("--rooms", min=1, help="How many rooms.")] = 10,
+    parts: Annotated[int, typer.Option("--parts", min=1, help="How many parts.")] = 100,
+) -> None:
+    """Rooms and parts that are warped as a whole: what becomes of relations that hold."""
+    for line in warp_table(range(first, first + rooms), range(parts)):
+        print(line, flush=True)
+
+
+@app.command()
+def real() -> None:
+    """Real scans: angles before and after, the largest turn, what is rejected."""
+    for line in real_table():
         print(line, flush=True)
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,15 @@ BASE, TOP, SIDE, FRONT, SLOPE, WIDE, BORE, TAPER = range(8)
 
 Start = Callable[[Surface, FloatArray], Surface]
 """Where a fit begins, of the true surface and its points (n, 3)."""
+
+
+Warp = Callable[[FloatArray], FloatArray]
+"""Where points (n, 3) of the part are measured, when the whole is warped."""
+
+
+def unwarped(points: FloatArray) -> FloatArray:
+    """Leave points (n, 3) where they are."""
+    return points
 
 
 def where_it_is(surface: Surface, _points: FloatArray) -> Surface:
@@ -33,12 +43,13 @@ def plane_fit(
     *,
     sigma: float,
     n: int,
+    warp: Warp = unwarped,
 ) -> SurfaceFit:
     """A plane fitted to points of a rectangle."""
     unit, first, middle = (np.asarray(one, dtype=float) for one in (normal, along, centre))
     reach = rng.uniform(-0.5, 0.5, (n, 2)) * sides
     points = middle + reach[:, :1] * first + reach[:, 1:] * np.cross(unit, first)
-    points += sigma * rng.normal(size=(n, 1)) * unit
+    points = warp(points) + sigma * rng.normal(size=(n, 1)) * unit
     return fit_plane(points, middle + 100 * unit)
 
 
@@ -52,13 +63,14 @@ def axial_fit(
     n: int,
     half_angle: float = 0.0,
     begin: Start = where_it_is,
+    warp: Warp = unwarped,
 ) -> SurfaceFit:
     """A cylinder or cone round z fitted to points of an arc; `radius` at height 0."""
     angle, height = rng.uniform(-arc / 2, arc / 2, n), rng.uniform(*heights, n)
     out = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
     normal = out * np.cos(half_angle) - np.array([0, 0, np.sin(half_angle)])
     points = out * (radius + height * np.tan(half_angle))[:, None] + height[:, None] * np.array([0, 0, 1.0])
-    points += sigma * rng.normal(size=(n, 1)) * normal
+    points = warp(points) + sigma * rng.normal(size=(n, 1)) * normal
     middle = float(np.mean(heights))
     if half_angle:
         cone = Cone((0, 0, middle), (0, 0, 1), radius + float(np.tan(half_angle)) * middle, half_angle)
@@ -67,19 +79,22 @@ def axial_fit(
     return fit_euclidean(points, "cylinder", begin(cylinder, points))
 
 
-def figure_one(seed: int, sigma: float, n: int = 2000, begin: Start = where_it_is) -> list[SurfaceFit]:
+def figure_one(
+    seed: int, sigma: float, n: int = 2000, begin: Start = where_it_is, warp: Warp = unwarped
+) -> list[SurfaceFit]:
     """Fit the part's surfaces to n points each, of noise sigma, in millimetres."""
     rng = np.random.default_rng(seed)
-    tilt = float(np.radians(60.0))
+    tilt, cone = float(np.radians(60.0)), float(np.radians(15.0))
+    flat = partial(plane_fit, rng, sigma=sigma, n=n, warp=warp)
     fits = [
-        plane_fit(rng, (0, 0, 0), (0, 0, -1), (1, 0, 0), (100, 80), sigma=sigma, n=n),
-        plane_fit(rng, (0, 0, 40), (0, 0, 1), (1, 0, 0), (100, 80), sigma=sigma, n=n),
-        plane_fit(rng, (-50, 0, 20), (-1, 0, 0), (0, 1, 0), (80, 40), sigma=sigma, n=n),
-        plane_fit(rng, (0, -40, 20), (0, -1, 0), (1, 0, 0), (100, 40), sigma=sigma, n=n),
-        plane_fit(rng, (60, 0, 20), (np.sin(tilt), 0, np.cos(tilt)), (0, 1, 0), (60, 30), sigma=sigma, n=n),
+        flat((0, 0, 0), (0, 0, -1), (1, 0, 0), (100, 80)),
+        flat((0, 0, 40), (0, 0, 1), (1, 0, 0), (100, 80)),
+        flat((-50, 0, 20), (-1, 0, 0), (0, 1, 0), (80, 40)),
+        flat((0, -40, 20), (0, -1, 0), (1, 0, 0), (100, 40)),
+        flat((60, 0, 20), (np.sin(tilt), 0, np.cos(tilt)), (0, 1, 0), (60, 30)),
     ]
-    fits.append(axial_fit(rng, 60.0, tilt, (0, 40), sigma=sigma, n=n, begin=begin))
-    fits.append(axial_fit(rng, 20.0, 2 * np.pi, (0, 40), sigma=sigma, n=n, begin=begin))
-    cone = float(np.radians(15.0))
-    fits.append(axial_fit(rng, 20.0, 2 * np.pi, (40, 60), sigma=sigma, n=n, half_angle=cone, begin=begin))
+    turned = partial(axial_fit, rng, sigma=sigma, n=n, begin=begin, warp=warp)
+    fits.append(turned(60.0, tilt, (0, 40)))
+    fits.append(turned(20.0, 2 * np.pi, (0, 40)))
+    fits.append(turned(20.0, 2 * np.pi, (40, 60), half_angle=cone))
     return fits

@@ -59,7 +59,7 @@ def part_table(n_parts: int) -> Iterator[str]:
             related.append(_radius(graph.fits[WIDE].surface) - 60.0)
             told.append(graph.fits[WIDE].parameter_deviations()["radius"])
             free.append(graph.free)
-            true = [one for one in graph.relations if _is_true(one, truth)]
+            true = [one for one in graph.relations if is_true(one, truth)]
             n_true += len(true)
             n_rejected += sum(one.status is Status.REJECTED for one in true)
             for wrong in WRONG:
@@ -148,7 +148,8 @@ def _apart(one: SurfaceFit, other: SurfaceFit) -> float:
     return float(np.max(off / np.maximum(one.standard_deviation(points), 1e-12)))
 
 
-def _is_true(relation: Relation, truth: Estimate) -> bool:
+def is_true(relation: Relation, truth: Estimate) -> bool:
+    """Whether a relation holds of surfaces as they are, millimetres and radians."""
     return bool(np.all(np.abs(truth.constraint(relation).value) < _TRUE))
 
 

@@ -103,12 +103,8 @@ def corner_errors(cells: TrueCells, hypothesis: Hypothesis) -> FloatArray:
     distance to the outline from the corner itself and from the true outline 3 cm to either side, where that
     is hidden too: an outline that passes the corner without a turn misses it. inf beyond 10 cm.
     """
-    grid = cells.chart.grid
-    beside = ndimage.maximum_filter(cells.reachable, 3) & ~ndimage.maximum_filter(cells.visible, 3)
-    places = grid.surface.from_uv(cells.chart.corners.reshape(-1, 2))
-    index, cell = grid.cells_of(places)
-    is_hidden = np.zeros(len(places), dtype=np.bool_)
-    is_hidden[index] = beside.ravel()[cell]
+    places = cells.chart.grid.surface.from_uv(cells.chart.corners.reshape(-1, 2))
+    is_hidden = _hidden(cells, places)
     corner_hidden = is_hidden.reshape(-1, 3)[:, 0]
     edges = outline_edges(hypothesis, hypothesis.true_surface[hypothesis.surface] == cells.chart.surface)
     if not len(edges) or not corner_hidden.any():
@@ -120,6 +116,21 @@ def corner_errors(cells: TrueCells, hypothesis: Hypothesis) -> FloatArray:
     apart[asked] = [_to_segments(place, start, way, length2) for place in places[asked]]
     largest = apart.reshape(-1, 3).max(axis=1)[corner_hidden]
     return np.where(largest <= _CORNER_REACH_M, largest, np.inf)
+
+
+def hidden_corners(cells: TrueCells) -> FloatArray:
+    """The hidden corners (k, 3) of a surface, world coordinates, in the order of `corner_errors`."""
+    corners = cells.chart.grid.surface.from_uv(cells.chart.corners[:, 0])
+    return corners[_hidden(cells, corners)]
+
+
+def _hidden(cells: TrueCells, places: FloatArray) -> BoolArray:
+    """Which places (n, 3) have reachable surface beside them, and none that is seen."""
+    beside = ndimage.maximum_filter(cells.reachable, 3) & ~ndimage.maximum_filter(cells.visible, 3)
+    index, cell = cells.chart.grid.cells_of(places)
+    is_hidden = np.zeros(len(places), dtype=np.bool_)
+    is_hidden[index] = beside.ravel()[cell]
+    return is_hidden
 
 
 def _to_segments(point: FloatArray, start: FloatArray, way: FloatArray, length2: FloatArray) -> float:

@@ -42,21 +42,20 @@ def move_creases(
     """Flattened vertices that lie on a neighbouring plane too go to where both meet, or all three.
 
     `flat` (n,) is the label of the plane that a vertex was moved onto, 0 for others; `planes` has each
-    plane with the rms of its residuals. A vertex lies on a plane if a face joins it to a vertex of that plane
-    and it is no farther from it than three rms.
+    plane with the rms of its residuals. A vertex lies on a plane if an edge joins it to a vertex of that
+    plane, it is no farther from it than three rms, and nearer than the other end is to its own: of the two
+    ends of an edge one alone goes to the crease, or the faces between would collapse.
     """
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    pairs = pairs[
-        (flat[pairs[:, 0]] > 0) & (flat[pairs[:, 1]] > 0) & (flat[pairs[:, 0]] != flat[pairs[:, 1]])
-    ]
-    beside = np.unique(np.stack([pairs[:, 0], flat[pairs[:, 1]]], axis=1), axis=0)
+    pairs = pairs[np.all(flat[pairs] > 0, axis=1) & (flat[pairs[:, 0]] != flat[pairs[:, 1]])]
+    off = np.stack([_off_others(vertices, pairs[:, ::way], flat, planes) for way in (1, -1)], axis=1)
+    nearer = np.argmin(off, axis=1)
+    every = np.arange(len(pairs))
+    beside = np.stack([pairs[every, nearer], flat[pairs[every, 1 - nearer]]], axis=1)
+    beside = np.unique(beside[off[every, nearer] <= 1.0], axis=0)
     also = dict[int, list[int]]()
     for vertex, label in beside.tolist():
-        plane, rms = planes[label]
-        reach = _NEAR * max(rms, planes[int(flat[vertex])][1])
-        if abs(float(plane.distance(vertices[vertex][None])[0])) <= reach:
-            also.setdefault(vertex, [int(flat[vertex])]).append(label)
+        also.setdefault(vertex, [int(flat[vertex])]).append(label)
     out = moved.copy()
     for vertex, labels in also.items():
         normals = np.stack([planes[label][0].normal_direction for label in labels[:3]])
@@ -64,6 +63,21 @@ def move_creases(
         if np.linalg.svd(normals, compute_uv=False)[-1] > 0.1:
             out[vertex] = vertices[vertex] - np.linalg.lstsq(normals, away, rcond=None)[0]
     return out
+
+
+def _off_others(
+    vertices: FloatArray,
+    pairs: NDArray[np.int32],
+    flat: NDArray[np.int64],
+    planes: dict[int, tuple[Plane, float]],
+) -> FloatArray:
+    """How far the first of each pair (m, 2) is off the plane of the second, over what is still on it."""
+    off = np.full(len(pairs), np.inf)
+    for label, (plane, rms) in planes.items():
+        some = np.flatnonzero(flat[pairs[:, 1]] == label)
+        reach = [_NEAR * max(rms, planes[int(own)][1]) for own in flat[pairs[some, 0]]]
+        off[some] = np.abs(plane.distance(vertices[pairs[some, 0]])) / np.maximum(reach, 1e-300)
+    return off
 
 
 def hold_back(

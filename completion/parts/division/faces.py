@@ -20,6 +20,8 @@ from scenes.surfaces.catalogue import Plane, Surface
 
 _N_NEAR = 4  # points among whose labels one that was left out finds its own
 _CHUNK = 65_536
+_N_BESIDE = 9  # points, itself among them, whose faces a point may have
+_MOST_ROUNDS = 40  # by each of which labels move on by a neighbour
 _MOST_COMPARED = 500
 _NEARLY_ALL = 0.95
 
@@ -65,6 +67,29 @@ def spread(
             least[asked[better]], best[asked[better]] = distance[better], number
         found[start : start + len(chunk)] = best
     return found
+
+
+def settle(points: FloatArray, faces: Sequence[Surface], labels: IntArray) -> IntArray:
+    """Labels (n,) of points (n, 3), each with the nearest of the faces that it and its neighbours have.
+
+    Among sparse points the nearest may lie beyond a crease, and ripple is so large a tolerance that points
+    beside the crease pass for its surface: they would be relief there.
+    """
+    near = cKDTree(points).query(points, k=min(_N_BESIDE, len(points)))[1]
+    labels = labels.copy()
+    for _ in range(_MOST_ROUNDS):
+        mixed = np.flatnonzero((labels[near] != labels[:, None]).any(axis=1) & (labels > 0))
+        beside, own = labels[near[mixed]], labels[mixed]
+        least, best = np.full(len(mixed), np.inf), own.copy()
+        for number in np.unique(beside[beside > 0]):
+            asked = np.flatnonzero((beside == number).any(axis=1))
+            distance = np.abs(faces[number - 1].distance(points[mixed[asked]]))
+            nearer = distance < least[asked]
+            least[asked[nearer]], best[asked[nearer]] = distance[nearer], number
+        if (best == own).all():
+            break
+        labels[mixed] = best
+    return labels
 
 
 def fitted(

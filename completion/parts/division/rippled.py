@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.division.faces import fitted, groups_of, spread
+from completion.parts.division.faces import fitted, groups_of, settle, spread
 from completion.parts.division.labelled import fit_labelled
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import segment_part
@@ -119,6 +119,7 @@ def _of_all(
     surfaces = [fit.surface for fit in coarse.fits]
     if given is None:
         labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
+        labels = settle(points, surfaces, labels)
     else:
         known = np.array(coarse.names)
         place = np.minimum(np.searchsorted(known, given), len(known) - 1)

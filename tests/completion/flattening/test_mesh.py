@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Meshes: vertices go to their planes, creases stay creases, no face turns over or crosses another."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,17 @@ def test_vertices_on_two_planes_go_to_their_crease() -> None:
     assert turned_over(vertices, flat.vertices, faces) == 0
     rim = np.arange(SHAPE[1])
     assert np.array_equal(flat.vertices[rim[2:], :2], vertices[rim[2:], :2])  # free rims stay where they are
+
+
+def test_rows_beside_a_crease_do_not_go_onto_it_too() -> None:
+    """Where three rms are more than a cell, the row beside the crease is within reach of the other wall."""
+    vertices, faces, labels, fits = corner_mesh(5)
+    loose = [replace(fit, rms=0.004) for fit in fits]
+    flat = flatten_mesh(vertices, faces, labels, loose)
+    assert not flat.is_held.any()
+    assert not flat.is_relief.any()
+    row = 1 + np.arange(SHAPE[0]) * SHAPE[1]
+    assert np.array_equal(flat.vertices[row[1:-1], :2], vertices[row[1:-1], :2])
 
 
 def test_other_surfaces_and_unlabelled_vertices_stay(wall) -> None:

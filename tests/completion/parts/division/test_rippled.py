@@ -3,9 +3,10 @@
 
 import numpy as np
 
+from completion.parts.division.faces import settle
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.rippled import segment_rippled
-from tests.helpers.wall_examples import panelled, wall_mesh
+from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 
 def test_a_wall_with_ripple_is_one_plane():
@@ -15,6 +16,15 @@ def test_a_wall_with_ripple_is_one_plane():
     assert (found.labels == 1).mean() > 0.9
     assert 0.001 < found.noise_m < 0.004
     assert "where ripple is noise" in found.warnings[0]
+
+
+def test_points_beside_a_crease_go_to_their_own_wall():
+    """Ripple of 2 mm makes a tolerance of a centimetre: three rows of the other wall are within it."""
+    vertices, _, labels, fits = corner_mesh(5)
+    taken = np.where((labels == 2) & (vertices[:, 2] < 0.031), 1, labels)
+    found = settle(vertices, [fit.surface for fit in fits], taken)
+    inner = np.abs(vertices[:, [0, 2]]).max(axis=1) > 0.009
+    np.testing.assert_array_equal(found[inner], labels[inner])
 
 
 def test_labels_are_kept_and_their_kind_is_sought_beneath_the_ripple():
