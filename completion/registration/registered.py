@@ -14,11 +14,14 @@ from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group, Hypotheses
 from completion.registration.hypotheses import Hypothesis, judged
 from completion.registration.network import Edge, Network
-from completion.registration.refinement import Placed
+from completion.registration.refinement import Placed, equations_of
 from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
+
+RESIDUAL_GATE = 0.15
+"""How far apart facets that met may lie where residuals are told, in units of the views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +128,30 @@ class Registered:
         k = 6 * list(network.group.poses).index(scan)
         return np.asarray(network.covariance[k : k + 6, k : k + 6])
 
+    def places_of(self, scan: int) -> FloatArray:
+        """Return the places (n, 3) of a scan's facets in its own frame, metres."""
+        return np.asarray(self.unit_m * self.views[scan].facets.centre)
+
+    def residuals_of(self, network: Network) -> tuple[FloatArray, FloatArray]:
+        """Return where facets of a group's scans met (n, 3), in its frame, and by how much they are off (n,).
+
+        Metres; above zero where the later scan's surface lies behind the earlier one's.
+        """
+        placed = {
+            number: Placed(self.views[number], in_units(pose, self.unit_m))
+            for number, pose in network.group.poses.items()
+        }
+        met = [
+            equations_of([placed[edge.scans[0]]], [placed[edge.scans[1]]], STILL, RESIDUAL_GATE)[0]
+            for edge in network.edges
+        ]
+        if not met:
+            return np.zeros((0, 3)), np.zeros(0)
+        places, offset = (
+            np.concatenate([getattr(one, name) for one in met]) for name in ("places", "offset")
+        )
+        return self.unit_m * places, self.unit_m * offset
+
     def world_poses(self, scans: Sequence[RangeImage]) -> list[Pose | None]:
         """Return the pose of each scan in the world; None of scans that are by themselves.
 
@@ -147,9 +174,8 @@ class Registered:
         pose, covariance = self.pose_of(scan), self.covariance_of(scan)
         if pose is None or covariance is None:
             return float("nan")
-        facets = self.views[scan].facets
-        normals = facets.normal @ pose[:, :3].T
-        arms = self.unit_m * facets.centre @ pose[:, :3].T
+        normals = self.views[scan].facets.normal @ pose[:, :3].T
+        arms = self.places_of(scan) @ pose[:, :3].T
         growth = np.concatenate([np.cross(arms, normals), normals], axis=1)
         return float(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", growth, covariance, growth))))
 

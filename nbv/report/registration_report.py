@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from completion.registration.network import Network
 from completion.registration.registered import Registered
 from completion.registration.verdict import Verdict
-from nbv.report.figures.registration_plan import registration_plan
+from nbv.report.figures.registration_plan import alternative_plan, registration_plan, residual_plan
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count
 from scenes.scan.palette import surface_colour
 from scenes.scan.range_image import RangeImage
 
-_MOST_ROWS = 300
+_MOST_ROWS, _MOST_GROUPS, _MOST_DOUBTFUL = 300, 20, 6
 
 
 def registration_page(
@@ -35,13 +37,10 @@ def registration_page(
         Headline(f"{100 * worst:.1f}", "%", "contradicted at most, of these"),
     )
     plans = [
-        registration_plan(one, found.views, scans[next(iter(one.group.poses))].world_from_sensor.matrix[:3])
-        .picture(
-            f"Group {number + 1} from above",
-            "What each scan measured, in its colour and by its number. Lines join scans that share surface.",
-        )
-        for number, one in enumerate(found.groups)
-    ]  # fmt: skip
+        picture
+        for number, one in enumerate(found.groups[:_MOST_GROUPS])
+        for picture in _plans(found, scans, one, number)
+    ]
     summary = (
         f"Beams hardly contradict {held} of {count(len(found.pairs), 'pair', 'pairs')} in the poses given."
         if checked
@@ -57,10 +56,54 @@ def registration_page(
         sections=(
             *((Section("From above", (Gallery(tuple(plans), 2),)),) if plans else ()),
             Section("Scans", (_scans(found, names),)),
-            Section("Pairs", _pairs(found)),
+            Section("Pairs", (*_pairs(found), *_alternatives(found, scans))),
         ),
         warnings=(),
     )
+
+
+def _plans(
+    found: Registered, scans: Sequence[RangeImage], network: Network, number: int
+) -> Iterator[Picture]:
+    """A group from above, and by how much its scans differ where they met."""
+    world = scans[next(iter(network.group.poses))].world_from_sensor.matrix[:3]
+    places = [found.places_of(scan) for scan in range(len(scans))]
+    yield registration_plan(network, places, world).picture(
+        f"Group {number + 1} from above",
+        "What each scan measured, in its colour and by its number. Lines join scans that share surface.",
+    )
+    met, offsets = found.residuals_of(network)
+    if len(met):
+        yield residual_plan(met, offsets, world).picture(
+            f"Group {number + 1}, what is left between its scans",
+            f"Where tiles of two scans met, and how far apart they lie along their normals: "
+            f"{1000 * float(np.median(np.abs(offsets))):.1f} mm in the median. Noise looks like salt and "
+            "pepper; whole walls of one colour are bent, moved, or tell of a pose that is off.",
+        )
+
+
+def _alternatives(found: Registered, scans: Sequence[RangeImage]) -> Iterator[Block]:
+    """The poses that pairs in doubt may have, from above."""
+    doubtful = [one for one in found.pairs if one.verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES)]
+    places = [found.places_of(scan) for scan in range(len(scans))]
+    for pair in doubtful[:_MOST_DOUBTFUL]:
+        world = scans[pair.scans[0]].world_from_sensor.matrix[:3]
+        first, second = (scan + 1 for scan in pair.scans)
+        told = "slides" if pair.verdict is Verdict.SLIDES else "may stand so"
+        yield Gallery(
+            tuple(
+                alternative_plan(pair, k, places, world).picture(
+                    f"Scan {second} to {first}: {told} ({k + 1} of {len(pair.alternatives)})"
+                )
+                for k in range(len(pair.alternatives))
+            ),
+            3,
+        )
+    if len(doubtful) > _MOST_DOUBTFUL:
+        yield Text(
+            f"Poses of {len(doubtful) - _MOST_DOUBTFUL} more pairs in doubt are in registration.json, "
+            "not drawn here."
+        )
 
 
 def _scans(found: Registered, names: Sequence[str]) -> Table:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from completion.registration.candidates.station_view import unit_of
 from completion.registration.pipeline import check_poses, register_scans
 from completion.registration.record import registration_record
 from completion.registration.verdict import Verdict
@@ -133,6 +134,22 @@ def test_right_poses_are_upheld_and_wrong_ones_contradicted(office):
     assert pairs[0, 2].verdict is Verdict.REGISTERED
     assert pairs[0, 1].verdict is Verdict.AMBIGUOUS
     assert pairs[0, 1].violations > 0.05
+
+
+def test_what_is_small_is_registered_as_what_is_large(office):
+    """The same room a hundredth as large: its poses, their deviations and residuals are a hundredth."""
+    small = [
+        replace(scan, ranges=scan.ranges / 100, sigma_m=2e-5, world_from_sensor=TURNED) for scan in office[:2]
+    ]
+    assert unit_of(small) < 0.02 < unit_of(office[:2])
+    held = register_scans(small)
+    true = office[0].world_from_sensor.inverse() @ office[1].world_from_sensor
+    np.testing.assert_allclose(held.pose_of(1)[:, 3], true.translation / 100, atol=1e-4)
+    assert 0 < held.pose_deviation(1) < 1e-4
+    np.testing.assert_allclose(held.pairs[0].alternatives[0][:, 3], true.translation / 100, atol=1e-4)
+    places, offsets = held.residuals_of(held.groups[0])
+    assert np.ptp(places, axis=0).max() < 0.1
+    assert np.median(np.abs(offsets)) < 1e-4
 
 
 def test_level_scanners_need_turns_about_the_vertical_alone(level):

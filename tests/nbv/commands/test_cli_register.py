@@ -61,7 +61,9 @@ def test_poses_are_found_and_written(registered):
     assert record["pairs"][0]["verdict"] == "registered"
     posed = [read_scans(out / "posed" / name)[0] for name in ("lost_0.ply", "lost_1.ply")]
     np.testing.assert_allclose(posed[1].world_from_sensor.matrix, held, atol=1e-6)
-    assert "Registration" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert "Registration" in page
+    assert "what is left between its scans" in page
 
 
 def test_an_e57_keeps_its_scans_together(folder):
