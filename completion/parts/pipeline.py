@@ -16,6 +16,7 @@ from completion.parts.division.result import PartSegmentation
 from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
 from completion.relations.engine.estimate import NO_DOUBT, Doubt
+from completion.relations.engine.relation import Status
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
@@ -155,6 +156,8 @@ def related_faces(
 ) -> RelatedFaces:
     """The relations of a division's surfaces, which may be warped as a whole where `points` (n, 3) show it.
 
+    A warp is taken for real where relations are rejected without it, and more of them hold with it.
+
     Raises InputError: a label that there is not, a relation that its surfaces cannot have.
     """
     place = {label: number for number, label in enumerate(found.names)}
@@ -163,11 +166,20 @@ def related_faces(
     chosen = tuple(sorted(known.union(*named)))
     among = {number: k for k, number in enumerate(chosen)}
     given = [one.of([among[number] for number in some]) for one, some in zip(stated, named, strict=True)]
-    fits, warp = [found.fits[number] for number in chosen], None
-    if points is not None:
-        warp = find_warp(fits, [points[found.members(number + 1)] for number in chosen])
-    graph = infer(fits, given, options, doubt=doubt_of_warp(warp, len(fits)))
-    return RelatedFaces(graph, chosen, warp)
+    fits = [found.fits[number] for number in chosen]
+    graph = infer(fits, given, options)
+    if points is None or not graph.numbered(Status.REJECTED):
+        return RelatedFaces(graph, chosen, None)
+    warp = find_warp(fits, [points[found.members(number + 1)] for number in chosen])
+    if warp is not None:
+        again = infer(fits, given, options, doubt=doubt_of_warp(warp, len(fits)))
+        if _n_held(again) > _n_held(graph):
+            return RelatedFaces(again, chosen, warp)
+    return RelatedFaces(graph, chosen, None)
+
+
+def _n_held(graph: RelationGraph) -> int:
+    return sum(one.holds for one in graph.relations)
 
 
 def doubt_of_warp(warp: SpaceWarp | None, n: int) -> Doubt:
