@@ -147,11 +147,13 @@ def holds(relation: str, one: Surface, two: Surface, length: float, angle: float
     return sine < angle and offset < length
 
 
-def score_relations(part: Part, found: PartSegmentation, matched: Sequence[int]) -> FloatArray:
+def score_relations(
+    part: Part, points: FloatArray, found: PartSegmentation, matched: Sequence[int]
+) -> FloatArray:
     """Of each relation (4, 4): true pairs, those of them found, pairs found, those of them false."""
     counts = np.zeros((4, 4))
     fits = list(found.fits)
-    graph, related = related_faces(found, MACHINED, ())
+    graph, related, _ = related_faces(found, MACHINED, (), points)
     placed = [fit.surface for fit in fits]
     for moved, number in zip(graph.fits, related, strict=True):
         placed[number] = moved.surface
@@ -196,7 +198,7 @@ def evaluate(part: Part, noise: float, seed: int) -> Outcome:
     counts = [len(best), (best >= 0.5).sum(), (best >= 0.8).sum(), (plain >= 0.5).sum(), (plain >= 0.8).sum()]
     counts += [len(one), (one >= 0.5).sum(), (one >= 0.8).sum()]
     matched = [int(column.argmax()) if column.max() >= 0.5 else -1 for column in each.T]
-    relations = score_relations(part, found, matched) if found.fits else np.zeros((4, 4))
+    relations = score_relations(part, points, found, matched) if found.fits else np.zeros((4, 4))
     return Outcome(np.array(counts, dtype=np.float64), best, relations, seconds, found)
 
 

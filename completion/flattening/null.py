@@ -26,21 +26,28 @@ _FARTHEST = 5.0  # sd: what is farther is no noise
 class Null:
     """Regions on walls without relief.
 
-    Beyond `start` nats of evidence there are `rate` of them a cell, fewer by e for each further `scale` nats.
+    Beyond `start` nats of evidence there are `rate` of them a cell, fewer by e for each further `scale` nats,
+    as the `n` that were found there tell; inf where that is known.
     """
 
     start: float
     rate: float
     scale: float
+    n: float
 
     def p(self, evidence: float, n_cells: int) -> float:
-        """How probably a wall of that many cells without relief shows a region of that evidence, or more."""
+        """How probably a wall of that many cells without relief shows a region of that evidence, or more.
+
+        The scale of an exponential tail that n of its members tell is known to 1 / sqrt(n) of itself: what
+        is to be expected beyond is the mean over all that it may be, (1 + x / n)^-n in place of exp(-x).
+        """
+        beyond = (evidence - self.start) / self.scale
         with np.errstate(over="ignore"):
-            expected = n_cells * self.rate * np.exp(-(evidence - self.start) / self.scale)
-        return float(-np.expm1(-expected))
+            share = np.exp(-beyond if beyond < 0 or np.isinf(self.n) else -self.n * np.log1p(beyond / self.n))
+        return float(-np.expm1(-n_cells * self.rate * share))
 
 
-NOTHING = Null(np.inf, np.inf, 1.0)
+NOTHING = Null(np.inf, np.inf, 1.0, np.inf)
 """Of walls on which nothing could stay: no evidence says anything."""
 
 
@@ -65,9 +72,10 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     n_cells = n_walls * shape[0] * shape[1]
     largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
-        return Null(0.0, 1 / n_cells, _LEAST_SCALE)
+        return Null(0.0, 1 / n_cells, _LEAST_SCALE, np.inf)
     start = float(largest[-1])
-    return Null(start, (len(largest) - 1) / n_cells, max(float(np.mean(largest[:-1] - start)), _LEAST_SCALE))
+    n = len(largest) - 1
+    return Null(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), _LEAST_SCALE), n)
 
 
 def _white_noise(parts: Separation) -> FloatArray:

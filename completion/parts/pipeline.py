@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
 from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
+from completion.relations.engine.estimate import NO_DOUBT, Doubt
+from completion.relations.engine.relation import Status
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.settled import is_settled
 from completion.relations.stated import StatedRelation
-from scenes.checks import InputError, IntArray
+from completion.uncertainty.space_warp import SpaceWarp, find_warp
+from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
@@ -127,18 +131,32 @@ def relate_part(
     """The part that a division makes, its relations found and imposed; as for `model_part`."""
     tell = progress or (lambda _stage, _done, _total: None)
     tell("relate", 0, 1)
-    graph, related = (None, ()) if relations is None else related_faces(found, relations, stated)
+    points = np.asarray(shape.vertices if isinstance(shape, LabelledMesh) else shape, dtype=np.float64)
+    made = None if relations is None else related_faces(found, relations, stated, points)
     fits = list(found.fits)
-    for place, number in enumerate(related):
-        fits[number] = fits[number] if graph is None else graph.fits[place]
+    for place, number in enumerate(made.numbers if made else ()):
+        fits[number] = fits[number] if made is None else made.graph.fits[place]
     tell("relate", 1, 1)
-    return part_of(shape, found, graph, related, fits)
+    return part_of(shape, found, made, fits)
+
+
+class RelatedFaces(NamedTuple):
+    """The relations of a division's surfaces, the places of those that take part, and how all are warped."""
+
+    graph: RelationGraph
+    numbers: tuple[int, ...]
+    warp: SpaceWarp | None
 
 
 def related_faces(
-    found: PartSegmentation, options: RelationOptions, stated: Sequence[StatedRelation[int]]
-) -> tuple[RelationGraph, tuple[int, ...]]:
-    """The relations of a division's surfaces, and the places of those that take part.
+    found: PartSegmentation,
+    options: RelationOptions,
+    stated: Sequence[StatedRelation[int]],
+    points: FloatArray | None = None,
+) -> RelatedFaces:
+    """The relations of a division's surfaces, which may be warped as a whole where `points` (n, 3) show it.
+
+    A warp is taken for real where relations are rejected without it, and more of them hold with it.
 
     Raises InputError: a label that there is not, a relation that its surfaces cannot have.
     """
@@ -148,14 +166,31 @@ def related_faces(
     chosen = tuple(sorted(known.union(*named)))
     among = {number: k for k, number in enumerate(chosen)}
     given = [one.of([among[number] for number in some]) for one, some in zip(stated, named, strict=True)]
-    return infer([found.fits[number] for number in chosen], given, options), chosen
+    fits = [found.fits[number] for number in chosen]
+    graph = infer(fits, given, options)
+    if points is None or not graph.numbered(Status.REJECTED):
+        return RelatedFaces(graph, chosen, None)
+    warp = find_warp(fits, [points[found.members(number + 1)] for number in chosen])
+    if warp is not None:
+        again = infer(fits, given, options, doubt=doubt_of_warp(warp, len(fits)))
+        if _n_held(again) > _n_held(graph):
+            return RelatedFaces(again, chosen, warp)
+    return RelatedFaces(graph, chosen, None)
+
+
+def _n_held(graph: RelationGraph) -> int:
+    return sum(one.holds for one in graph.relations)
+
+
+def doubt_of_warp(warp: SpaceWarp | None, n: int) -> Doubt:
+    """What is doubtful of n surfaces of a part that is warped as a whole, or of one that is not."""
+    return NO_DOUBT if warp is None else Doubt((warp.freedom,) * n, warp.shared)
 
 
 def part_of(
     shape: object,
     found: PartSegmentation,
-    graph: RelationGraph | None,
-    related: tuple[int, ...],
+    made: RelatedFaces | None,
     fits: Sequence[SurfaceFit],
 ) -> Part:
     """The part that a division and its relations make."""
@@ -173,11 +208,21 @@ def part_of(
         groups=found.groups,
         noise_m=found.noise_m,
         spacing_m=found.spacing_m,
-        relations=graph,
-        related=related,
+        relations=None if made is None else made.graph,
+        related=() if made is None else made.numbers,
         faces=None if mesh is None else mesh.faces,
         triangle_surface=None if triangles is None else names[triangles],
-        warnings=found.warnings,
+        warnings=(*found.warnings, *_warp_text(None if made is None else made.warp)),
+    )
+
+
+def _warp_text(warp: SpaceWarp | None) -> tuple[str, ...]:
+    """What is to be known of a warp."""
+    if warp is None:
+        return ()
+    return (
+        f"the whole is warped by {1000 * warp.rms_m:.3g} mm: what that may do to surfaces counts as an error "
+        "of theirs, so that relations are neither rejected for it nor as well known",
     )
 
 

@@ -44,12 +44,15 @@ def plane_fit(
     sigma: float,
     n: int,
     warp: Warp = unwarped,
+    kept: list[FloatArray] | None = None,
 ) -> SurfaceFit:
     """A plane fitted to points of a rectangle."""
     unit, first, middle = (np.asarray(one, dtype=float) for one in (normal, along, centre))
     reach = rng.uniform(-0.5, 0.5, (n, 2)) * sides
     points = middle + reach[:, :1] * first + reach[:, 1:] * np.cross(unit, first)
     points = warp(points) + sigma * rng.normal(size=(n, 1)) * unit
+    if kept is not None:
+        kept.append(points)
     return fit_plane(points, middle + 100 * unit)
 
 
@@ -64,6 +67,7 @@ def axial_fit(
     half_angle: float = 0.0,
     begin: Start = where_it_is,
     warp: Warp = unwarped,
+    kept: list[FloatArray] | None = None,
 ) -> SurfaceFit:
     """A cylinder or cone round z fitted to points of an arc; `radius` at height 0."""
     angle, height = rng.uniform(-arc / 2, arc / 2, n), rng.uniform(*heights, n)
@@ -71,6 +75,8 @@ def axial_fit(
     normal = out * np.cos(half_angle) - np.array([0, 0, np.sin(half_angle)])
     points = out * (radius + height * np.tan(half_angle))[:, None] + height[:, None] * np.array([0, 0, 1.0])
     points = warp(points) + sigma * rng.normal(size=(n, 1)) * normal
+    if kept is not None:
+        kept.append(points)
     middle = float(np.mean(heights))
     if half_angle:
         cone = Cone((0, 0, middle), (0, 0, 1), radius + float(np.tan(half_angle)) * middle, half_angle)
@@ -80,12 +86,18 @@ def axial_fit(
 
 
 def figure_one(
-    seed: int, sigma: float, n: int = 2000, begin: Start = where_it_is, warp: Warp = unwarped
+    seed: int,
+    sigma: float,
+    n: int = 2000,
+    begin: Start = where_it_is,
+    *,
+    warp: Warp = unwarped,
+    kept: list[FloatArray] | None = None,
 ) -> list[SurfaceFit]:
-    """Fit the part's surfaces to n points each, of noise sigma, in millimetres."""
+    """Fit the part's surfaces to n points each, of noise sigma, in millimetres; those go to `kept`."""
     rng = np.random.default_rng(seed)
     tilt, cone = float(np.radians(60.0)), float(np.radians(15.0))
-    flat = partial(plane_fit, rng, sigma=sigma, n=n, warp=warp)
+    flat = partial(plane_fit, rng, sigma=sigma, n=n, warp=warp, kept=kept)
     fits = [
         flat((0, 0, 0), (0, 0, -1), (1, 0, 0), (100, 80)),
         flat((0, 0, 40), (0, 0, 1), (1, 0, 0), (100, 80)),
@@ -93,7 +105,7 @@ def figure_one(
         flat((0, -40, 20), (0, -1, 0), (1, 0, 0), (100, 40)),
         flat((60, 0, 20), (np.sin(tilt), 0, np.cos(tilt)), (0, 1, 0), (60, 30)),
     ]
-    turned = partial(axial_fit, rng, sigma=sigma, n=n, begin=begin, warp=warp)
+    turned = partial(axial_fit, rng, sigma=sigma, n=n, begin=begin, warp=warp, kept=kept)
     fits.append(turned(60.0, tilt, (0, 40)))
     fits.append(turned(20.0, 2 * np.pi, (0, 40)))
     fits.append(turned(20.0, 2 * np.pi, (40, 60), half_angle=cone))

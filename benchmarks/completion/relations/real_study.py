@@ -27,14 +27,16 @@ def real_table() -> Iterator[str]:
     """Yield the lines of a table: a scan each, all its frames completed together.
 
     Of pairs of planes within 5 deg of square or parallel: how many are within .05 deg of it, and how far off
-    a usual one is, as measured and where the model has them. "turn" is the largest of a plane that was moved.
-    Rejected are proposals that the data contradict, of all that could be decided.
+    a usual one is, as measured, where relations hold, and where the model has them: a plane that would leave
+    its points by half of their scatter stays. "turn" is the largest that relations ask for. Rejected are
+    proposals that the data contradict, of all that could be decided.
     """
     yield (
-        "| scan | frames | surfaces | pairs | within .05 deg | after | off, deg | after | largest turn, deg "
-        "| sd | above 3 sd | stayed | accepted, implied | rejected | undecided |"
+        "| scan | frames | surfaces | pairs | within .05 deg | related | in the model | off, deg | related "
+        "| in the model | largest turn, deg | sd | above 3 sd | stayed | accepted, implied | rejected "
+        "| undecided |"
     )
-    yield "|---" * 15 + "|"
+    yield "|---" * 17 + "|"
     for name, scans in _sources():
         done = complete(scans, CompletionOptions(texture=False), rng=0)
         if done.relations is not None:
@@ -53,22 +55,22 @@ def _row(found: FoundRelations) -> str:
     graph = found.graph
     places = [k for k, fit in enumerate(found.before) if isinstance(fit.surface, Plane)]
     now = [graph.fits[k] if moves else found.before[k] for k, moves in enumerate(found.is_moved)]
-    before, after = _normals(found.before, places), _normals(now, places)
-    off = [(_off_deg(before[a], before[b]), _off_deg(after[a], after[b]))
-           for a, b in combinations(range(len(places)), 2)]  # fmt: skip
-    meant = np.array([pair for pair in off if pair[0] <= _NEAR_DEG]).reshape(-1, 2)
-    turns = np.degrees(np.linalg.norm(np.cross(before, after), axis=1))
+    sides = [_normals(fits, places) for fits in (found.before, graph.fits, now)]
+    off = [[_off_deg(one[a], one[b]) for one in sides] for a, b in combinations(range(len(places)), 2)]
+    meant = np.array([three for three in off if three[0] <= _NEAR_DEG]).reshape(-1, 3)
+    turns = np.degrees(np.linalg.norm(np.cross(sides[0], sides[1]), axis=1))
     largest = int(np.argmax(turns)) if len(turns) else 0
     sd = graph.moved_sd[places[largest]] if len(turns) else 0.0
-    n_far = sum(one > 3 for one, moves in zip(graph.moved_sd, found.is_moved, strict=True) if moves)
+    n_far = sum(one > 3 for one in graph.moved_sd)
     exact = np.count_nonzero(meant <= _EXACT_DEG, axis=0)
-    middle = np.median(meant, axis=0) if len(meant) else np.zeros(2)
+    middle = np.median(meant, axis=0) if len(meant) else np.zeros(3)
+    shares, offs = " | ".join(map(str, exact)), " | ".join(f"{one:.2f}" for one in middle)
     held = [graph.numbered(status) for status in (Status.ACCEPTED, Status.IMPLIED)]
     rejected = graph.numbered(Status.REJECTED)
     share = rejected / max(sum(held) + rejected, 1)
     n_stayed = sum(not moves for moves in found.is_moved)
     return (
-        f"{len(found.before)} | {len(meant)} | {exact[0]} | {exact[1]} | {middle[0]:.2f} | {middle[1]:.2f} "
+        f"{len(found.before)} | {len(meant)} | {shares} | {offs} "
         f"| {turns.max(initial=0.0):.2f} | {sd:.1f} | {n_far} | {n_stayed} "
         f"| {held[0]}, {held[1]} | {rejected} ({share:.3f}) | {graph.numbered(Status.UNDECIDED)}"
     )

@@ -16,12 +16,14 @@ from benchmarks.completion.relations.sensors import SENSORS
 from benchmarks.completion.relations.true_fits import true_fits, true_relations
 from benchmarks.completion.scenes.rooms import random_case
 from completion.observe.observation import observe
+from completion.parts.pipeline import doubt_of_warp
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Status
 from completion.relations.engine.wald import wald_test
 from completion.relations.options import BUILT
 from completion.relations.pipeline import infer
 from completion.uncertainty.pipeline import state_fits
+from completion.uncertainty.space_warp import find_warp
 from nbv.scanning.effects.effects import Effects
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
@@ -92,12 +94,14 @@ def _bent(scan: RangeImage, seed: int, size_m: float, vertices: FloatArray) -> R
 
 def _part(seed: int, size: float) -> tuple[list[float], Counter[Status]]:
     """The same of the part of figure 1."""
-    fits = figure_one(seed, _NOISE_MM, warp=lambda points: warped(points, seed, size, _PART_BOX))
+    points = list[FloatArray]()
+    fits = figure_one(seed, _NOISE_MM, warp=lambda places: warped(places, seed, size, _PART_BOX), kept=points)
+    doubt = doubt_of_warp(find_warp(fits, points), len(fits))
     exact = figure_one(0, 1e-7)
     truth = Estimate(exact, None, np.zeros(3))
     relations = true_relations([fit.surface for fit in exact if isinstance(fit.surface, Plane)])
-    estimate = Estimate(fits, None, np.zeros(3))
-    graph = infer(fits)
+    estimate = Estimate(fits, None, np.zeros(3), doubt)
+    graph = infer(fits, doubt=doubt)
     counts = Counter(one.status for one in graph.relations if is_true(one, truth))
     return [wald_test(one, estimate).p for one in relations], counts
 

@@ -57,18 +57,19 @@ class Placement:
 def place(surface: Surface, change: FloatArray) -> Placement:
     """Return where a surface is after a change (k,) of its chart's parameters, as `SurfaceFit` orders them.
 
-    The chart is that at `surface`: a plane's normal is n - b u - c v over its length, an axis z + a x + b y.
+    The chart is that at `surface`: a plane's point is p - a n and its normal n + b u + c v over its length,
+    an axis z + a x + b y, so that `SurfaceFit.gradient` is the derivative of its distances.
 
     Raises InputError: a surface without such a chart.
     """
     if isinstance(surface, Plane):
         normal = surface.normal_direction
         across = np.stack([surface.u_direction, surface.v_direction])
-        tilts = np.column_stack([np.zeros(3), -across.T])
+        tilts = np.column_stack([np.zeros(3), across.T])
         direction, by_direction = _unit(normal + tilts @ change, tilts)
-        by_point = np.column_stack([normal, np.zeros((3, 2))])
+        by_point = np.column_stack([-normal, np.zeros((3, 2))])
         none = np.zeros((1, 3))
-        point = surface.point + change[0] * normal
+        point = surface.point - change[0] * normal
         return Placement(
             direction=direction,
             point=point,
