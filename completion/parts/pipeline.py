@@ -156,7 +156,8 @@ def related_faces(
 ) -> RelatedFaces:
     """The relations of a division's surfaces, which may be warped as a whole where `points` (n, 3) show it.
 
-    A warp is taken for real where relations are rejected without it, and more of them hold with it.
+    A warp is taken for real where relations are rejected without it, and with it those that hold leave fewer
+    parameters free.
 
     Raises InputError: a label that there is not, a relation that its surfaces cannot have.
     """
@@ -173,13 +174,9 @@ def related_faces(
     warp = find_warp(fits, [points[found.members(number + 1)] for number in chosen])
     if warp is not None:
         again = infer(fits, given, options, doubt=doubt_of_warp(warp, len(fits)))
-        if _n_held(again) > _n_held(graph):
+        if again.free < graph.free:
             return RelatedFaces(again, chosen, warp)
     return RelatedFaces(graph, chosen, None)
-
-
-def _n_held(graph: RelationGraph) -> int:
-    return sum(one.holds for one in graph.relations)
 
 
 def doubt_of_warp(warp: SpaceWarp | None, n: int) -> Doubt:
