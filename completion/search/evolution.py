@@ -109,8 +109,8 @@ def _crossed(
     towards = rng.random(n) < _TOWARDS_BEST
     base = np.where(towards[:, None], members + weight * (members[best] - members), members[others[:, 0]])
     mutant = base + weight * (members[others[:, 1]] - members[others[:, 2]])
-    crosses = rng.random((n, d)) < _CROSSING
-    crosses[np.arange(n), rng.integers(d, size=n)] = True
+    forced = rng.integers(d, size=n)[:, None] == np.arange(d)
+    crosses = forced | (rng.random((n, d)) < _CROSSING)
     tried = np.where(crosses, mutant, members)
     # what leaves the box comes back half way between its side and where it was
     tried = np.where(tried < lower, (lower + members) / 2, tried)
