@@ -109,7 +109,7 @@ def _crossed(
     towards = rng.random(n) < _TOWARDS_BEST
     base = np.where(towards[:, None], members + weight * (members[best] - members), members[others[:, 0]])
     mutant = base + weight * (members[others[:, 1]] - members[others[:, 2]])
-    forced = rng.integers(d, size=n)[:, None] == np.arange(d)
+    forced = np.arange(d) == np.asarray(rng.integers(d, size=n))[:, None]
     crosses = forced | (rng.random((n, d)) < _CROSSING)
     tried = np.where(crosses, mutant, members)
     # what leaves the box comes back half way between its side and where it was
