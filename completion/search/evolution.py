@@ -106,8 +106,8 @@ def _crossed(
     n, d = members.shape
     others = np.argsort(rng.random((n, n)), axis=1)[:, :3]
     weight = rng.uniform(*_WEIGHT)
-    towards = rng.random(n) < _TOWARDS_BEST
-    base = np.where(towards[:, None], members + weight * (members[best] - members), members[others[:, 0]])
+    towards = rng.random((n, 1)) < _TOWARDS_BEST
+    base = np.where(towards, members + weight * (members[best] - members), members[others[:, 0]])
     mutant = base + weight * (members[others[:, 1]] - members[others[:, 2]])
     forced = np.arange(d) == np.asarray(rng.integers(d, size=n))[:, None]
     crosses = forced | (rng.random((n, d)) < _CROSSING)
