@@ -33,8 +33,8 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
-from completion.result.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
-from completion.result.straightening import surface_polygon
+from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
+from completion.panels.straightening import surface_polygon
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.mesh.thinning import thinned

@@ -15,8 +15,8 @@ from completion.boundary.edges import Edge
 from completion.edits.edit import SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from completion.result.outline import straight_corners, trace_cells
-from completion.result.straightening import crossing
+from completion.panels.outline import straight_corners, trace_cells
+from completion.panels.straightening import crossing
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through

@@ -16,8 +16,8 @@ from completion.extension.choice import role_of
 from completion.extension.patch import Patch
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.openings import Opening
-from completion.result.outline import OutlineCells, runs_of
-from completion.result.straightening import polygon_parts
+from completion.panels.outline import OutlineCells, runs_of
+from completion.panels.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane

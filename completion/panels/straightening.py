@@ -14,10 +14,10 @@ from completion.boundary.curves import Line, meeting_line
 from completion.boundary.meshing import ChartMesh
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
-from completion.result.cell_polygons import polygons_of_cells
+from completion.panels.cell_polygons import polygons_of_cells
 from scenes.checks import BoolArray, FloatArray
 
-_REACH = 3.0  # cells between an outline and the edge that it follows
+_REACH = 4.0  # cells between an outline and the edge that it follows
 _MEETING = 10.0  # the same where it meets another surface
 _BEYOND = 2.0  # cells by which an outline may follow an edge past where it was seen
 _ROUGH = 1.0  # cells that an outline may be off its polygon

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Folds: the stretches of curves along which surfaces that meet share an edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.panels.fold_curve import FoldCurve, fold_curves
+from completion.panels.sheet import Sheet
+from scenes.checks import BoolArray, FloatArray
+
+_REACH = 2.0  # cells between a surface's outline and a fold that it reaches
+_ACROSS = (0.5, 1.0, 1.5, _REACH)  # cells beside a fold at which a surface that reaches it is looked for
+_BESIDE = 3.0  # cells beside a fold at which a surface goes on
+_BRIDGED = 4.0  # cells of a fold along which only one of the two is there
+_LEAST = 3.0  # cells of a fold
+_SMOOTH = 15  # samples over which a side is decided
+_LEAST_CHANGE = 5.0  # cells along which a surface goes on, or ends, otherwise than before
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """An edge that two surfaces share.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the surfaces, from 1.
+    curve : FoldCurve
+        Where they meet, working frame.
+    number : int
+        Of the curve: all folds along one curve have the same.
+    start, end : float
+        Parameters of the curve, metres.
+    sides : (2, 2) bool
+        Whether the first and the second surface go on to the left and the right of it, in their own charts
+        seen along the curve.
+    cell_m : float
+        Side of the larger cell of the two, metres.
+    """
+
+    first: int
+    second: int
+    curve: FoldCurve
+    number: int
+    start: float
+    end: float
+    sides: BoolArray
+    cell_m: float
+
+    @property
+    def goes_on(self) -> tuple[int, ...]:
+        """Numbers of those of its surfaces that go on beyond it, as a floor does under a partition."""
+        both = self.sides.all(axis=1)
+        return tuple(number for number, on in zip((self.first, self.second), both, strict=True) if on)
+
+    @property
+    def kind(self) -> str:
+        """`ends` where both surfaces end at it, `through` where one goes on, or both."""
+        return "through" if self.goes_on else "ends"
+
+    def stations(self) -> FloatArray:
+        """Parameters (n,) from start to end between which it is straight enough."""
+        return self.curve.stations(self.start, self.end)
+
+
+def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
+    """Return the folds of all pairs of surfaces that both reach the curve in which they meet.
+
+    A surface reaches a place of the curve where its outline is within two cells of it. Gaps of four cells are
+    bridged; a fold is three cells long at least. It is divided where a surface that ended there goes on.
+    """
+    low, high = (np.array(ends) for ends in zip(*map(_box, sheets), strict=True)) if sheets else ([], [])
+    folds: list[Fold] = []
+    n_curves = 0
+    for i, one in enumerate(sheets):
+        for j in range(i + 1, len(sheets)):
+            slack = _REACH * max(one.cell_m, sheets[j].cell_m)
+            if ((low[i] > high[j] + slack) | (low[j] > high[i] + slack)).any():
+                continue
+            box = np.stack([np.maximum(low[i], low[j]) - slack, np.minimum(high[i], high[j]) + slack])
+            for curve in fold_curves(one.surface, sheets[j].surface):
+                folds += _of_curve(one, sheets[j], curve, n_curves, box)
+                n_curves += 1
+    return folds
+
+
+def _box(sheet: Sheet) -> tuple[FloatArray, FloatArray]:
+    """Low and high corner (3,) of the box around a sheet."""
+    covered = sheet.patch.provenance >= 0
+    row, column = np.nonzero(covered)
+    points = sheet.surface.from_uv(sheet.patch.grid.uv_of(row + 0.5, column + 0.5))
+    return points.min(axis=0) - sheet.cell_m, points.max(axis=0) + sheet.cell_m
+
+
+def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: FloatArray) -> list[Fold]:
+    """The folds along one curve, in the box (2, 3) that both surfaces reach."""
+    cell, step = max(one.cell_m, other.cell_m), min(one.cell_m, other.cell_m) / 2
+    low, high = curve.span(box)
+    if not low < high:
+        return []
+    t = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
+    step = float(t[1] - t[0])
+    near = np.ones(len(t), np.bool_)
+    for sheet in (one, other):
+        held = np.flatnonzero(near)
+        near[held] = _reaches(sheet, *_chart(sheet, curve, t))[held]
+    if not near.any():
+        return []
+    bridged = 2 * int(_BRIDGED * cell / step / 2) + 1
+    padded = np.pad(near, bridged)
+    near = ndimage.binary_closing(padded, np.ones(bridged))[bridged:-bridged]
+    run, n_runs = ndimage.label(near)
+    found = []
+    for first, last in (np.flatnonzero(run == k)[[0, -1]] for k in range(1, n_runs + 1)):
+        if t[last] - t[first] < _LEAST * cell:
+            continue
+        stretch = t[first : last + 1]
+        sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (one, other)], axis=1)
+        for begin, stop in _pieces(sides, int(np.ceil(_LEAST_CHANGE * cell / step))):
+            ends = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
+            on = sides[begin:stop].mean(axis=0) > 0.5
+            if on.any(axis=1).all():
+                found.append(Fold(one.number, other.number, curve, number, *ends, on, cell))
+    return found
+
+
+def _chart(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Places (n, 2) of a curve in a sheet's chart, and the unit vectors (n, 2) to its left there."""
+    uv = sheet.surface.to_uv(curve.at(t))
+    if np.isfinite(sheet.surface.period):
+        uv[:, 0] = np.unwrap(uv[:, 0], period=sheet.surface.period)
+    along = np.gradient(uv, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return uv, np.stack([-along[:, 1], along[:, 0]], axis=1)
+
+
+def _reaches(sheet: Sheet, uv: FloatArray, left: FloatArray) -> BoolArray:
+    """Whether a surface is within two cells (n,) of places (n, 2) of a curve, straight across it."""
+    found = sheet.is_within(_wrapped(sheet, uv), 0.0)
+    for beside in _ACROSS:
+        for sign in (1.0, -1.0):
+            open_ = np.flatnonzero(~found)
+            place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
+            found[open_] = sheet.is_within(_wrapped(sheet, place), 0.0)
+    return found
+
+
+def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
+    """Whether a surface is to the left and the right (n, 2) of a curve at parameters (n,), in its chart.
+
+    It is looked for three cells beside it, nearer where it is on neither side; what a few samples say against
+    their neighbours does not count.
+    """
+    uv, left = _chart(sheet, curve, t)
+    result = np.zeros((len(t), 2), np.bool_)
+    for beside in (_BESIDE, *_ACROSS[::-1]):
+        open_ = np.flatnonzero(~result.any(axis=1))
+        for column, sign in enumerate((1.0, -1.0)):
+            place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
+            result[open_, column] = sheet.is_within(_wrapped(sheet, place), 0.0)
+    width = min(_SMOOTH, len(t))
+    share = ndimage.uniform_filter1d(result.astype(np.float64), width, axis=0, mode="nearest")
+    return np.asarray(share > 0.5, dtype=np.bool_)
+
+
+def _wrapped(sheet: Sheet, uv: FloatArray) -> FloatArray:
+    """Places of a chart within its period."""
+    period = sheet.surface.period
+    if np.isfinite(period):
+        uv = uv.copy()
+        uv[:, 0] = (uv[:, 0] + period / 2) % period - period / 2
+    return uv
+
+
+def _pieces(sides: BoolArray, least: int) -> list[tuple[int, int]]:
+    """First sample of each piece in which the sides (n, 2, 2) are the same, and that of the next one.
+
+    Pieces of fewer than `least` samples join what comes before.
+    """
+    code: NDArray[np.int64] = sides.reshape(len(sides), -1) @ (1 << np.arange(sides[0].size))
+    starts = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
+    kept = [0]
+    for begin, stop in zip(starts[1:-1], starts[2:], strict=True):
+        if stop - begin >= least and code[begin] != code[kept[-1]]:
+            if begin - kept[-1] < least and len(kept) == 1:
+                kept = [begin]  # a short first piece joins what follows
+            else:
+                kept.append(begin)
+    stops = [*kept[1:], len(code)]
+    return [(0 if k == 0 else begin, stop) for k, (begin, stop) in enumerate(zip(kept, stops, strict=True))]

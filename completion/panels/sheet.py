@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: MIT
+"""Sheet: a completed surface as an area of its chart, each place with its provenance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from completion.boundary.meshing import ChartMesh
+from completion.extension.patch import Patch, Provenance
+from completion.panels.straightening import surface_polygon
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces.catalogue import Surface
+
+_AROUND = 12  # cells beyond what is covered, as far as an outline may be laid
+_LEAST_CELLS = 9  # of a measured part of its own
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A completed surface as an area of its chart.
+
+    Attributes
+    ----------
+    number : int
+        Of the surface, from 1.
+    patch : Patch
+        The surface.
+    area : shapely geometry
+        Polygons of the chart that it covers, metres.
+    provenance : (rows, columns) int8
+        The `Provenance` of each cell; outside the surface, that of the nearest cell inside.
+    """
+
+    number: int
+    patch: Patch
+    area: Any
+    provenance: NDArray[np.int8]
+
+    @classmethod
+    def of(cls, number: int, patch: Patch, inferred: ChartMesh, area: Any = None) -> Sheet:
+        """Return the sheet of a patch with its inferred cells as a mesh; `area` where it is known already."""
+        outline = surface_polygon(patch, inferred) if area is None else area
+        return cls(number, patch, outline, spread_provenance(patch))
+
+    @property
+    def surface(self) -> Surface:
+        """The surface in its chart's frame."""
+        return self.patch.grid.surface
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a cell, metres."""
+        return float(self.patch.grid.cell.max())
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the chart's left side is its right one."""
+        return self.patch.grid.wraps
+
+    def provenance_at(self, uv: FloatArray) -> NDArray[np.int8]:
+        """The provenance (n,) of places (n, 2) of the chart."""
+        grid = self.patch.grid
+        column, row = np.floor((uv - grid.corner) / grid.cell).astype(np.int64).T
+        if grid.wraps:
+            column %= grid.shape[1]
+        return self.provenance[np.clip(row, 0, grid.shape[0] - 1), np.clip(column, 0, grid.shape[1] - 1)]
+
+    def is_within(self, uv: FloatArray, distance_m: float) -> BoolArray:
+        """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""
+        shapely.prepare(self.area)
+        found = np.asarray(shapely.dwithin(self.area, shapely.points(uv), distance_m), dtype=np.bool_)
+        if self.wraps:
+            half = self.surface.period / 2
+            near = np.flatnonzero(~found & (np.abs(uv[:, 0]) > half - 4 * self.cell_m - distance_m))
+            beyond = uv[near] - np.stack([np.sign(uv[near, 0]) * 2 * half, np.zeros(len(near))], axis=1)
+            found[near] = shapely.dwithin(self.area, shapely.points(beyond), distance_m)
+        return found
+
+
+def spread_provenance(patch: Patch) -> NDArray[np.int8]:
+    """Give every cell (rows, columns) the provenance of the nearest covered one.
+
+    Measured cells are closed by one cell, never over free space; what was inferred in parts of fewer than
+    nine cells counts as measured (each of its cells is beside a measured one), and what was measured in such
+    parts within inferred surface as inferred.
+    """
+    known = patch.provenance
+    measured = known == Provenance.MEASURED
+    if not measured.any():
+        return np.full(known.shape, Provenance.MEASURED, np.int8)
+    closed = ndimage.binary_closing(np.pad(measured, 1), np.ones((3, 3)))[1:-1, 1:-1]
+    closed = (closed & ~patch.evidence.open) | measured
+    closed |= ~_large_parts(~closed & (known >= 0)) & ~closed & (known >= 0)
+    large = _large_parts(closed)
+    closed = large if large.any() else closed
+    result = np.where(closed, np.int8(Provenance.MEASURED), known)
+    result[~closed & (known == Provenance.MEASURED)] = -1
+    box = tuple(
+        slice(max(int(low) - _AROUND, 0), int(high) + _AROUND + 1)
+        for low, high in ((index.min(), index.max()) for index in np.nonzero(result >= 0))
+    )
+    local = result[box]
+    _, nearest = ndimage.distance_transform_edt(local < 0, return_indices=True)
+    spread = np.zeros(known.shape, np.int8)
+    spread[box] = local[tuple(nearest)]
+    return spread
+
+
+def _large_parts(cells: BoolArray) -> BoolArray:
+    """Those of some cells (rows, columns) that are of connected parts of at least nine."""
+    part, n_parts = ndimage.label(cells)
+    sizes = np.bincount(part.ravel(), minlength=n_parts + 1)
+    sizes[0] = 0
+    return np.asarray((sizes >= _LEAST_CELLS)[part], dtype=np.bool_)

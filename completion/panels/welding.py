@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: MIT
+"""Welding: the faces of all charts as one mesh whose surfaces share the vertices of their folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from completion.panels.arrangement import PRECISION_M, Arrangement, Trace
+from completion.panels.healing import heal
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Cylinder
+
+_ON_M = 1.5 * PRECISION_M  # between a place and the fold that it is on
+_SAME_T_M = 4e-4  # between the places of two charts that are one node of a fold
+_SAME_M = 6e-4  # between nodes of several folds that are one vertex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facets:
+    """The triangles of all surfaces.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        Metres, working frame.
+    faces : (m, 3) int
+        Anticlockwise seen from the side that was measured.
+    corner_uv : (m, 3, 2) float
+        Chart coordinates of their corners.
+    surface : (m,) int32
+        Number of each, from 1.
+    provenance : (m,) int8
+        Of each.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    corner_uv: FloatArray
+    surface: NDArray[np.int32]
+    provenance: NDArray[np.int8]
+
+
+def weld(charts: Sequence[Arrangement]) -> Facets:
+    """Triangulate the faces of all charts without further points, with the nodes of folds in common.
+
+    A node that one surface has on a fold goes into the rings of the other too (nodes within .4 mm are one),
+    so that no vertex lies within another's edge; nodes of folds within .6 mm of one another are one vertex.
+    """
+    rings = [_Rings.of(chart) for chart in charts if len(chart.faces)]
+    shared: dict[int, list[FloatArray]] = {}
+    for one in rings:
+        for line, on in zip(one.chart.tracks, one.on, strict=True):
+            shared.setdefault(line.key, []).append(on[np.isfinite(on)])
+    nodes = {key: _merged(np.concatenate(found)) for key, found in shared.items()}
+    placed = [_triangulated(one, nodes) for one in rings]
+    starts = np.cumsum([0, *(len(one.vertices) for one in placed)])
+    if not len(starts) > 1:
+        return _nothing()
+    vertices = np.concatenate([one.vertices for one in placed])
+    on_fold = np.concatenate([one.on_fold for one in placed])
+    faces = np.concatenate([one.faces + start for one, start in zip(placed, starts, strict=False)])
+    vertices, index = _welded(vertices, on_fold)
+    faces = index[faces]
+    proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    uv = np.concatenate([one.uv[one.faces] for one in placed])[proper]
+    faces, uv, source = heal(vertices, faces[proper], uv, PRECISION_M)
+    number = np.repeat([one.number for one in placed], [len(one.faces) for one in placed]).astype(np.int32)
+    provenance = np.concatenate([one.provenance for one in placed])
+    return Facets(vertices, faces, uv, number[proper][source], provenance[proper][source])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rings:
+    """The rings of a chart's faces, and where their corners lie on its traces."""
+
+    chart: Arrangement
+    uv: FloatArray  # (n, 2) corners of all rings, closed
+    ring: NDArray[np.int64]  # (n,) of which ring
+    face: NDArray[np.int64]  # (rings,) of which face, outer rings first in each
+    on: tuple[FloatArray, ...]  # for each trace the parameter (n,) of each corner, nan off it
+
+    @classmethod
+    def of(cls, chart: Arrangement) -> _Rings:
+        rings, face = shapely.get_rings(chart.faces, return_index=True)
+        uv, ring = shapely.get_coordinates(rings, return_index=True)
+        return cls(chart, uv, ring, face, tuple(_parameters(line, uv) for line in chart.tracks))
+
+
+def _parameters(trace: Trace, uv: FloatArray) -> FloatArray:
+    """The parameter of a trace (n,) at places (n, 2) of the chart; nan for those off it."""
+    result = np.full(len(uv), np.nan)
+    low, high = trace.uv.min(axis=0) - _ON_M, trace.uv.max(axis=0) + _ON_M
+    near = np.flatnonzero(((uv >= low) & (uv <= high)).all(axis=1))
+    line, points = trace.line, shapely.points(uv[near])
+    on = shapely.dwithin(line, points, _ON_M)
+    reached = shapely.line_locate_point(line, points[on])
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trace.uv, axis=0), axis=1))])
+    result[near[on]] = np.interp(reached, lengths, trace.t)
+    return result
+
+
+def _merged(t: FloatArray) -> FloatArray:
+    """Parameters in ascending order, those within .4 mm of one another as their first."""
+    ordered = np.unique(t)
+    kept: list[float] = []
+    for value in ordered.tolist():
+        if not kept or value - kept[-1] > _SAME_T_M:
+            kept.append(value)
+    return np.array(kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Placed:
+    """The triangles of one surface."""
+
+    number: int
+    vertices: FloatArray  # (n, 3)
+    uv: FloatArray  # (n, 2)
+    on_fold: NDArray[np.bool_]  # (n,)
+    faces: NDArray[np.int64]  # (m, 3)
+    provenance: NDArray[np.int8]  # (m,)
+
+
+def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
+    """The faces of a chart as triangles, with all nodes of its folds."""
+    chart, surface = rings.chart, rings.chart.sheet.surface
+    uv, ring, where, t = _with_nodes(rings, nodes)
+    polygons = _polygons(uv, ring, rings.face, len(chart.faces))
+    triangles, owner = shapely.get_parts(
+        shapely.constrained_delaunay_triangles(polygons), return_index=True
+    )
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    known, first = np.unique(_keys(uv), axis=0, return_index=True)
+    index = _find(known, _keys(corners.reshape(-1, 2))).reshape(-1, 3)
+    turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = isinstance(surface, Cylinder) and surface.concave
+    index[(turn < 0) != inward] = index[(turn < 0) != inward][:, ::-1]
+    places = uv[first]
+    vertices = surface.from_uv(places)
+    for number, line in enumerate(chart.tracks):
+        on = np.flatnonzero(where[first] == number)
+        vertices[on] = line.curve.at(t[first][on])
+    return _Placed(chart.sheet.number, vertices, places, where[first] >= 0, index, chart.provenance[owner])
+
+
+def _with_nodes(
+    rings: _Rings, nodes: dict[int, FloatArray]
+) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    """The rings with the nodes of all folds that they run along.
+
+    Corners (n, 2), their ring (n,), the trace (n,) that each is on, -1 for none, and its parameter (n,).
+    """
+    traces, uv, ring = rings.chart.tracks, rings.uv, rings.ring
+    where, t = np.full(len(uv), -1), np.zeros(len(uv))
+    added: list[tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray, int]] = []
+    for number, (trace, on) in enumerate(zip(traces, rings.on, strict=True)):
+        known = nodes[trace.key]
+        here = np.flatnonzero(np.isfinite(on))
+        nearest = _nearest(known, on[here])
+        where[here], t[here] = number, known[nearest]
+        edge = here[np.isin(here + 1, here)]
+        edge = edge[ring[edge] == ring[np.minimum(edge + 1, len(ring) - 1)]]
+        begin, end = _nearest(known, on[edge]), _nearest(known, on[edge + 1])
+        middle = shapely.points((uv[edge] + uv[edge + 1]) / 2)
+        direct = np.abs(on[edge + 1] - on[edge]) < 2 * np.linalg.norm(uv[edge + 1] - uv[edge], axis=1)
+        along = direct & (np.abs(end - begin) > 1) & shapely.dwithin(trace.line, middle, 2 * _ON_M)
+        for k, first, last in zip(edge[along], begin[along], end[along], strict=True):
+            between = np.arange(first + 1, last) if first < last else np.arange(first - 1, last, -1)
+            share = (known[between] - on[k]) / (on[k + 1] - on[k])
+            place = uv[k] + share[:, None] * (uv[k + 1] - uv[k])
+            added.append((np.full(len(between), k), share, place, known[between], number))
+    if added:
+        after, share = (np.concatenate([one[k] for one in added]) for k in (0, 1))
+        order = np.lexsort((share, after))
+        where = np.insert(where, after[order] + 1, np.repeat([one[4] for one in added], [len(one[0]) for one in added])[order])
+        t = np.insert(t, after[order] + 1, np.concatenate([one[3] for one in added])[order])
+        uv = np.insert(uv, after[order] + 1, np.concatenate([one[2] for one in added])[order], axis=0)
+        ring = np.insert(ring, after[order] + 1, ring[after[order]])
+    return uv, ring, where, t
+
+
+def _nearest(known: FloatArray, t: FloatArray) -> NDArray[np.int64]:
+    """Which of ascending parameters is nearest to each."""
+    if len(known) < 2:
+        return np.zeros(len(t), np.int64)
+    middle = (known[1:] + known[:-1]) / 2
+    return np.searchsorted(middle, t)
+
+
+def _polygons(
+    uv: FloatArray, ring: NDArray[np.int64], face: NDArray[np.int64], n_faces: int
+) -> NDArray[Any]:
+    """The polygons (n,) of rings."""
+    rings = shapely.linearrings(uv, indices=ring)
+    first = np.searchsorted(face, np.arange(n_faces))
+    holes = np.ones(len(rings), np.bool_)
+    holes[first] = False
+    if not holes.any():
+        return np.asarray(shapely.polygons(rings[first]))
+    ends = np.append(first[1:], len(rings))
+    return np.array(
+        [shapely.polygons(rings[a], holes=rings[a + 1 : b] if b > a + 1 else None) for a, b in zip(first, ends, strict=True)],
+        dtype=object,
+    )
+
+
+def _keys(uv: FloatArray) -> NDArray[np.int64]:
+    """Whole numbers (n, 2) that tell the places (n, 2) of a chart apart."""
+    return np.rint(uv * (1e3 / PRECISION_M)).astype(np.int64)
+
+
+def _find(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The row of sorted `known` (n, 2) that is equal to each `wanted` (m, 2)."""
+    scale = int(known[:, 1].max() - known[:, 1].min()) + 2
+    low = known[:, 1].min()
+    flat, asked = (rows[:, 0] * scale + rows[:, 1] - low for rows in (known, wanted))
+    return np.searchsorted(flat, asked)
+
+
+def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Vertices with those on folds that are within .6 mm of one another as one, and which each became."""
+    fold = np.flatnonzero(on_fold)
+    pairs = cKDTree(vertices[fold]).query_pairs(_SAME_M, output_type="ndarray") if len(fold) else np.zeros((0, 2), int)
+    n = len(vertices)
+    graph = coo_array((np.ones(len(pairs)), (fold[pairs[:, 0]], fold[pairs[:, 1]])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    _, first, index = np.unique(label, return_index=True, return_inverse=True)
+    return vertices[first], index
+
+
+def _nothing() -> Facets:
+    """No triangle at all."""
+    none = np.zeros((0, 3))
+    return Facets(none, none.astype(np.int64), np.zeros((0, 3, 2)), np.zeros(0, np.int32), np.zeros(0, np.int8))
