@@ -23,6 +23,7 @@ PRECISION_M = 1e-4  # of coordinates in a chart
 _STRIP = 3.0  # cells beside a fold that are filled, or cut away
 _LEAST_CELLS = 9  # of a part that is left when folds have cut
 _ROUGH = 1.5  # cells: side of the square of the least corner of an outline
+_AROUND = 20  # cells beyond a chart to which its seam goes on
 _SLIVER = 1.0  # cells of a face of its own
 _COLLINEAR_M = 1e-3  # side of the square that a corner must span
 
@@ -91,7 +92,9 @@ def arrange(sheet: Sheet, folds: Sequence[Fold]) -> Arrangement:
 def _tracks(sheet: Sheet, folds: Sequence[Fold]) -> list[Trace]:
     """The curves of folds in a chart, each once, as far as the surface reaches."""
     grid = sheet.patch.grid
-    corners = grid.surface.from_uv(grid.uv_of(*np.array([[0, 0, 1, 1], [0, 1, 0, 1]]) * np.array(grid.shape)[:, None]))
+    corners = grid.surface.from_uv(
+        grid.uv_of(*np.array([[0, 0, 1, 1], [0, 1, 0, 1]]) * np.array(grid.shape)[:, None])
+    )
     size = float(np.linalg.norm(np.ptp(corners, axis=0))) + 20 * sheet.cell_m
     tracks = {}
     for fold in folds:
@@ -118,9 +121,9 @@ class _Seam:
 
     cylinder: Any
 
-    def span(self, box: FloatArray) -> tuple[float, float]:
-        """It is never looked for."""
-        raise NotImplementedError
+    def span(self, box: FloatArray) -> tuple[float, float]:  # noqa: ARG002 -- that of its protocol
+        """All heights."""
+        return -np.inf, np.inf
 
     def at(self, t: FloatArray) -> FloatArray:
         """Points (n, 3) at heights (n,)."""
@@ -133,10 +136,14 @@ class _Seam:
 
 def _seams(sheet: Sheet) -> tuple[Trace, ...]:
     """Both sides of the seam of a chart that wraps."""
-    low, high = (sheet.patch.grid.corner[1] + row * sheet.patch.grid.cell[1] for row in (0, sheet.patch.grid.shape[0]))
+    low, high = (
+        sheet.patch.grid.corner[1] + row * sheet.patch.grid.cell[1] for row in (0, sheet.patch.grid.shape[0])
+    )
     t = np.array([low - sheet.cell_m * 20, high + sheet.cell_m * 20])
     half, curve = sheet.surface.period / 2, _Seam(sheet.surface)
-    return tuple(Trace(curve, -sheet.number, np.stack([np.full(2, side * half), t], axis=1), t) for side in (-1.0, 1.0))
+    return tuple(
+        Trace(curve, -sheet.number, np.stack([np.full(2, side * half), t], axis=1), t) for side in (-1.0, 1.0)
+    )
 
 
 def _fitted(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any:
@@ -158,12 +165,14 @@ def _fitted(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any
     parts = [part for part in polygon_parts(shapely.make_valid(area)) if part.area >= least]
     if sheet.wraps:
         half, (low, high) = sheet.surface.period / 2, shapely.total_bounds(parts)[[1, 3]] if parts else (0, 1)
-        parts = polygon_parts(shapely.intersection(shapely.union_all(parts), shapely.box(-half, low, half, high)))
+        parts = polygon_parts(
+            shapely.intersection(shapely.union_all(parts), shapely.box(-half, low, half, high))
+        )
     return shapely.union_all(parts)
 
 
 def _strip(uv: FloatArray, width: float) -> Any:
-    """The strip to the left of a polyline (n, 2), of a width in metres; to its right where that is negative."""
+    """The strip to the left of a polyline (n, 2), of a width in metres; to its right if that is negative."""
     along = np.gradient(uv, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     beside = uv + width * np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -207,7 +216,9 @@ def _zones(sheet: Sheet) -> NDArray[Any]:
     """The cells of each provenance as polygons of the chart with smooth borders that they share."""
     grid, none = sheet.patch.grid, np.zeros((0, 3, 2))
     zones = [
-        shapely.transform(polygons_of_cells(sheet.provenance == why, none), lambda xy: grid.uv_of(xy[:, 1], xy[:, 0]))
+        shapely.transform(
+            polygons_of_cells(sheet.provenance == why, none), lambda xy: grid.uv_of(xy[:, 1], xy[:, 0])
+        )
         for why in np.unique(sheet.provenance)
     ]
     if len(zones) < 2:

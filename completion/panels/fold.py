@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Floa
     near = np.ones(len(t), np.bool_)
     for sheet in (one, other):
         held = np.flatnonzero(near)
-        near[held] = _reaches(sheet, *_chart(sheet, curve, t))[held]
+        near[held] = _reaches(sheet, *chart_of(sheet, curve, t))[held]
     if not near.any():
         return []
     bridged = 2 * int(_BRIDGED * cell / step / 2) + 1
@@ -130,7 +131,7 @@ def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Floa
     return found
 
 
-def _chart(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+def chart_of(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places (n, 2) of a curve in a sheet's chart, and the unit vectors (n, 2) to its left there."""
     uv = sheet.surface.to_uv(curve.at(t))
     if np.isfinite(sheet.surface.period):
@@ -142,12 +143,12 @@ def _chart(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, F
 
 def _reaches(sheet: Sheet, uv: FloatArray, left: FloatArray) -> BoolArray:
     """Whether a surface is within two cells (n,) of places (n, 2) of a curve, straight across it."""
-    found = sheet.is_within(_wrapped(sheet, uv), 0.0)
+    found = sheet.is_within(within_period(sheet, uv), 0.0)
     for beside in _ACROSS:
         for sign in (1.0, -1.0):
             open_ = np.flatnonzero(~found)
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
-            found[open_] = sheet.is_within(_wrapped(sheet, place), 0.0)
+            found[open_] = sheet.is_within(within_period(sheet, place), 0.0)
     return found
 
 
@@ -157,19 +158,19 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
     It is looked for three cells beside it, nearer where it is on neither side; what a few samples say against
     their neighbours does not count.
     """
-    uv, left = _chart(sheet, curve, t)
+    uv, left = chart_of(sheet, curve, t)
     result = np.zeros((len(t), 2), np.bool_)
     for beside in (_BESIDE, *_ACROSS[::-1]):
         open_ = np.flatnonzero(~result.any(axis=1))
         for column, sign in enumerate((1.0, -1.0)):
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
-            result[open_, column] = sheet.is_within(_wrapped(sheet, place), 0.0)
+            result[open_, column] = sheet.is_within(within_period(sheet, place), 0.0)
     width = min(_SMOOTH, len(t))
     share = ndimage.uniform_filter1d(result.astype(np.float64), width, axis=0, mode="nearest")
     return np.asarray(share > 0.5, dtype=np.bool_)
 
 
-def _wrapped(sheet: Sheet, uv: FloatArray) -> FloatArray:
+def within_period(sheet: Sheet, uv: FloatArray) -> FloatArray:
     """Places of a chart within its period."""
     period = sheet.surface.period
     if np.isfinite(period):
@@ -186,7 +187,7 @@ def _pieces(sides: BoolArray, least: int) -> list[tuple[int, int]]:
     code: NDArray[np.int64] = sides.reshape(len(sides), -1) @ (1 << np.arange(sides[0].size))
     starts = [0, *(np.flatnonzero(np.diff(code)) + 1).tolist(), len(code)]
     kept = [0]
-    for begin, stop in zip(starts[1:-1], starts[2:], strict=True):
+    for begin, stop in pairwise(starts[1:]):
         if stop - begin >= least and code[begin] != code[kept[-1]]:
             if begin - kept[-1] < least and len(kept) == 1:
                 kept = [begin]  # a short first piece joins what follows

@@ -60,7 +60,7 @@ class RoundFold:
     cylinder: Cylinder
     plane: Plane
 
-    def span(self, box: FloatArray) -> tuple[float, float]:
+    def span(self, box: FloatArray) -> tuple[float, float]:  # noqa: ARG002 -- that of its protocol
         """All of the way round."""
         return -self.cylinder.period / 2, self.cylinder.period / 2
 
@@ -177,7 +177,7 @@ def _along(point: FloatArray, direction: FloatArray, box: FloatArray) -> tuple[f
 
 
 def _lengthwise(cylinder: Cylinder, plane: Plane) -> tuple[float, float, float]:
-    """d - n p, the length of n across the axis, and the arc length at which e(s) is along n."""
+    """D - n p, the length of n across the axis, and the arc length at which e(s) is along n."""
     normal = plane.normal_direction
     across = normal - (normal @ cylinder.direction) * cylinder.direction
     middle = cylinder.to_uv((cylinder.point + across)[None])[0, 0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Healing: open edges that run through open vertices are divided there, so that no vertex lies within an edge."""
+"""Healing: open edges are divided at the open vertices that lie within them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ROUNDS = 4  # an edge that was divided may run through further vertices
 
 
 def edges_of(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the edges (k, 2) of triangles (m, 3), how many triangles each has (k,), and one of these (k,)."""
+    """Return the edges (k, 2) of triangles (m, 3), how many of them each has (k,), and one of these (k,)."""
     ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     edges, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
     return edges, count, first % max(len(faces), 1)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from completion.boundary.continuation import Cue
 from completion.evidence.chart_grid import ChartGrid
@@ -62,6 +63,24 @@ class OutlineCells:
         """Which of the n the cells (k, 2) of a chain are."""
         flat = (np.ravel_multi_index((*cells.T,), self.inside.shape) for cells in (self.cells, chain))
         return np.asarray(np.searchsorted(*flat), dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearOutline:
+    """What is known of a surface's cells beside its outline, and which is nearest to a place of the chart."""
+
+    known: OutlineCells
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, grid: ChartGrid, known: OutlineCells) -> NearOutline:
+        """Return it for the cells of an outline on their grid."""
+        row, column = (known.cells + 0.5).T
+        return cls(known, cKDTree(grid.uv_of(row, column)))
+
+    def kinds(self, uv: FloatArray) -> NDArray[np.str_]:
+        """What lies beyond the outline nearest to places (n, 2) of the chart, (n,)."""
+        return self.known.kinds[self.tree.query(uv)[1]]
 
 
 def outline_cells(patch: Patch) -> OutlineCells:

@@ -3,19 +3,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from completion.panels.arrangement import arrange
 from completion.panels.corner import close_corners
 from completion.panels.fold import find_folds
+from completion.panels.fold_edge import corner_point, fold_edge
+from completion.panels.healing import edges_of
+from completion.panels.model import PanelModel
+from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
 from completion.panels.welding import Facets, weld
 
 
-def build(sheets: Sequence[Sheet]):
-    folds, corners = close_corners(find_folds(sheets), sheets)
-    charts = []
-    for sheet in sheets:
-        own = [fold for fold in folds if sheet.number in (fold.first, fold.second)]
-        charts.append(arrange(sheet, own))
-    return folds, corners, charts, weld(charts)
+def build_panels(sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]) -> PanelModel:
+    """Build the light model of completed surfaces (fold-seeded triangulation, McCormick & Fisher 2002).
+
+    Folds are not looked for in a mesh: they are the intersections of surfaces that are known already, and the
+    mesh is made to have them.
+
+    Parameters
+    ----------
+    sheets : sequence of Sheet
+        The surfaces as areas of their charts, in the order of their numbers.
+    outline : callable
+        What is known of the outline of the surface of a number, from 0.
+    """
+    # 1. Fold: find the stretches of curves that two surfaces reach, and on which sides of them they go on.
+    found = find_folds(sheets)
+
+    # 2. Close: a fold that ends near a third surface ends at it, so that corners are points.
+    folds, corners = close_corners(found, sheets)
+
+    # 3. Arrange: fill each surface up to its folds, cut off what lies beyond, and divide its chart by its
+    #    outline, the borders between measured and inferred, its folds, and the facets of cylinders.
+    charts = [
+        arrange(sheet, [fold for fold in folds if sheet.number in (fold.first, fold.second)])
+        for sheet in sheets
+    ]
+
+    # 4. Weld: give both surfaces of a fold the same nodes, triangulate without further points, and join.
+    facets = weld(charts)
+
+    # 5. Tell: how well folds and corners are known, and what lies beyond the edges that are left open.
+    return PanelModel(
+        vertices=facets.vertices,
+        faces=facets.faces,
+        face_surface=facets.surface,
+        face_provenance=facets.provenance,
+        corner_uv=facets.corner_uv,
+        folds=tuple(fold_edge(fold, sheets) for fold in folds),
+        corners=tuple(corner_point(corner, sheets) for corner in corners),
+        open_m=_open_edges(facets, sheets, outline),
+    )
+
+
+def _open_edges(
+    facets: Facets, sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]
+) -> dict[str, float]:
+    """Length of the edges of a single facet by what the outline's nearest cell says of them, metres."""
+    edges, count, owner = edges_of(facets.faces)
+    is_open = count == 1
+    edges, owner = edges[is_open], owner[is_open]
+    length = np.linalg.norm(facets.vertices[edges[:, 1]] - facets.vertices[edges[:, 0]], axis=1)
+    middle = facets.vertices[edges].mean(axis=1)
+    total: dict[str, float] = {}
+    for number in np.unique(facets.surface[owner]).tolist():
+        own = facets.surface[owner] == number
+        grid = sheets[number - 1].patch.grid
+        said = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[own]))
+        for kind in np.unique(said).tolist():
+            total[kind] = total.get(kind, 0.0) + float(length[own][said == kind].sum())
+    return dict(sorted(total.items()))

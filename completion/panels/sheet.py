@@ -11,9 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.boundary.meshing import ChartMesh
 from completion.extension.patch import Patch, Provenance
-from completion.panels.straightening import surface_polygon
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
@@ -43,10 +41,9 @@ class Sheet:
     provenance: NDArray[np.int8]
 
     @classmethod
-    def of(cls, number: int, patch: Patch, inferred: ChartMesh, area: Any = None) -> Sheet:
-        """Return the sheet of a patch with its inferred cells as a mesh; `area` where it is known already."""
-        outline = surface_polygon(patch, inferred) if area is None else area
-        return cls(number, patch, outline, spread_provenance(patch))
+    def of(cls, number: int, patch: Patch, area: Any) -> Sheet:
+        """Return the sheet of a patch that covers an area of its chart (`surface_polygon`)."""
+        return cls(number, patch, area, spread_provenance(patch))
 
     @property
     def surface(self) -> Surface:
@@ -101,14 +98,23 @@ def spread_provenance(patch: Patch) -> NDArray[np.int8]:
     closed = large if large.any() else closed
     result = np.where(closed, np.int8(Provenance.MEASURED), known)
     result[~closed & (known == Provenance.MEASURED)] = -1
+    return spread_out(result, result >= 0)
+
+
+def spread_out(values: NDArray[Any], known: BoolArray) -> NDArray[Any]:
+    """Give cells (rows, columns) that are not `known` the value of the nearest one that is.
+
+    Farther than 12 cells around the known ones they get 0.
+    """
+    if not known.any():
+        return values
     box = tuple(
-        slice(max(int(low) - _AROUND, 0), int(high) + _AROUND + 1)
-        for low, high in ((index.min(), index.max()) for index in np.nonzero(result >= 0))
+        slice(max(int(index.min()) - _AROUND, 0), int(index.max()) + _AROUND + 1)
+        for index in np.nonzero(known)
     )
-    local = result[box]
-    _, nearest = ndimage.distance_transform_edt(local < 0, return_indices=True)
-    spread = np.zeros(known.shape, np.int8)
-    spread[box] = local[tuple(nearest)]
+    _, nearest = ndimage.distance_transform_edt(~known[box], return_indices=True)
+    spread = np.zeros_like(values)
+    spread[box] = values[box][tuple(nearest)]
     return spread
 
 

@@ -135,9 +135,7 @@ def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
     chart, surface = rings.chart, rings.chart.sheet.surface
     uv, ring, where, t = _with_nodes(rings, nodes)
     polygons = _polygons(uv, ring, rings.face, len(chart.faces))
-    triangles, owner = shapely.get_parts(
-        shapely.constrained_delaunay_triangles(polygons), return_index=True
-    )
+    triangles, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     known, first = np.unique(_keys(uv), axis=0, return_index=True)
     index = _find(known, _keys(corners.reshape(-1, 2))).reshape(-1, 3)
@@ -181,7 +179,11 @@ def _with_nodes(
     if added:
         after, share = (np.concatenate([one[k] for one in added]) for k in (0, 1))
         order = np.lexsort((share, after))
-        where = np.insert(where, after[order] + 1, np.repeat([one[4] for one in added], [len(one[0]) for one in added])[order])
+        where = np.insert(
+            where,
+            after[order] + 1,
+            np.repeat([one[4] for one in added], [len(one[0]) for one in added])[order],
+        )
         t = np.insert(t, after[order] + 1, np.concatenate([one[3] for one in added])[order])
         uv = np.insert(uv, after[order] + 1, np.concatenate([one[2] for one in added])[order], axis=0)
         ring = np.insert(ring, after[order] + 1, ring[after[order]])
@@ -196,9 +198,7 @@ def _nearest(known: FloatArray, t: FloatArray) -> NDArray[np.int64]:
     return np.searchsorted(middle, t)
 
 
-def _polygons(
-    uv: FloatArray, ring: NDArray[np.int64], face: NDArray[np.int64], n_faces: int
-) -> NDArray[Any]:
+def _polygons(uv: FloatArray, ring: NDArray[np.int64], face: NDArray[np.int64], n_faces: int) -> NDArray[Any]:
     """The polygons (n,) of rings."""
     rings = shapely.linearrings(uv, indices=ring)
     first = np.searchsorted(face, np.arange(n_faces))
@@ -208,7 +208,10 @@ def _polygons(
         return np.asarray(shapely.polygons(rings[first]))
     ends = np.append(first[1:], len(rings))
     return np.array(
-        [shapely.polygons(rings[a], holes=rings[a + 1 : b] if b > a + 1 else None) for a, b in zip(first, ends, strict=True)],
+        [
+            shapely.polygons(rings[a], holes=rings[a + 1 : b] if b > a + 1 else None)
+            for a, b in zip(first, ends, strict=True)
+        ],
         dtype=object,
     )
 
@@ -229,7 +232,11 @@ def _find(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int
 def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int64]]:
     """Vertices with those on folds that are within .6 mm of one another as one, and which each became."""
     fold = np.flatnonzero(on_fold)
-    pairs = cKDTree(vertices[fold]).query_pairs(_SAME_M, output_type="ndarray") if len(fold) else np.zeros((0, 2), int)
+    pairs = (
+        cKDTree(vertices[fold]).query_pairs(_SAME_M, output_type="ndarray")
+        if len(fold)
+        else np.zeros((0, 2), int)
+    )
     n = len(vertices)
     graph = coo_array((np.ones(len(pairs)), (fold[pairs[:, 0]], fold[pairs[:, 1]])), shape=(n, n))
     _, label = connected_components(graph, directed=False)
@@ -240,4 +247,6 @@ def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArra
 def _nothing() -> Facets:
     """No triangle at all."""
     none = np.zeros((0, 3))
-    return Facets(none, none.astype(np.int64), np.zeros((0, 3, 2)), np.zeros(0, np.int32), np.zeros(0, np.int8))
+    return Facets(
+        none, none.astype(np.int64), np.zeros((0, 3, 2)), np.zeros(0, np.int32), np.zeros(0, np.int8)
+    )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,6 +20,11 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
+from completion.panels.model import PanelModel, PanelPart
+from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
+from completion.panels.pipeline import build_panels
+from completion.panels.sheet import Sheet
+from completion.panels.straightening import surface_polygon
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
@@ -33,10 +38,8 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
-from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
-from completion.panels.straightening import surface_polygon
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import FloatArray, InputError
 from scenes.mesh.thinning import thinned
 from scenes.pose import Pose
 from scenes.run.mapping import trim
@@ -78,26 +81,8 @@ class DerivedSurface:
 
     @cached_property
     def observed(self) -> ChartMesh:
-        """Measured cells as few triangles."""
+        """Measured cells as triangles, without more."""
         return self.spill.keep(mesh_cells(self.patch.grid, self.patch.observed, (), merged=True))
-
-    @cached_property
-    def hypothesised(self) -> ChartMesh:
-        """Inferred cells as few triangles, cut where the surface ends."""
-        return self._inferred(self.patch.hypothesised)
-
-    @cached_property
-    def by_provenance(self) -> Mapping[Provenance, ChartMesh]:
-        """The same for the cells of each provenance, in the order of their numbers."""
-        patch = self.patch
-        reasons = [Provenance(int(why)) for why in np.unique(patch.provenance[patch.hypothesised])]
-        if len(reasons) == 1:
-            return {reasons[0]: self.hypothesised}
-        return {why: self._inferred(patch.hypothesised & (patch.provenance == why)) for why in reasons}
-
-    def _inferred(self, cells: BoolArray) -> ChartMesh:
-        patch = self.patch
-        return self.spill.keep(mesh_cells(patch.grid, cells, patch.limits.cuts, patch.trims, merged=True))
 
     @cached_property
     def outline(self) -> OutlineCells:
@@ -116,8 +101,8 @@ class DerivedSurface:
 
     @cached_property
     def polygon(self) -> Any:
-        """Measured and inferred area of a plane as straight polygons of its chart (shapely geometry)."""
-        return surface_polygon(self.patch, self.inferred_cells)
+        """Measured and inferred area as straight polygons of the chart (shapely geometry)."""
+        return self.spill.keep(surface_polygon(self.patch, self.inferred_cells))
 
     @cached_property
     def effect(self) -> Effect:
@@ -137,12 +122,12 @@ class DerivedSurface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TexturedMesh:
-    """Cells of one surface that have one provenance, as few triangles with their places in the atlas."""
+class TexturedPart:
+    """Facets of one surface that have one provenance, with their places in the atlas."""
 
     number: int  # of the surface, from 1
-    provenance: Provenance  # of all its cells
-    mesh: ChartMesh  # the triangles, working frame
+    provenance: Provenance  # of all its facets
+    part: PanelPart  # the facets, working frame
     uv: FloatArray  # (n, 2) texture coordinates, (0, 0) the page's lower left; zeros for none
     page: int  # its page of the atlas, -1 without texture
 
@@ -172,20 +157,24 @@ class DerivedModel:
         """The textures on few pages; none when texture was not asked for."""
         return make_atlas(self.textures or (None,) * len(self.surfaces))
 
-    def texture_coordinates(self, index: int, mesh: ChartMesh) -> FloatArray:
-        """Return places (n, 2) in the atlas of the vertices of a mesh of surface `index`, from 0."""
-        return self.atlas.coordinates(index, self.surfaces[index].patch.grid.uv_of(*mesh.cells.T))
+    @cached_property
+    def panels(self) -> PanelModel:
+        """The light model: all surfaces as facets that meet in their fold edges."""
+        sheets = [
+            Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
+        ]
+        return self.spill.keep(build_panels(sheets, lambda index: self.surfaces[index].outline))
 
     @cached_property
-    def textured(self) -> tuple[TexturedMesh, ...]:
-        """What was measured of each surface, and what was inferred, by provenance."""
-        found = []
-        for index, surface in enumerate(self.surfaces):
-            trim()
-            for why, mesh in ((Provenance.MEASURED, surface.observed), *surface.by_provenance.items()):
-                uv = self.texture_coordinates(index, mesh)
-                page = int(self.atlas.page[index])
-                found.append(self.spill.keep(TexturedMesh(index + 1, why, mesh, uv, page)))
+    def textured(self) -> tuple[TexturedPart, ...]:
+        """The facets of each surface by provenance, what was measured first."""
+        panels, found = self.panels, []
+        for number in range(1, len(self.surfaces) + 1):
+            own = panels.face_surface == number
+            for why in np.unique(panels.face_provenance[own]).tolist():
+                part = panels.part(own & (panels.face_provenance == why))
+                uv, page = self.atlas.coordinates(number - 1, part.uv), int(self.atlas.page[number - 1])
+                found.append(TexturedPart(number, Provenance(why), part, uv, page))
         return tuple(found)
 
     def hypothesised_parts(self) -> Iterator[LabelledPoints]:
@@ -336,6 +325,10 @@ class CompletedModel:
     def observed_mesh(self) -> LabelledPoints:
         """Return all measured points of all scans as one mesh, working frame."""
         return self.derived.observed
+
+    def panels(self) -> PanelModel:
+        """Return the light model, working frame: few facets, and the folds and corners that they share."""
+        return self.derived.panels
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
+from completion.result.panel_files import write_panels_ply
 from completion.result.polygons import polygons_record
 from completion.result.record import ObservedDetail, completion_record, inferred_points, model_parts
 from completion.result.verification import Verification
@@ -82,7 +83,7 @@ class Completion(CompletedModel):
         *,
         observed: ObservedDetail = "auto",
     ) -> None:
-        """Write completed.glb, observed.ply, hypothesised.ply, polygons.json and completion.json.
+        """Write completed.glb, model.ply, observed.ply, hypothesised.ply, polygons.json and completion.json.
 
         All is in world coordinates. The files appear together once all are written; until then those of an
         earlier run stay. With `verification`, completion.json also says what later scans say of what the
@@ -155,6 +156,7 @@ def write_model(
             ("hypothesised.ply", derived.hypothesised_parts()),
         ):
             write_meshes_ply(stage.path(name), placed(completion, parts), legend)
+        write_panels_ply(stage.path("model.ply"), completion, legend)
         write_json(stage.path("completion.json"), record)
         stage.commit()
 

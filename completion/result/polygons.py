@@ -4,20 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
-from completion.evidence.chart_grid import ChartGrid
 from completion.extension.choice import role_of
 from completion.extension.patch import Patch
+from completion.panels.outline import NearOutline, runs_of
+from completion.panels.straightening import polygon_parts
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.openings import Opening
-from completion.panels.outline import OutlineCells, runs_of
-from completion.panels.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
@@ -25,19 +22,6 @@ from scenes.surfaces.catalogue import Plane
 FORMAT = "unseen polygons 1"
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _BoundaryCells:
-    """What is known of a surface's cells beside its outline, and which is nearest to a place."""
-
-    known: OutlineCells
-    tree: cKDTree
-
-    @classmethod
-    def of(cls, grid: ChartGrid, known: OutlineCells) -> _BoundaryCells:
-        row, column = (known.cells + 0.5).T
-        return cls(known, cKDTree(grid.uv_of(row, column)))
 
 
 def polygons_record(completion: CompletedModel) -> dict[str, Any]:
@@ -61,7 +45,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
     trim()
     patch, world = surface.patch, completion.world_from_reference
     normal = world.rotate(patch.grid.surface.normal(np.zeros((1, 3))))[0]
-    area, boundary = surface.polygon, _BoundaryCells.of(patch.grid, surface.outline)
+    area, boundary = surface.polygon, NearOutline.of(patch.grid, surface.outline)
     return {
         "id": number,
         "role": role_of(normal, encloses=patch.limits.encloses),
@@ -88,7 +72,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
 
 
 def _ring(
-    completion: CompletedModel, patch: Patch, boundary: _BoundaryCells, ring: Any, *, anticlockwise: bool
+    completion: CompletedModel, patch: Patch, boundary: NearOutline, ring: Any, *, anticlockwise: bool
 ) -> dict[str, Any]:
     """Points of a ring, more where its state changes, and what is said of each edge."""
     uv = np.asarray(shapely.get_coordinates(ring), dtype=np.float64)[:-1]
@@ -106,7 +90,7 @@ def _ring(
 
 
 def _stretches(
-    boundary: _BoundaryCells, corners: FloatArray, cell_m: float
+    boundary: NearOutline, corners: FloatArray, cell_m: float
 ) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
     """The edges between a ring's corners (n, 2), cut where what is said of them changes.
 

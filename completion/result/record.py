@@ -9,15 +9,17 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from completion.boundary.meshing import ChartMesh
 from completion.edits.file import edit_record
+from completion.extension.patch import Provenance
 from completion.fitting.result import surface_parameters
+from completion.panels.model import PanelPart
 from completion.relations.frames import frame_records
 from completion.relations.record import freedom_record, relation_records
 from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
+from completion.result.panel_files import panels_record
 from completion.result.verification import Finding, Verification, counterpart
 from scenes.checks import ColourArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
@@ -50,13 +52,18 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     hypothesis can never pass for a measurement. Their textures lie on the pages of one atlas; without
     texture, parts have the colour of their state. Those of large models are in blocks of space.
     """
-    parts = []
-    for index, surface in enumerate(completion.derived.surfaces):
+    parts, derived = [], completion.derived
+    panels = derived.panels
+    for index, surface in enumerate(derived.surfaces):
         trim()
-        for state, mesh in (("observed", surface.observed), ("hypothesised", surface.hypothesised)):
-            if len(mesh.faces):
+        own = panels.face_surface == index + 1
+        for state, kept in (
+            ("observed", own & panels.is_measured),
+            ("hypothesised", own & ~panels.is_measured),
+        ):
+            if kept.any():
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
-                parts.append(_surface_part(completion, index, mesh, name))
+                parts.append(_surface_part(completion, index, panels.part(kept), name))
     rest, _ = completion.derived.remainder
     if len(rest.faces):
         vertices = completion.world_from_reference.apply(rest.vertices)
@@ -65,16 +72,16 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     return in_blocks(parts)
 
 
-def _surface_part(completion: CompletedModel, index: int, mesh: ChartMesh, name: str) -> MeshPart:
+def _surface_part(completion: CompletedModel, index: int, mesh: PanelPart, name: str) -> MeshPart:
     """One state of a surface, with its page of the atlas or the state's colour."""
     atlas = completion.derived.atlas
     page = int(atlas.page[index])
     vertices = completion.world_from_reference.apply(mesh.vertices)
-    faces = mesh.faces.astype(np.int64)
+    faces = mesh.faces
     if page < 0:
         tint = OBSERVED_GREY if name.startswith("observed") else HYPOTHESISED_BLUE
         return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
-    uv = completion.derived.texture_coordinates(index, mesh).astype(np.float32)
+    uv = atlas.coordinates(index, mesh.uv).astype(np.float32)
     white = _plain((1.0, 1.0, 1.0), len(vertices))
     return MeshPart(name, vertices, faces, index + 1, white, image=atlas.pages[page], uv=uv)
 
@@ -93,19 +100,20 @@ def display_mesh(
     """
     places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
     atlas, n_places = completion.derived.atlas, 0
-    for index, surface in enumerate(completion.derived.surfaces):
+    for one in completion.derived.textured:
         trim()
-        states = (surface.observed, surface.hypothesised) if hypothesised else (surface.observed,)
-        for state, mesh in enumerate(states):
-            page = -1 if mark and state == 1 else int(atlas.page[index])
-            places.append(mesh.vertices)
-            corners.append(mesh.faces.astype(np.int32) + np.int32(n_places))
-            n_places += len(mesh.vertices)
-            tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
-            colours.append(np.broadcast_to(np.array(tint, np.float32), (len(mesh.faces), 3, 3)))
-            labels.append(np.full(len(mesh.faces), state, np.int32))
-            face_image.append(np.full(len(mesh.faces), page, np.int32))
-            corner_uv.append(completion.derived.texture_coordinates(index, mesh)[mesh.faces])
+        state = int(one.provenance != Provenance.MEASURED)
+        if state and not hypothesised:
+            continue
+        page, faces = -1 if mark and state else one.page, one.part.faces
+        places.append(one.part.vertices)
+        corners.append(faces.astype(np.int32) + np.int32(n_places))
+        n_places += len(one.part.vertices)
+        tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
+        colours.append(np.broadcast_to(np.array(tint, np.float32), (len(faces), 3, 3)))
+        labels.append(np.full(len(faces), state, np.int32))
+        face_image.append(np.full(len(faces), page, np.int32))
+        corner_uv.append(one.uv[faces])
     rest = completion.derived.thin_remainder
     places.append(rest.vertices)
     corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
@@ -166,6 +174,7 @@ def completion_record(
         "hypothesised_m2": completion.hypothesised_m2,
         "free_space_violation_m2": completion.free_space_violation_m2,
         "overlapping_claims_m2": completion.overlapping_claims_m2,
+        **panels_record(completion),
         "mode": completion.mode,
         "n_scans": len(completion.observations),
         "range_noise": [

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.extension.patch import Patch, Provenance
-from completion.result.completed_model import CompletedModel, TexturedMesh
+from completion.panels.sheet import spread_out
+from completion.result.completed_model import CompletedModel, TexturedPart
 from completion.texturing.chart_texture import Atlas
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture
@@ -135,7 +136,7 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
     return sorted(found)
 
 
-def _surfaces(completion: CompletedModel, parts: Sequence[TexturedMesh], *, rest: bool = False) -> _Pieces:
+def _surfaces(completion: CompletedModel, parts: Sequence[TexturedPart], *, rest: bool = False) -> _Pieces:
     """Pieces of surfaces, and of what belongs to none with the `rest`."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
     found = [_pieces(completion, part, total / _PIECES) for part in parts]
@@ -160,11 +161,12 @@ def _nothing() -> _Pieces:
     )
 
 
-def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> _Pieces:
+def _pieces(completion: CompletedModel, part: TexturedPart, limit_m2: float) -> _Pieces:
     """Cells of one surface, cut finely."""
     trim()
-    patch, mesh = completion.patches[part.number - 1], part.mesh
-    whole = np.concatenate([mesh.vertices, part.uv, mesh.cells], axis=1)[mesh.faces]
+    patch, mesh = completion.patches[part.number - 1], part.part
+    cells = (mesh.uv - patch.grid.corner)[:, ::-1] / patch.grid.cell[::-1]
+    whole = np.concatenate([mesh.vertices, part.uv, cells], axis=1)[mesh.faces]
     parts = cut_finely(whole.reshape(-1, 3, 7), limit_m2)[0]
     middle = parts.mean(axis=1)
     top = np.array(patch.grid.shape) - 1
@@ -176,7 +178,7 @@ def _pieces(completion: CompletedModel, part: TexturedMesh, limit_m2: float) -> 
         number=np.full(n, part.number, np.uint16),
         provenance=np.full(n, int(part.provenance), np.uint16),
         sd=patch.stated.standard_deviation(middle[:, :3]) if n else np.zeros(0),
-        confidence=patch.confidence[row, column],
+        confidence=spread_out(patch.confidence, patch.provenance >= 0)[row, column],
         colour=np.broadcast_to(np.float32(1.0 if part.page >= 0 else _GREY), (n, 3, 3)),
         uv=parts[..., 3:5].astype(np.float32),
         image=np.full(n, part.page, np.int32),

@@ -36,6 +36,8 @@ class PlyMesh:
         Empty for a point cloud.
     vertex_properties : dict of (n,) arrays
         Everything but x, y, z, by name, in the file's order.
+    face_properties : dict of (m,) arrays
+        Everything but the corners, by name, in the file's order.
     comments : tuple of str
         Texts of the `comment` and `obj_info` lines.
     """
@@ -43,6 +45,7 @@ class PlyMesh:
     vertices: FloatArray
     faces: NDArray[np.int32]
     vertex_properties: dict[str, NDArray[Any]] = field(default_factory=dict)
+    face_properties: dict[str, NDArray[Any]] = field(default_factory=dict)
     comments: tuple[str, ...] = ()
 
 
@@ -52,6 +55,8 @@ def write_mesh_ply(
     faces: NDArray[Any] | None = None,
     vertex_properties: Mapping[str, NDArray[Any]] | None = None,
     comments: Sequence[str] = (),
+    *,
+    face_properties: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write a triangle mesh, or a point cloud, as binary little-endian PLY, atomically.
 
@@ -68,6 +73,8 @@ def write_mesh_ply(
         int, float32 float, float64 double. Colours are `red`, `green`, `blue` as uint8.
     comments : sequence of str
         One `comment` line each.
+    face_properties : dict of (m,) arrays, optional
+        Written after the corners; types as for vertices.
 
     Raises
     ------
@@ -78,6 +85,7 @@ def write_mesh_ply(
         np.asarray(vertices),
         np.zeros((0, 3), np.int32) if faces is None else np.asarray(faces),
         dict(vertex_properties or {}),
+        dict(face_properties or {}),
     )
     write_meshes_ply(path, [whole], comments)
 
@@ -95,7 +103,8 @@ def write_meshes_ply(
     InputError
         Wrong shapes or types, faces out of range, a comment with a line end.
     """
-    target, n_points, n_faces, most, dtype = Path(path), 0, 0, -1, np.dtype([])
+    target, n_points, n_faces, most = Path(path), 0, 0, -1
+    dtype, face_dtype = np.dtype([]), np.dtype([])
     with atomic_path(target) as temporary, ExitStack() as stack:
         folder = temporary.parent
         tables, corners = (
@@ -108,12 +117,14 @@ def write_meshes_ply(
             dtype = table.dtype if len(table) or not dtype.names else dtype
             most = max(most, int(faces.max(initial=-1)) + n_points)
             tables.write(table.view(np.uint8).data)
-            corners.write(_face_table(faces + np.int32(n_points)).view(np.uint8).data)
+            rows = _face_table(faces + np.int32(n_points), part.face_properties)
+            face_dtype = rows.dtype if len(rows) or not face_dtype.names else face_dtype
+            corners.write(rows.view(np.uint8).data)
             n_points, n_faces = n_points + len(table), n_faces + len(faces)
         if most >= n_points:
             raise InputError(f"a face has the corner {most}, but there are {n_points} vertices")
         with temporary.open("wb") as file:
-            file.write(_header_text(dtype, n_points, n_faces, comments).encode("utf-8"))
+            file.write(_header_text(dtype, n_points, face_dtype, n_faces, comments).encode("utf-8"))
             for spooled in (tables, corners):
                 spooled.seek(0)
                 copyfileobj(spooled, file, _HELD)
@@ -124,7 +135,7 @@ def _table(part: PlyMesh) -> NDArray[Any]:
     points = check_vectors("vertices", part.vertices)
     columns: dict[str, NDArray[Any]] = {axis: points[:, i] for i, axis in enumerate("xyz")}
     for name, values in part.vertex_properties.items():
-        columns[name] = _as_column(name, values, len(points))
+        columns[name] = _as_column(f"vertex property {name}", name, values, len(points))
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     table = np.empty(len(points), dtype)
     for name, column in columns.items():
@@ -132,39 +143,54 @@ def _table(part: PlyMesh) -> NDArray[Any]:
     return table
 
 
-def _as_column(name: str, values: NDArray[Any], n: int) -> NDArray[Any]:
+def _as_column(what: str, name: str, values: NDArray[Any], n: int) -> NDArray[Any]:
     column = np.asarray(values)
     if column.shape != (n,):
-        raise InputError(f"expected vertex property {name} with shape ({n},), got {column.shape}")
+        raise InputError(f"expected {what} with shape ({n},), got {column.shape}")
     if not name.isidentifier():
-        raise InputError(f"vertex property name {name!r} has characters that PLY does not allow")
+        raise InputError(f"{what.removesuffix(name)}name {name!r} has characters that PLY does not allow")
     if column.dtype == np.bool_:
         return column.astype(np.uint8)
     if column.dtype.kind in "iu" and column.dtype.itemsize == 8:
         if len(column) and not -(2**31) <= int(column.min()) <= int(column.max()) < 2**31:
-            raise InputError(f"vertex property {name} exceeds 32 bits, the largest integer of PLY")
+            raise InputError(f"{what} exceeds 32 bits, the largest integer of PLY")
         return column.astype(np.int32)
     if column.dtype.str[1:] not in _NAME_OF_TYPE:
-        raise InputError(f"vertex property {name} has type {column.dtype}, which PLY does not know")
+        raise InputError(f"{what} has type {column.dtype}, which PLY does not know")
     return column
 
 
-def _header_text(dtype: np.dtype[Any], n_points: int, n_faces: int, comments: Sequence[str]) -> str:
+def _header_text(
+    dtype: np.dtype[Any], n_points: int, face_dtype: np.dtype[Any], n_faces: int, comments: Sequence[str]
+) -> str:
     lines = ["ply", "format binary_little_endian 1.0"]
     for comment in comments:
         if "\n" in comment or "\r" in comment:
             raise InputError(f"a PLY comment is one line, got {comment!r}")
         lines.append(f"comment {comment}")
     lines.append(f"element vertex {n_points}")
-    lines += [f"property {_NAME_OF_TYPE[dtype[name].str[1:]]} {name}" for name in dtype.names or ()]
-    if n_faces:
+    lines += _property_lines(dtype, dtype.names or ())
+    own = (face_dtype.names or ())[2:]
+    if n_faces or own:
         lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
+        lines += _property_lines(face_dtype, own)
     return "\n".join([*lines, "end_header\n"])
 
 
-def _face_table(faces: NDArray[np.int32]) -> NDArray[Any]:
-    table = np.empty(len(faces), dtype=[("n", "u1"), ("corners", "<i4", (3,))])
+def _property_lines(dtype: np.dtype[Any], names: Sequence[str]) -> list[str]:
+    return [f"property {_NAME_OF_TYPE[dtype[name].str[1:]]} {name}" for name in names]
+
+
+def _face_table(faces: NDArray[np.int32], properties: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    columns = {
+        name: _as_column(f"face property {name}", name, values, len(faces))
+        for name, values in properties.items()
+    }
+    own = [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
+    table = np.empty(len(faces), dtype=[("n", "u1"), ("corners", "<i4", (3,)), *own])
     table["n"], table["corners"] = 3, faces
+    for name, column in columns.items():
+        table[name] = column
     return table
 
 
@@ -185,17 +211,17 @@ def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
 class _Element:
     name: str
     count: int
-    properties: list[tuple[str, str]] = field(default_factory=list)
-    list_types: tuple[str, str] | None = None
+    properties: list[str] = field(default_factory=list)  # names of the scalar ones
+    fields: list[Any] = field(default_factory=list)  # of a row, as numpy has them
 
 
 def _read(path: Path) -> PlyMesh:
     data = path.read_bytes()
     elements, comments, offset = _parse_header(data)
-    vertices, properties = np.zeros((0, 3)), {}
+    vertices, of_vertices, of_faces = np.zeros((0, 3)), {}, {}
     faces = np.zeros((0, 3), np.int32)
     for element in elements:
-        dtype = _element_dtype(element)
+        dtype = np.dtype(element.fields)
         needed = element.count * dtype.itemsize
         if offset + needed > len(data):
             raise InputError(
@@ -205,20 +231,13 @@ def _read(path: Path) -> PlyMesh:
         offset += needed
         if element.name == "vertex":
             vertices = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-            properties = {name: table[name].copy() for name, _ in element.properties if name not in "xyz"}
+            of_vertices = {name: table[name].copy() for name in element.properties if name not in "xyz"}
         elif element.name == "face":
             if (table["n"] != 3).any():
                 raise InputError("has faces that are no triangles")
             faces = table["corners"].astype(np.int32)
-    return PlyMesh(vertices, check_faces(faces, len(vertices)), properties, comments)
-
-
-def _element_dtype(element: _Element) -> np.dtype[Any]:
-    fields: list[Any] = [(name, "<" + TYPES[kind]) for name, kind in element.properties]
-    if element.list_types is not None:
-        count, index = element.list_types
-        fields += [("n", "<" + TYPES[count]), ("corners", "<" + TYPES[index], (3,))]
-    return np.dtype(fields)
+            of_faces = {name: table[name].copy() for name in element.properties}
+    return PlyMesh(vertices, check_faces(faces, len(vertices)), of_vertices, of_faces, comments)
 
 
 def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
@@ -235,9 +254,9 @@ def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
         elif words[:1] == ["element"]:
             elements.append(_Element(words[1], int(words[2])))
         elif words[:2] == ["property", "list"]:
-            elements[-1].list_types = (words[2], words[3])
+            count, index = "<" + TYPES[words[2]], "<" + TYPES[words[3]]
+            elements[-1].fields += [("n", count), ("corners", index, (3,))]
         elif words[:1] == ["property"]:
-            if elements[-1].list_types is not None:
-                raise InputError(f"element {elements[-1].name} has properties after its list")
-            elements[-1].properties.append((words[2], words[1]))
+            elements[-1].properties.append(words[2])
+            elements[-1].fields.append((words[2], "<" + TYPES[words[1]]))
     return elements, tuple(comments), start

@@ -12,11 +12,11 @@ from shapely import Polygon
 
 from completion.boundary.curves import Line
 from completion.options import CompletionOptions
-from completion.pipeline import complete
 from completion.panels.cell_polygons import polygons_of_cells
+from completion.panels.straightening import Guide, straightened
+from completion.pipeline import complete
 from completion.result.polygons import polygons_record
 from completion.result.record import inferred_points, model_parts
-from completion.panels.straightening import Guide, straightened
 from scenes.checks import InputError
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scans

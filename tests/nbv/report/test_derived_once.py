@@ -6,9 +6,9 @@ from collections import Counter
 from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
+import completion.panels.outline as outline
 import completion.result.observed_points as observed_points
 import completion.result.openings as openings
-import completion.panels.outline as outline
 import completion.texturing.chart_texture as atlas
 import nbv.report.completion_report  # noqa: F401 - so that all the command uses is loaded
 from nbv.cli import app

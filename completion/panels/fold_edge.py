@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""Fold edges and corners as results: where they are, how well that is known, and what is measured of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.extension.patch import Provenance
+from completion.panels.corner import Corner
+from completion.panels.fold import Fold, chart_of, within_period
+from completion.panels.sheet import Sheet
+from scenes.checks import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldEdge:
+    """An edge that two surfaces share.
+
+    Attributes
+    ----------
+    surfaces : (int, int)
+        Their numbers, from 1.
+    goes_on : tuple of int
+        Those that go on beyond it, as a floor does under a partition.
+    points : (n, 3) float
+        Polyline, metres, working frame; the curve itself is off it by 2 mm at most.
+    covariance : (2, 3, 3) float
+        Of its first and its last point across the fold, square metres; nothing is said along it.
+    dihedral_deg : float
+        Angle of the free space between the surfaces: below 180 in the corner of a room, above on a box.
+    length_m : float
+        Its length.
+    measured_share : float
+        Share of the length along which both surfaces were measured up to it.
+    """
+
+    surfaces: tuple[int, int]
+    goes_on: tuple[int, ...]
+    points: FloatArray
+    covariance: FloatArray
+    dihedral_deg: float
+    length_m: float
+    measured_share: float
+
+    @property
+    def kind(self) -> str:
+        """`ends` where both surfaces end at it, `through` where one goes on, or both."""
+        return "through" if self.goes_on else "ends"
+
+    @property
+    def sd_m(self) -> float:
+        """The larger standard deviation of its ends across it, where that is known worst, metres."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance)[:, -1].max()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerPoint:
+    """A point in which three surfaces meet: their numbers, the place (3,), its covariance (3, 3)."""
+
+    surfaces: tuple[int, int, int]
+    point: FloatArray
+    covariance: FloatArray
+
+
+def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
+    """Return what is told of a fold."""
+    t = fold.stations()
+    points = fold.curve.at(t)
+    own = [sheets[number - 1] for number in (fold.first, fold.second)]
+    ends = points[[0, -1]]
+    fine = np.linspace(fold.start, fold.end, max(2, int((fold.end - fold.start) / fold.cell_m) + 1))
+    measured = np.ones(len(fine), np.bool_)
+    for sheet, sides in zip(own, fold.sides, strict=True):
+        uv, left = chart_of(sheet, fold.curve, fine)
+        inside = (1.0 if sides[0] else -1.0) * 1.5 * sheet.cell_m * left
+        measured &= sheet.provenance_at(within_period(sheet, uv + inside)) == Provenance.MEASURED
+    return FoldEdge(
+        surfaces=(fold.first, fold.second),
+        goes_on=fold.goes_on,
+        points=points,
+        covariance=np.stack([meeting_covariance(own, place) for place in ends]),
+        dihedral_deg=_dihedral(fold, own),
+        length_m=float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
+        measured_share=float(measured.mean()),
+    )
+
+
+def corner_point(corner: Corner, sheets: Sequence[Sheet]) -> CornerPoint:
+    """Return what is told of a corner."""
+    own = [sheets[number - 1] for number in corner.surfaces]
+    return CornerPoint(corner.surfaces, corner.point, meeting_covariance(own, corner.point))
+
+
+def meeting_covariance(sheets: Sequence[Sheet], place: FloatArray) -> FloatArray:
+    """Covariance (3, 3) of a place (3,) in which two or three surfaces meet, square metres.
+
+    With N the unit normals as rows and S the surfaces' variances there, taken as independent: P S P' with
+    P = N' (N N')^-1, which is the inverse of N where there are three. Along two surfaces' fold it is nothing.
+    """
+    normals = np.stack([sheet.surface.normal(place[None])[0] for sheet in sheets])
+    sd = [float(sheet.patch.stated.standard_deviation(place[None])[0]) for sheet in sheets]
+    inverse = np.linalg.pinv(normals)
+    return np.asarray(inverse @ np.diag(np.square(sd)) @ inverse.T)
+
+
+def _dihedral(fold: Fold, own: Sequence[Sheet]) -> float:
+    """Angle of the free space at the middle of a fold, degrees."""
+    middle = fold.curve.at(np.array([(fold.start + fold.end) / 2]))
+    one, other = (sheet.surface.normal(middle)[0] for sheet in own)
+    turn = float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
+    sheet, sides = (own[1], fold.sides[1]) if not fold.sides[1].all() else (own[0], fold.sides[0])
+    facing = one if sheet is own[1] else other
+    t = np.array([(fold.start + fold.end) / 2, (fold.start + fold.end) / 2 + 1e-4])
+    uv, left = chart_of(sheet, fold.curve, t)
+    inside = sheet.surface.from_uv(uv[:1] + (1e-3 if sides[0] else -1e-3) * left[:1])
+    return 180.0 - turn if float((inside - middle)[0] @ facing) > 0 else 180.0 + turn

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Panel files: the light model as model.ply, and its folds and corners as completion.json has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from completion.panels.fold_edge import FoldEdge
+from completion.result.completed_model import CompletedModel
+from scenes.checks import FloatArray
+from scenes.formats.meshes.ply import write_mesh_ply
+
+
+def write_panels_ply(path: str | PathLike[str], completion: CompletedModel, legend: Sequence[str]) -> None:
+    """Write the light model in world coordinates, each facet with `surface`, `state` and `provenance`.
+
+    Raises InputError: the file cannot be written.
+    """
+    panels = completion.panels()
+    write_mesh_ply(
+        path,
+        completion.world_from_reference.apply(panels.vertices),
+        panels.faces.astype(np.int32),
+        comments=("state 0 measured 1 inferred", *legend),
+        face_properties={
+            "surface": panels.face_surface,
+            "state": (~panels.is_measured).astype(np.uint8),
+            "provenance": panels.face_provenance.astype(np.uint8),
+        },
+    )
+
+
+def panels_record(completion: CompletedModel) -> dict[str, Any]:
+    """Return the folds, corners and facets of the light model; world coordinates, metres."""
+    panels, world = completion.panels(), completion.world_from_reference
+    turn = world.rotation
+    return {
+        "folds": [_fold(one, world.apply(one.points), turn) for one in panels.folds],
+        "corners": [
+            {
+                "surfaces": list(one.surfaces),
+                "point": world.apply(one.point[None])[0].tolist(),
+                "covariance_m2": (turn @ one.covariance @ turn.T).tolist(),
+            }
+            for one in panels.corners
+        ],
+        "panels": {
+            "triangles": len(panels.faces),
+            "vertices": len(panels.vertices),
+            "open_edges_m": dict(panels.open_m),
+        },
+    }
+
+
+def _fold(fold: FoldEdge, points: FloatArray, turn: FloatArray) -> dict[str, Any]:
+    return {
+        "surfaces": list(fold.surfaces),
+        "kind": fold.kind,
+        "goes_on": list(fold.goes_on),
+        "points": points.tolist(),
+        "length_m": fold.length_m,
+        "dihedral_deg": fold.dihedral_deg,
+        "sd_m": fold.sd_m,
+        "covariance_m2": (turn @ fold.covariance @ turn.T).tolist(),
+        "measured_share": fold.measured_share,
+    }
