@@ -96,7 +96,7 @@ def _tracks(sheet: Sheet, folds: Sequence[Fold]) -> list[Trace]:
         grid.uv_of(*np.array([[0, 0, 1, 1], [0, 1, 0, 1]]) * np.array(grid.shape)[:, None])
     )
     size = float(np.linalg.norm(np.ptp(corners, axis=0))) + 20 * sheet.cell_m
-    tracks = {}
+    tracks: dict[int, Trace] = {}
     for fold in folds:
         middle = fold.curve.at(np.array([fold.start]))[0]
         low, high = fold.curve.span(np.stack([middle - size, middle + size]))
@@ -188,7 +188,7 @@ def _labelled_area(sheet: Sheet, area: Any, lines: Sequence[Any]) -> NDArray[Any
     kept = shapely.intersects(area, inner)
     faces, inner = faces[kept], inner[kept]
     if not len(faces):
-        return faces
+        return np.zeros(0, object)
     labels = sheet.provenance_at(shapely.get_coordinates(inner)).astype(np.int64)
     small = np.flatnonzero(shapely.area(faces) < _SLIVER * sheet.patch.grid.cell_area)
     _absorb(faces, labels, small)

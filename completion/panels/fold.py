@@ -57,8 +57,8 @@ class Fold:
     @property
     def goes_on(self) -> tuple[int, ...]:
         """Numbers of those of its surfaces that go on beyond it, as a floor does under a partition."""
-        both = self.sides.all(axis=1)
-        return tuple(number for number, on in zip((self.first, self.second), both, strict=True) if on)
+        both = zip((self.first, self.second), self.sides, strict=True)
+        return tuple(number for number, sides in both if sides.all())
 
     @property
     def kind(self) -> str:
@@ -74,17 +74,20 @@ def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
     """Return the folds of all pairs of surfaces that both reach the curve in which they meet.
 
     A surface reaches a place of the curve where its outline is within two cells of it. Gaps of four cells are
-    bridged; a fold is three cells long at least. It is divided where a surface that ended there goes on.
+    bridged; a fold is three cells long at least. It is divided where a surface that ended there goes on. A
+    fold that is known to no better than a cell is none.
     """
-    low, high = (np.array(ends) for ends in zip(*map(_box, sheets), strict=True)) if sheets else ([], [])
+    boxes = [_box(sheet) for sheet in sheets]
     folds: list[Fold] = []
     n_curves = 0
     for i, one in enumerate(sheets):
         for j in range(i + 1, len(sheets)):
             slack = _REACH * max(one.cell_m, sheets[j].cell_m)
-            if ((low[i] > high[j] + slack) | (low[j] > high[i] + slack)).any():
+            low = np.maximum(boxes[i][0], boxes[j][0]) - slack
+            high = np.minimum(boxes[i][1], boxes[j][1]) + slack
+            if (low > high).any():
                 continue
-            box = np.stack([np.maximum(low[i], low[j]) - slack, np.minimum(high[i], high[j]) + slack])
+            box = np.stack([low, high])
             for curve in fold_curves(one.surface, sheets[j].surface):
                 folds += _of_curve(one, sheets[j], curve, n_curves, box)
                 n_curves += 1
@@ -93,9 +96,8 @@ def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
 
 def _box(sheet: Sheet) -> tuple[FloatArray, FloatArray]:
     """Low and high corner (3,) of the box around a sheet."""
-    covered = sheet.patch.provenance >= 0
-    row, column = np.nonzero(covered)
-    points = sheet.surface.from_uv(sheet.patch.grid.uv_of(row + 0.5, column + 0.5))
+    row, column = np.argwhere(sheet.patch.provenance >= 0).T.astype(np.float64) + 0.5
+    points = sheet.surface.from_uv(sheet.patch.grid.uv_of(row, column))
     return points.min(axis=0) - sheet.cell_m, points.max(axis=0) + sheet.cell_m
 
 
@@ -110,7 +112,8 @@ def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Floa
     near = np.ones(len(t), np.bool_)
     for sheet in (one, other):
         held = np.flatnonzero(near)
-        near[held] = _reaches(sheet, *chart_of(sheet, curve, t))[held]
+        uv, left = chart_of(sheet, curve, t)
+        near[held] = _reaches(sheet, uv[held], left[held])
     if not near.any():
         return []
     bridged = 2 * int(_BRIDGED * cell / step / 2) + 1
@@ -124,11 +127,35 @@ def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Floa
         stretch = t[first : last + 1]
         sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (one, other)], axis=1)
         for begin, stop in _pieces(sides, int(np.ceil(_LEAST_CHANGE * cell / step))):
-            ends = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
+            start, end = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
             on = sides[begin:stop].mean(axis=0) > 0.5
-            if on.any(axis=1).all():
-                found.append(Fold(one.number, other.number, curve, number, *ends, on, cell))
+            if not on.any(axis=1).all() or _sd_across(one, other, curve, (start + end) / 2) > cell:
+                continue
+            found.append(
+                Fold(
+                    first=one.number,
+                    second=other.number,
+                    curve=curve,
+                    number=number,
+                    start=start,
+                    end=end,
+                    sides=on,
+                    cell_m=cell,
+                )
+            )
     return found
+
+
+def _sd_across(one: Sheet, other: Sheet, curve: FoldCurve, t: float) -> float:
+    """Standard deviation across a fold at a parameter, metres, but for what moves both surfaces together.
+
+    sqrt(s1^2 + s2^2 + 2 s1 s2 |cos D|) / sin D, with D the angle between the surfaces.
+    """
+    place = curve.at(np.array([t]))
+    first, second = (float(sheet.patch.source.fit.standard_deviation(place)[0]) for sheet in (one, other))
+    cosine = abs(float(one.surface.normal(place)[0] @ other.surface.normal(place)[0]))
+    sine = float(np.sqrt(max(1 - cosine**2, 1e-12)))
+    return float(np.sqrt(first**2 + second**2 + 2 * first * second * cosine)) / sine
 
 
 def chart_of(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -171,7 +198,7 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
 
 
 def within_period(sheet: Sheet, uv: FloatArray) -> FloatArray:
-    """Places of a chart within its period."""
+    """Places (n, 2) of a chart within its period."""
     period = sheet.surface.period
     if np.isfinite(period):
         uv = uv.copy()

@@ -46,7 +46,7 @@ class StraightFold:
         return np.asarray(self.point + np.asarray(t)[..., None] * self.direction)
 
     def stations(self, low: float, high: float) -> FloatArray:
-        """The two ends."""
+        """The two ends (2,)."""
         return np.array([low, high])
 
 
@@ -61,7 +61,7 @@ class RoundFold:
     plane: Plane
 
     def span(self, box: FloatArray) -> tuple[float, float]:  # noqa: ARG002 -- that of its protocol
-        """All of the way round."""
+        """All of the way round, whatever the box (2, 3)."""
         return -self.cylinder.period / 2, self.cylinder.period / 2
 
     def at(self, t: FloatArray) -> FloatArray:
@@ -71,7 +71,7 @@ class RoundFold:
         return foot - (self.plane.distance(foot) / steep)[..., None] * self.cylinder.direction
 
     def stations(self, low: float, high: float) -> FloatArray:
-        """The ends, and the facet lines of the cylinder between them."""
+        """The ends, and the facet lines of the cylinder between them, (n,)."""
         return np.concatenate([[low], facet_lines(self.cylinder, low, high), [high]])
 
 
@@ -103,7 +103,7 @@ class SideFold:
         return cylinder.from_uv(np.stack([s, np.asarray(t)], axis=-1))
 
     def stations(self, low: float, high: float) -> FloatArray:
-        """The ends, and more where it turns around the axis."""
+        """The ends, and more where it turns around the axis, (n,)."""
         ends = self.at(np.array([low, high]))
         turned = np.ptp(np.unwrap(self.cylinder.to_uv(ends)[:, 0], period=self.cylinder.period))
         return np.linspace(low, high, 2 + 2 * int(turned / facet_width(self.cylinder.radius)))

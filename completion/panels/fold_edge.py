@@ -14,6 +14,8 @@ from completion.panels.fold import Fold, chart_of, within_period
 from completion.panels.sheet import Sheet
 from scenes.checks import FloatArray
 
+_BESIDE = 1.5  # cells beside a fold at which a surface was measured up to it
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoldEdge:
@@ -75,8 +77,11 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
     measured = np.ones(len(fine), np.bool_)
     for sheet, sides in zip(own, fold.sides, strict=True):
         uv, left = chart_of(sheet, fold.curve, fine)
-        inside = (1.0 if sides[0] else -1.0) * 1.5 * sheet.cell_m * left
-        measured &= sheet.provenance_at(within_period(sheet, uv + inside)) == Provenance.MEASURED
+        found = np.zeros(len(fine), np.bool_)
+        for sign in np.array([1.0, -1.0])[sides]:
+            beside = within_period(sheet, uv + sign * _BESIDE * sheet.cell_m * left)
+            found |= sheet.provenance_at(beside) == Provenance.MEASURED
+        measured &= found
     return FoldEdge(
         surfaces=(fold.first, fold.second),
         goes_on=fold.goes_on,

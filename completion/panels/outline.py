@@ -80,7 +80,7 @@ class NearOutline:
 
     def kinds(self, uv: FloatArray) -> NDArray[np.str_]:
         """What lies beyond the outline nearest to places (n, 2) of the chart, (n,)."""
-        return self.known.kinds[self.tree.query(uv)[1]]
+        return np.asarray(self.known.kinds[self.tree.query(uv)[1]], dtype=np.str_)
 
 
 def outline_cells(patch: Patch) -> OutlineCells:

@@ -66,7 +66,9 @@ class Sheet:
         column, row = np.floor((uv - grid.corner) / grid.cell).astype(np.int64).T
         if grid.wraps:
             column %= grid.shape[1]
-        return self.provenance[np.clip(row, 0, grid.shape[0] - 1), np.clip(column, 0, grid.shape[1] - 1)]
+        rows, columns = grid.shape
+        found = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        return np.asarray(found, dtype=np.int8)
 
     def is_within(self, uv: FloatArray, distance_m: float) -> BoolArray:
         """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""

@@ -139,7 +139,8 @@ def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     known, first = np.unique(_keys(uv), axis=0, return_index=True)
     index = _find(known, _keys(corners.reshape(-1, 2))).reshape(-1, 3)
-    turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    (a, b), (c, d) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    turn = a * d - b * c
     inward = isinstance(surface, Cylinder) and surface.concave
     index[(turn < 0) != inward] = index[(turn < 0) != inward][:, ::-1]
     places = uv[first]
@@ -147,7 +148,14 @@ def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
     for number, line in enumerate(chart.tracks):
         on = np.flatnonzero(where[first] == number)
         vertices[on] = line.curve.at(t[first][on])
-    return _Placed(chart.sheet.number, vertices, places, where[first] >= 0, index, chart.provenance[owner])
+    return _Placed(
+        number=chart.sheet.number,
+        vertices=vertices,
+        uv=places,
+        on_fold=where[first] >= 0,
+        faces=index,
+        provenance=chart.provenance[owner],
+    )
 
 
 def _with_nodes(
@@ -195,7 +203,7 @@ def _nearest(known: FloatArray, t: FloatArray) -> NDArray[np.int64]:
     if len(known) < 2:
         return np.zeros(len(t), np.int64)
     middle = (known[1:] + known[:-1]) / 2
-    return np.searchsorted(middle, t)
+    return np.asarray(np.searchsorted(middle, t), dtype=np.int64)
 
 
 def _polygons(uv: FloatArray, ring: NDArray[np.int64], face: NDArray[np.int64], n_faces: int) -> NDArray[Any]:
@@ -226,7 +234,7 @@ def _find(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int
     scale = int(known[:, 1].max() - known[:, 1].min()) + 2
     low = known[:, 1].min()
     flat, asked = (rows[:, 0] * scale + rows[:, 1] - low for rows in (known, wanted))
-    return np.searchsorted(flat, asked)
+    return np.asarray(np.searchsorted(flat, asked), dtype=np.int64)
 
 
 def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int64]]:

