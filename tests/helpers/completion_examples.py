@@ -19,6 +19,8 @@ VIEWS = {
     "two_occluders": Pose.looking_at((0.4, 0.4, 1.7), (4.0, 3.0, 0.8)),
     "chair_before_wall": Pose.looking_at((0.5, -2.2, 1.5), (0.0, 0.8, 0.7)),
     "two_cylinders": Pose.looking_at((0.3, -2.6, 1.6), (0.0, 0.3, 0.8)),
+    "engaged_column": Pose.looking_at((0.6, -2.4, 1.5), (0.0, 0.9, 0.8)),
+    "pipe_rack": Pose.looking_at((0.7, -2.6, 1.5), (-0.05, 0.9, 0.9)),
     "textured_cylinder": Pose.looking_at((0.2, -2.4, 1.5), (0.0, 0.3, 0.9)),
 }
 
