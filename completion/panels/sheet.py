@@ -70,6 +70,13 @@ class Sheet:
         found = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         return np.asarray(found, dtype=np.int8)
 
+    def is_free(self, uv: FloatArray) -> BoolArray:
+        """Which places (n, 2) of the chart beams went through."""
+        inside, cells = self.patch.grid.cells_at(uv)
+        free = np.zeros(len(uv), np.bool_)
+        free[inside] = self.patch.evidence.open.ravel()[cells]
+        return free
+
     def is_within(self, uv: FloatArray, distance_m: float) -> BoolArray:
         """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""
         shapely.prepare(self.area)

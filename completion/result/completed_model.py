@@ -163,7 +163,9 @@ class DerivedModel:
         sheets = [
             Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
         ]
-        return self.spill.keep(build_panels(sheets, lambda index: self.surfaces[index].outline))
+        rest, _ = self.remainder
+        free = rest.vertices[rest.surface == 0]
+        return self.spill.keep(build_panels(sheets, lambda index: self.surfaces[index].outline, free))
 
     @cached_property
     def textured(self) -> tuple[TexturedPart, ...]:
