@@ -20,14 +20,14 @@ from completion.boundary.edges import Edge
 from completion.panels.fold_curve import fold_curves
 from completion.panels.fold_edge import FoldEdge
 from completion.panels.sheet import Sheet
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 from scenes.surfaces.surface import cross
 
 NO_SURFACE = 0
 _REACH = 8.0  # cells beside an edge that are looked at
 _NEAR = 4.0  # cells from an edge at which a face beside it begins
-_BRIDGED = 9  # cells along an edge without points
+_BRIDGED = 15  # cells along an edge without points
 _LEAST = 6.0  # cells of an edge
 _LEAST_WIDTH = 1.5  # cells of a face
 _LEAST_POINTS = 8
@@ -134,17 +134,11 @@ def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, fl
     """The slim faces along one run of an edge: where there are points beside it, and they lie on a plane."""
     cell, (along, outward, above) = sheet.cell_m, section.local.T
     reach = np.hypot(outward, above)
-    held = (along >= run[0]) & (along <= run[1]) & (reach <= _REACH * cell)
-    filled = np.zeros(int((run[1] - run[0]) / cell) + 1, np.bool_)
-    filled[((along[held & (reach <= _NEAR * cell)] - run[0]) / cell).astype(np.int64)] = True
-    bridge = np.ones(_BRIDGED)
-    filled = ndimage.binary_closing(np.pad(filled, _BRIDGED), bridge)[_BRIDGED:-_BRIDGED]
-    stretch, n_stretches = ndimage.label(filled)
-    for first, last in (np.flatnonzero(stretch == k)[[0, -1]] for k in range(1, n_stretches + 1)):
-        low, high = run[0] + first * cell, min(run[0] + (last + 1) * cell, run[1])
-        own = np.flatnonzero(held & (along >= low) & (along <= high))
+    held = np.flatnonzero((along >= run[0]) & (along <= run[1]) & (reach <= _REACH * cell))
+    for own in _stretches(held, along, _BRIDGED * cell):
+        low, high = float(along[own].min()), float(along[own].max())
         line = _line_through(section.local[own, 1:], cell, max(edge.deviation, sheet.patch.source.fit.rms))
-        if high - low < _LEAST * cell or line is None:
+        if high - low < _LEAST * cell or line is None or np.quantile(reach[own], 0.1) > _NEAR * cell:
             continue
         radians = np.radians(line.degrees)
         across = np.sin(radians) * section.axes[1] - np.cos(radians) * section.axes[2]
@@ -153,6 +147,12 @@ def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, fl
         normal = -across if float(across @ solid) > 0 else across
         points = section.origin + section.local[own[line.kept]] @ section.axes
         yield SlimFace(sheet, ends, Plane(ends[0], normal), line.degrees, line.sd_deg, points)
+
+
+def _stretches(held: IntArray, along: FloatArray, gap_m: float) -> list[IntArray]:
+    """Some points (n,) by the stretches of an edge along which they lie without a gap of so many metres."""
+    ordered = held[np.argsort(along[held], kind="stable")]
+    return np.split(ordered, np.flatnonzero(np.diff(along[ordered]) > gap_m) + 1) if len(held) else []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
