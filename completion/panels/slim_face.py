@@ -146,7 +146,14 @@ def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, fl
         solid = section.at(np.array([low]), line.shift_m - cell)[0] - ends[0]
         normal = -across if float(across @ solid) > 0 else across
         points = section.origin + section.local[own[line.kept]] @ section.axes
-        yield SlimFace(sheet, ends, Plane(ends[0], normal), line.degrees, line.sd_deg, points)
+        yield SlimFace(
+            sheet=sheet,
+            ends=ends,
+            plane=Plane(ends[0], normal),
+            degrees=line.degrees,
+            sd_deg=line.sd_deg,
+            points=points,
+        )
 
 
 def _stretches(held: IntArray, along: FloatArray, gap_m: float) -> list[IntArray]:
