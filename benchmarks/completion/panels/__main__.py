@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -38,7 +38,11 @@ _VIEWS = {
     "pipe_rack": ((0.7, -2.6, 1.5), (-0.05, 0.9, 0.9)),
     "engaged_column": ((0.6, -2.4, 1.5), (0.0, 0.9, 0.8)),
 }
-_REAL = ("range/pcl/office1.pcd", "range/icl_nuim#1", "range/e57/pumpA.e57")
+_REAL: dict[str, dict[str, Any]] = {
+    "range/pcl/office1.pcd": {},
+    "range/icl_nuim#1": {"intrinsics": (481.2, -480.0, 319.5, 239.5), "depth_scale": 5000.0},
+    "range/e57/pumpA.e57": {},
+}
 _CAMERA = PinholeSensor(fov_deg=75, width=640, height=480)
 _LOOSE = ("Railing", "Member", "Furnishing", "FlowTerminal", "StairFlight")  # of the duplex: no part of rooms
 _HEAD = (
@@ -62,8 +66,8 @@ def panels(
     for name, scene, scans, exact in _simulated(rooms, first_room, duplex, noise, built_in=built_in):
         for line in _rows(name, scene, scans, peers=peers and exact):
             print(line, flush=True)
-    for path in _REAL if real else ():
-        scan = read_scan(DATA / path)
+    for path, known in _REAL.items() if real else ():
+        scan = read_scan(DATA / path, **known)
         done, seconds = _completed([scan])
         print(_row(path, "panels", done, len(done.observed_mesh().faces), seconds, ["-"] * 4), flush=True)
 
