@@ -84,7 +84,7 @@ def guides_of(patch: Patch) -> list[Guide]:
     """Return a surface's own straight edges, and where it meets what encloses the room.
 
     Cells that are seen obliquely make a saw of an edge. An edge that was fitted to the pixels holds within
-    three cells; where two surfaces meet is known better than where the pixels between them ended, so that
+    four cells; where two surfaces meet is known better than where the pixels between them ended, so that
     it holds within ten.
     """
     cell = float(patch.grid.cell.max())
