@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,25 @@ class PanelPart:
     vertices: FloatArray  # (n, 3) metres, working frame
     faces: NDArray[np.int64]  # (m, 3)
     uv: FloatArray  # (n, 2) chart coordinates, metres
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestFacets:
+    """What no surface explains, as few triangles, and the pixels that tell of its vertices.
+
+    Attributes
+    ----------
+    faces : (m, 3) int
+        Of the vertices of the light model, some of which panels have too.
+    vertex : (n,) int
+        The vertices that these triangles use, ascending.
+    source : (n,) int
+        For each of them the nearest vertex of the pixels' mesh.
+    """
+
+    faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), np.int64))
+    vertex: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    source: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +66,8 @@ class PanelModel:
         Where three meet.
     open_m : dict of str to float
         Length of the edges of a single facet by what lies beyond them (`BoundarySegment.kind`), metres.
+    rest : RestFacets
+        What no surface explains.
     """
 
     vertices: FloatArray
@@ -57,6 +78,7 @@ class PanelModel:
     folds: tuple[FoldEdge, ...]
     corners: tuple[CornerPoint, ...]
     open_m: Mapping[str, float]
+    rest: RestFacets = field(default_factory=RestFacets)
 
     @property
     def is_measured(self) -> BoolArray:

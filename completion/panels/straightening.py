@@ -136,7 +136,7 @@ def _from_corners(area: Any, straight_m: float = 0.0) -> Any:
     def begun(ring: Any) -> FloatArray:
         places = shapely.get_coordinates(ring)[:-1]
         away = np.square(places - places.mean(axis=0)).sum(axis=1)
-        begun_anew = np.roll(places, -int(np.argmax(away)), axis=0)
+        begun_anew = np.asarray(np.roll(places, -int(np.argmax(away)), axis=0), dtype=np.float64)
         if not straight_m:
             return begun_anew
         closed = shapely.linestrings(np.concatenate([begun_anew, begun_anew[:1]]))

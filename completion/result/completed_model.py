@@ -23,6 +23,7 @@ from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
 from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.panels.pipeline import build_panels
+from completion.panels.rest.pipeline import PixelMesh, light_rest
 from completion.panels.sheet import Sheet
 from completion.panels.straightening import surface_polygon
 from completion.relations.surfaces import FoundRelations
@@ -31,6 +32,7 @@ from completion.result.doubts import doubts_of
 from completion.result.flat_scans import FlatScan, flat_doubts
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
 from completion.result.observed_points import (
+    Remainder,
     Shifts,
     observed_mesh,
     observed_parts,
@@ -40,14 +42,13 @@ from completion.result.observed_points import (
 from completion.result.openings import Opening, find_openings
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from scenes.checks import FloatArray, InputError
-from scenes.mesh.thinning import thinned
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.run.spill import NoSpill, Spill, spill_of
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists
-_MOST_SHOWN, _FEW_SHOWN = 400_000, 200_000  # triangles of no surface, in pictures and views; of many points
+_REACH = 3.0  # cells between the border of a panel and the outermost pixels of its surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +160,17 @@ class DerivedModel:
 
     @cached_property
     def panels(self) -> PanelModel:
-        """The light model: all surfaces as facets that meet in their fold edges."""
+        """The light model: all surfaces as facets that meet in their fold edges, and the rest beside them."""
         sheets = [
             Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
         ]
-        rest, _ = self.remainder
-        free = rest.vertices[rest.surface == 0]
-        return self.spill.keep(build_panels(sheets, lambda index: self.surfaces[index].outline, free))
+        points, reach = self.remainder.points, [_REACH * sheet.cell_m for sheet in sheets]
+        faces, owner = points.faces.astype(np.int64), points.surface.astype(np.int64)
+        free = points.vertices[owner == 0]
+        panels = build_panels(sheets, lambda index: self.surfaces[index].outline, free)
+        pixels = PixelMesh(points.vertices, faces, owner, self.remainder.error_m)
+        surfaces = [sheet.surface for sheet in sheets]
+        return self.spill.keep(light_rest(panels, pixels, surfaces, np.array(reach)))
 
     @cached_property
     def textured(self) -> tuple[TexturedPart, ...]:
@@ -222,21 +227,18 @@ class DerivedModel:
         return observed_mesh(self.observations, self.owners, self.shifts)
 
     @cached_property
-    def remainder(self) -> tuple[LabelledPoints, int]:
-        """Measured points that belong to no completed surface, working frame; of every k-th row and column.
-
-        And k, which is 1 but where there are very many.
-        """
+    def remainder(self) -> Remainder:
+        """Measured points of no completed surface, working frame; of every k-th row and column."""
         return self.spill.keep(remainder(self.observations, self.owners, self.shifts))
 
     @cached_property
-    def thin_remainder(self) -> LabelledPoints:
-        """The same with so few triangles that pictures and views show them, provenance and all."""
-        rest, _ = self.remainder
-        most = _MOST_SHOWN if self.observed_step == 1 else _FEW_SHOWN
-        vertices, faces, kept = thinned(rest.vertices, rest.faces, most)
-        of_vertices = {name: getattr(rest, name)[kept] for name in rest.of_vertices if name != "vertices"}
-        return self.spill.keep(LabelledPoints(vertices, faces.astype(np.int32), **of_vertices))
+    def light_remainder(self) -> LabelledPoints:
+        """The same as few triangles, those of the light model, with what is known of the nearest points."""
+        rest, points = self.panels.rest, self.remainder.points
+        columns = {name: getattr(points, name)[rest.source] for name in points.of_vertices}
+        columns["vertices"] = self.panels.vertices[rest.vertex]
+        faces = np.searchsorted(rest.vertex, rest.faces).astype(np.int32)
+        return self.spill.keep(LabelledPoints(faces=faces, **columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

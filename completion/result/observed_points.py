@@ -13,6 +13,7 @@ from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Provenance
 from completion.observe.observation import Observation
 from completion.result.labelled_points import GREY, LabelledPoints, joined
+from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes
 
@@ -30,6 +31,26 @@ class _Band:
 
     points: LabelledPoints
     n_own: int  # vertices before the row after
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remainder:
+    """What belongs to no surface.
+
+    Attributes
+    ----------
+    points : LabelledPoints
+        The points, and those beside them, with the triangles at the former, working frame.
+    error_m : (n,) float
+        What the scans cannot tell apart at each: two standard deviations of the range, or half the distance
+        of pixels there if that is larger, metres.
+    step : int
+        Of every how many rows and columns they are.
+    """
+
+    points: LabelledPoints
+    error_m: FloatArray
+    step: int
 
 
 def observed_parts(
@@ -74,21 +95,24 @@ def observed_mesh(
 
 def remainder(
     observations: Sequence[Observation], owners: Sequence[NDArray[np.int32]], shifts: Shifts = ()
-) -> tuple[LabelledPoints, int]:
+) -> Remainder:
     """Return the points that belong to no surface, with the triangles at them, working frame.
 
-    Where these would be more than two million, it is made of every k-th row and column. Returns k as well.
+    Where these would be more than two million, it is made of every k-th row and column.
     `owners` and `shifts`, (rows, columns) for each scan, as for `observed_parts`.
     """
     n_free = sum(map(_n_free, observations, owners))
     stride = max(1, int(np.ceil(np.sqrt(2 * n_free / _MOST_FACES))))
-    parts = []
+    parts, errors = [], [np.zeros(0)]
     for seen, owner, shift in zip(observations, owners, _of_each(shifts, observations), strict=True):
         for band in _bands(seen, owner, stride, shift):
             first, second, third = (band.points.surface == 0)[band.points.faces.T]
             parts.append(band.points.part(first | second | third))
+            distance = np.linalg.norm(parts[-1].vertices - seen.scan.origin, axis=1)
+            half = distance * (seen.scan.projection.pixel_angle * stride / 2)
+            errors.append(np.maximum(2 * parts[-1].sd, half))
             trim()
-    return joined(parts), stride
+    return Remainder(joined(parts), np.concatenate(errors), stride)
 
 
 def _n_free(seen: Observation, owner: NDArray[np.int32]) -> int:

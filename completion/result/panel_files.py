@@ -8,6 +8,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.panels.fold_edge import FoldEdge
 from completion.result.completed_model import CompletedModel
@@ -18,20 +19,28 @@ from scenes.formats.meshes.ply import write_mesh_ply
 def write_panels_ply(path: str | PathLike[str], completion: CompletedModel, legend: Sequence[str]) -> None:
     """Write the light model in world coordinates, each facet with `surface`, `state` and `provenance`.
 
+    Surface 0 is what no surface explains.
+
     Raises InputError: the file cannot be written.
     """
     panels = completion.panels()
+    n_rest = len(panels.rest.faces)
     write_mesh_ply(
         path,
         completion.world_from_reference.apply(panels.vertices),
-        panels.faces.astype(np.int32),
+        np.concatenate([panels.faces, panels.rest.faces]).astype(np.int32),
         comments=("state 0 measured 1 inferred", *legend),
         face_properties={
-            "surface": panels.face_surface,
-            "state": (~panels.is_measured).astype(np.uint8),
-            "provenance": panels.face_provenance.astype(np.uint8),
+            "surface": _padded(panels.face_surface, n_rest),
+            "state": _padded((~panels.is_measured).astype(np.uint8), n_rest),
+            "provenance": _padded(panels.face_provenance.astype(np.uint8), n_rest),
         },
     )
+
+
+def _padded(values: NDArray[Any], n: int) -> NDArray[Any]:
+    """Values of facets, with 0 for n more."""
+    return np.pad(values, (0, n))
 
 
 def panels_record(completion: CompletedModel) -> dict[str, Any]:
@@ -50,6 +59,7 @@ def panels_record(completion: CompletedModel) -> dict[str, Any]:
         ],
         "panels": {
             "triangles": len(panels.faces),
+            "rest_triangles": len(panels.rest.faces),
             "vertices": len(panels.vertices),
             "open_edges_m": dict(panels.open_m),
         },

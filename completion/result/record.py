@@ -64,7 +64,7 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
             if kept.any():
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
                 parts.append(_surface_part(completion, index, panels.part(kept), name))
-    rest, _ = completion.derived.remainder
+    rest = completion.derived.light_remainder
     if len(rest.faces):
         vertices = completion.world_from_reference.apply(rest.vertices)
         faces = rest.faces.astype(np.int64)
@@ -95,8 +95,7 @@ def display_mesh(
 ) -> LabelledMesh:
     """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
 
-    Of what belongs to no surface it holds no more than pictures show. Inferred area is shown if
-    `hypothesised`; `mark` paints it in one colour instead of its texture.
+    Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
     places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
     atlas, n_places = completion.derived.atlas, 0
@@ -114,7 +113,7 @@ def display_mesh(
         labels.append(np.full(len(faces), state, np.int32))
         face_image.append(np.full(len(faces), page, np.int32))
         corner_uv.append(one.uv[faces])
-    rest = completion.derived.thin_remainder
+    rest = completion.derived.light_remainder
     places.append(rest.vertices)
     corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
     colours.append(rest.colour[rest.faces].astype(np.float32) / np.float32(255))
@@ -188,7 +187,7 @@ def completion_record(
         "flatness_m": completion.flatness_m,
         "choice": {**asdict(completion.choice), "only": list(completion.choice.only)},
         "projector": [seen.shadow._asdict() for seen in completion.observations],
-        "remainder_step": completion.derived.remainder[1],
+        "remainder_step": completion.derived.remainder.step,
         "observed_step": 1 if observed == "full" else completion.derived.observed_step,
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }

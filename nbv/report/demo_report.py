@@ -13,7 +13,7 @@ from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measured_samples, visibility_history
 from nbv.coverage.share_error import share_error
-from nbv.coverage.surface_classes import CLOSE_M, distances
+from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
 from nbv.report.blocks.rooms import set_apart
@@ -42,6 +42,7 @@ from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
+from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 

@@ -124,10 +124,9 @@ def _completed(scans: list[RangeImage]) -> tuple[Completion, float]:
 
 def _with_rest(done: Completion) -> tuple[FloatArray, NDArray[np.int64]]:
     """The light model with what belongs to no surface, world coordinates."""
-    own, (rest, _) = done.panels(), done.derived.remainder
-    vertices = np.concatenate([own.vertices, rest.vertices])
-    faces = np.concatenate([own.faces, rest.faces.astype(np.int64) + len(own.vertices)])
-    return done.world_from_reference.apply(vertices), faces
+    own = done.panels()
+    faces = np.concatenate([own.faces, own.rest.faces])
+    return done.world_from_reference.apply(own.vertices), faces
 
 
 def _row(name: str, label: str, done: Completion, n_pixels: int, seconds: float, said: list[str]) -> str:

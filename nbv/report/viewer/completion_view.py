@@ -187,7 +187,7 @@ def _pieces(completion: CompletedModel, part: TexturedPart, limit_m2: float) -> 
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest = completion.derived.thin_remainder
+    rest = completion.derived.light_remainder
     faces = rest.faces
     n = len(faces)
     return _Pieces(

@@ -130,13 +130,16 @@ def test_the_files_hold_facets_with_their_state_and_folds(done, tmp_path):
     scan.save(tmp_path)
     mesh, panels = read_mesh_ply(tmp_path / "model.ply"), scan.panels()
     assert mesh.vertices == pytest.approx(scan.world_from_reference.apply(panels.vertices))
-    assert mesh.faces.tolist() == panels.faces.tolist()
+    assert mesh.faces.tolist() == [*panels.faces.tolist(), *panels.rest.faces.tolist()]
+    is_rest = np.arange(len(mesh.faces)) >= len(panels.faces)
+    assert ((mesh.face_properties["surface"] == 0) == is_rest).all()
+    assert not mesh.face_properties["state"][is_rest].any()
     assert set(mesh.face_properties) == {"surface", "state", "provenance"}
     assert ((mesh.face_properties["state"] == 0) == (mesh.face_properties["provenance"] == 0)).all()
     assert "state 0 measured 1 inferred" in mesh.comments
     record = json.loads((tmp_path / "completion.json").read_text())
     assert len(record["folds"]) == len(panels.folds)
-    assert record["panels"]["triangles"] == len(mesh.faces)
+    assert record["panels"]["triangles"] + record["panels"]["rest_triangles"] == len(mesh.faces)
     fold = record["folds"][0]
     assert fold["length_m"] == pytest.approx(np.linalg.norm(np.diff(fold["points"], axis=0), axis=1).sum())
     assert 0 <= fold["measured_share"] <= 1

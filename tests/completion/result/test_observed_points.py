@@ -51,17 +51,22 @@ def test_the_remainder_is_what_touches_points_of_no_surface(seen, owner, band, m
     whole = observed_mesh([seen], [owner])
     expected = whole.part((whole.surface == 0)[whole.faces].any(axis=1))
     monkeypatch.setattr(observed_points, "_BAND", band)
-    rest, step = remainder([seen], [owner])
-    assert step == 1
-    np.testing.assert_array_equal(triangles(rest), triangles(expected))
+    rest = remainder([seen], [owner])
+    assert rest.step == 1
+    np.testing.assert_array_equal(triangles(rest.points), triangles(expected))
+    footprint = (
+        np.linalg.norm(rest.points.vertices - seen.scan.origin, axis=1) * seen.scan.projection.pixel_angle
+    )
+    np.testing.assert_allclose(rest.error_m, np.maximum(2 * rest.points.sd, footprint / 2))
 
 
 def test_a_large_remainder_is_coarser_and_covers_the_same(seen, monkeypatch):
     nobody = [np.zeros(seen.scan.shape, np.int32)]
-    fine, _ = remainder([seen], nobody)
+    fine = remainder([seen], nobody).points
     monkeypatch.setattr(observed_points, "_MOST_FACES", 4_000)
-    coarse, step = remainder([seen], nobody)
-    assert step == 2
+    found = remainder([seen], nobody)
+    coarse = found.points
+    assert found.step == 2
     assert len(coarse.faces) <= 4_000
     assert mesh_area(coarse.vertices, coarse.faces) == pytest.approx(
         mesh_area(fine.vertices, fine.faces), rel=0.2

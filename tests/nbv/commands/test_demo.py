@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 import nbv.commands.demo
 from nbv.cli import app
 from nbv.coverage.coverage import MET, UNREACHABLE, Coverage
-from nbv.coverage.surface_classes import distances
 from nbv.report.demo_report import INFERRED, MEASURED, UNKNOWN, Comparison, compare, unreached_share
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
+from scenes.mesh.triangle_distance import distances
 from scenes.world.builtin import builtin_scene
 
 SENSOR = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 75.0\nwidth = 96\nheight = 96\n'

@@ -16,7 +16,6 @@ from nbv.coverage.surface_classes import (
     MODELLED,
     UNKNOWN,
     classify,
-    distances,
     shares_of,
 )
 from nbv.online.expected_gain import ExpectedGain, SurfacePrior
@@ -34,6 +33,7 @@ from nbv.visibility.samples import sample_surface
 from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
+from scenes.mesh.triangle_distance import distances
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.world.building import Finish, SceneBuilder
