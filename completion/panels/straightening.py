@@ -122,7 +122,20 @@ def straightened(
 
     laid = shapely.transform(dense, lay) if guides else dense
     corners = _from_corners(laid, _STRAIGHT * cell_m)
-    return _from_corners(shapely.make_valid(corners)).simplify(_ROUGH * cell_m)
+    return _from_corners(_put_right(corners)).simplify(_ROUGH * cell_m)
+
+
+def _put_right(polygons: Any) -> Any:
+    """Polygons whose rings cross themselves or each other as valid ones, ring by ring.
+
+    A ring that became a bow tie keeps both its parts, and a hole that was laid on the outline stays open.
+    """
+    parts = shapely.get_parts(polygons)
+    rings = [[part.exterior for part in parts], [hole for part in parts for hole in part.interiors]]
+    shells, holes = (
+        shapely.union_all(shapely.make_valid([shapely.Polygon(r) for r in some])) for some in rings
+    )
+    return shapely.difference(shells, holes)
 
 
 def _from_corners(area: Any, straight_m: float = 0.0) -> Any:

@@ -96,6 +96,13 @@ def test_an_outline_that_guides_fold_keeps_its_parts(seed):
     assert straightened(area, guides, 0.1).area > 0.5 * area.area
 
 
+def test_a_hole_that_is_laid_on_the_outline_stays_open():
+    """A door whose sill is a row of cells: both edges of the row follow the floor."""
+    wall = Polygon([(0, 0.02), (4, 0.02), (4, 3), (0, 3)], [[(1, 0.05), (2, 0.05), (2, 2), (1, 2)]])
+    floor = Guide(Line(np.zeros(2), np.array([1.0, 0.0])), np.array([[-np.inf, np.inf]]), 0.1)
+    assert straightened(wall, [floor], 0.03).area == pytest.approx(12 - 2, rel=0.02)
+
+
 def mesh_area(part):
     return trimesh.Trimesh(part.vertices, part.faces, process=False).area
 
