@@ -20,7 +20,7 @@ from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 
 PRECISION_M = 1e-4  # of coordinates in a chart
-_STRIP = 3.0  # cells beside a fold that are filled, or cut away
+_STRIP = 4.5  # cells beside a fold that are filled, or cut away
 _LEAST_CELLS = 9  # of a part that is left when folds have cut
 _ROUGH = 1.5  # cells: side of the square of the least corner of an outline
 _AROUND = 20  # cells beyond a chart to which its seam goes on

@@ -17,6 +17,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _REACH = 2.0  # cells between a surface's outline and a fold that it reaches
 _ACROSS = (0.5, 1.0, 1.5, _REACH)  # cells beside a fold at which a surface that reaches it is looked for
+_FARTHER = (3.0, 4.0)  # the same, where nothing was seen to be free between
 _BESIDE = 3.0  # cells beside a fold at which a surface goes on
 _BRIDGED = 4.0  # cells of a fold along which only one of the two is there
 _LEAST = 3.0  # cells of a fold
@@ -73,7 +74,8 @@ class Fold:
 def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
     """Return the folds of all pairs of surfaces that both reach the curve in which they meet.
 
-    A surface reaches a place of the curve where its outline is within two cells of it. Gaps of four cells are
+    A surface reaches a place of the curve where its outline is within two cells of it, or four where nothing
+    is known to be free between. Gaps of four cells are
     bridged; a fold is three cells long at least. It is divided where a surface that ended there goes on. A
     fold that is known to no better than a cell is none.
     """
@@ -169,13 +171,20 @@ def chart_of(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray,
 
 
 def _reaches(sheet: Sheet, uv: FloatArray, left: FloatArray) -> BoolArray:
-    """Whether a surface is within two cells (n,) of places (n, 2) of a curve, straight across it."""
+    """Whether a surface is within two cells (n,) of places (n, 2) of a curve, straight across it.
+
+    Within four where no beam went through between: a surface that is seen obliquely has few pixels there.
+    """
     found = sheet.is_within(within_period(sheet, uv), 0.0)
-    for beside in _ACROSS:
+    for beside in (*_ACROSS, *_FARTHER):
         for sign in (1.0, -1.0):
-            open_ = np.flatnonzero(~found)
-            place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
-            found[open_] = sheet.is_within(within_period(sheet, place), 0.0)
+            held = np.flatnonzero(~found)
+            step = sign * sheet.cell_m * left[held]
+            there = sheet.is_within(within_period(sheet, uv[held] + beside * step), 0.0)
+            if beside in _FARTHER:
+                between = (within_period(sheet, uv[held] + k * step) for k in np.arange(beside))
+                there &= ~np.logical_or.reduce([sheet.is_free(place) for place in between])
+            found[held] = there
     return found
 
 
@@ -187,7 +196,7 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
     """
     uv, left = chart_of(sheet, curve, t)
     result = np.zeros((len(t), 2), np.bool_)
-    for beside in (_BESIDE, *_ACROSS[::-1]):
+    for beside in (_BESIDE, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
         open_ = np.flatnonzero(~result.any(axis=1))
         for column, sign in enumerate((1.0, -1.0)):
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]

@@ -24,7 +24,7 @@ class FoldEdge:
     Attributes
     ----------
     surfaces : (int, int)
-        Their numbers, from 1.
+        Their numbers, from 1; 0 for a face that is too slim to be a surface.
     goes_on : tuple of int
         Those that go on beyond it, as a floor does under a partition.
     points : (n, 3) float
@@ -37,6 +37,10 @@ class FoldEdge:
         Its length.
     measured_share : float
         Share of the length along which both surfaces were measured up to it.
+    normals : (2, 3) float
+        Unit normals of both at its middle.
+    dihedral_sd_deg : float, optional
+        Standard deviation of the angle, where it was measured beside the edge.
     """
 
     surfaces: tuple[int, int]
@@ -46,6 +50,8 @@ class FoldEdge:
     dihedral_deg: float
     length_m: float
     measured_share: float
+    normals: FloatArray
+    dihedral_sd_deg: float | None = None
 
     @property
     def kind(self) -> str:
@@ -90,6 +96,7 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
         dihedral_deg=_dihedral(fold, own),
         length_m=float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
         measured_share=float(measured.mean()),
+        normals=np.stack([sheet.surface.normal(points[[len(points) // 2]])[0] for sheet in own]),
     )
 
 

@@ -15,10 +15,14 @@ from completion.panels.healing import edges_of
 from completion.panels.model import PanelModel
 from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
+from completion.panels.slim_face import slim_folds
 from completion.panels.welding import Facets, weld
+from scenes.checks import FloatArray
 
 
-def build_panels(sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]) -> PanelModel:
+def build_panels(
+    sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells], rest: FloatArray
+) -> PanelModel:
     """Build the light model of completed surfaces (fold-seeded triangulation, McCormick & Fisher 2002).
 
     Folds are not looked for in a mesh: they are the intersections of surfaces that are known already, and the
@@ -30,6 +34,8 @@ def build_panels(sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]
         The surfaces as areas of their charts, in the order of their numbers.
     outline : callable
         What is known of the outline of the surface of a number, from 0.
+    rest : (n, 3) float
+        Measured points that belong to no surface, metres.
     """
     # 1. Fold: find the stretches of curves that two surfaces reach, and on which sides of them they go on.
     found = find_folds(sheets)
@@ -47,14 +53,18 @@ def build_panels(sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]
     # 4. Weld: give both surfaces of a fold the same nodes, triangulate without further points, and join.
     facets = weld(charts)
 
-    # 5. Tell: how well folds and corners are known, and what lies beyond the edges that are left open.
+    # 5. Find the folds at which faces begin that are too slim to be surfaces, as the sides of a board.
+    edges = [fold_edge(fold, sheets) for fold in folds]
+    edges += slim_folds(sheets, rest, edges)
+
+    # 6. Tell: how well folds and corners are known, and what lies beyond the edges that are left open.
     return PanelModel(
         vertices=facets.vertices,
         faces=facets.faces,
         face_surface=facets.surface,
         face_provenance=facets.provenance,
         corner_uv=facets.corner_uv,
-        folds=tuple(fold_edge(fold, sheets) for fold in folds),
+        folds=tuple(edges),
         corners=tuple(corner_point(corner, sheets) for corner in corners),
         open_m=_open_edges(facets, sheets, outline),
     )

@@ -42,8 +42,20 @@ class Sheet:
 
     @classmethod
     def of(cls, number: int, patch: Patch, area: Any) -> Sheet:
-        """Return the sheet of a patch that covers an area of its chart (`surface_polygon`)."""
-        return cls(number, patch, area, spread_provenance(patch))
+        """Return the sheet of a patch that covers an area of its chart (`surface_polygon`).
+
+        Holes of a closed cylinder through which no beam went are closed, as inferred: they lie at its limb,
+        where a pixel is many cells wide.
+        """
+        if not patch.grid.wraps:
+            return cls(number, patch, area, spread_provenance(patch, patch.provenance))
+        known = patch.provenance
+        holes = ndimage.binary_fill_holes(known >= 0) & (known < 0)
+        part, n_parts = ndimage.label(holes)
+        free = np.bincount(part.ravel(), patch.evidence.open.ravel(), minlength=n_parts + 1)
+        known = np.where(holes & (free[part] == 0), np.int8(Provenance.FULL_TURN), known)
+        uv = patch.grid.centres_uv().reshape(-1, 2)[(holes & (known < 0)).ravel()]
+        return cls(number, patch, _without_holes(area, uv), spread_provenance(patch, known))
 
     @property
     def surface(self) -> Surface:
@@ -70,6 +82,13 @@ class Sheet:
         found = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         return np.asarray(found, dtype=np.int8)
 
+    def is_free(self, uv: FloatArray) -> BoolArray:
+        """Which places (n, 2) of the chart beams went through."""
+        inside, cells = self.patch.grid.cells_at(uv)
+        free = np.zeros(len(uv), np.bool_)
+        free[inside] = self.patch.evidence.open.ravel()[cells]
+        return free
+
     def is_within(self, uv: FloatArray, distance_m: float) -> BoolArray:
         """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""
         shapely.prepare(self.area)
@@ -82,14 +101,23 @@ class Sheet:
         return found
 
 
-def spread_provenance(patch: Patch) -> NDArray[np.int8]:
-    """Give every cell (rows, columns) the provenance of the nearest covered one.
+def _without_holes(area: Any, free: FloatArray) -> Any:
+    """The polygons of an area with those of their holes in which there are `free` places (n, 2) alone."""
+    points, parts = shapely.points(free), shapely.get_parts(shapely.get_parts(area))
+    kept = []
+    for part in (part for part in parts if part.geom_type == "Polygon"):
+        open_ = [hole for hole in part.interiors if shapely.intersects(shapely.Polygon(hole), points).any()]
+        kept.append(shapely.Polygon(part.exterior, open_))
+    return shapely.union_all(kept)
+
+
+def spread_provenance(patch: Patch, known: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Give every cell (rows, columns) the provenance of the nearest `known` one; -1 is none.
 
     Measured cells are closed by one cell, never over free space; what was inferred in parts of fewer than
     nine cells counts as measured (each of its cells is beside a measured one), and what was measured in such
     parts within inferred surface as inferred.
     """
-    known = patch.provenance
     measured = known == Provenance.MEASURED
     if not measured.any():
         return np.full(known.shape, Provenance.MEASURED, np.int8)

@@ -23,6 +23,7 @@ _BEYOND = 2.0  # cells by which an outline may follow an edge past where it was 
 _ROUGH = 1.0  # cells that an outline may be off its polygon
 _STRAIGHT = 1e-6  # cells that a place between two corners is off their line
 _LEAST_CELLS = 9  # of a part or a hole
+_LEAST_RING = 3  # places of a closed ring; flatter ones are no polygon
 _PARALLEL = float(np.sin(np.radians(10.0)))
 
 
@@ -83,7 +84,7 @@ def guides_of(patch: Patch) -> list[Guide]:
     """Return a surface's own straight edges, and where it meets what encloses the room.
 
     Cells that are seen obliquely make a saw of an edge. An edge that was fitted to the pixels holds within
-    three cells; where two surfaces meet is known better than where the pixels between them ended, so that
+    four cells; where two surfaces meet is known better than where the pixels between them ended, so that
     it holds within ten.
     """
     cell = float(patch.grid.cell.max())
@@ -120,22 +121,30 @@ def straightened(
         return moved
 
     laid = shapely.transform(dense, lay) if guides else dense
-    corners = _from_corners(laid).simplify(_STRAIGHT * cell_m, preserve_topology=False)
+    corners = _from_corners(laid, _STRAIGHT * cell_m)
     return _from_corners(shapely.make_valid(corners)).simplify(_ROUGH * cell_m)
 
 
-def _from_corners(area: Any) -> Any:
+def _from_corners(area: Any, straight_m: float = 0.0) -> Any:
     """The same polygons, each ring from its place farthest from the middle on.
 
     Simplifying keeps the place that a ring begins at (Douglas & Peucker 1973), which rounding would choose.
+    Places that are off a straight side by no more than `straight_m` are dropped, ring by ring: of a ring that
+    crosses itself the polygon's own way of it would lose a part.
     """
 
     def begun(ring: Any) -> FloatArray:
         places = shapely.get_coordinates(ring)[:-1]
         away = np.square(places - places.mean(axis=0)).sum(axis=1)
-        return np.roll(places, -int(np.argmax(away)), axis=0)
+        begun_anew = np.asarray(np.roll(places, -int(np.argmax(away)), axis=0), dtype=np.float64)
+        if not straight_m:
+            return begun_anew
+        closed = shapely.linestrings(np.concatenate([begun_anew, begun_anew[:1]]))
+        kept = shapely.get_coordinates(shapely.simplify(closed, straight_m, preserve_topology=False))
+        return np.asarray(kept if len(kept) > _LEAST_RING else begun_anew, dtype=np.float64)
 
-    polygons = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and not part.is_empty]
+    parts = shapely.get_parts(shapely.get_parts(area))  # what was folded can become a collection of several
+    polygons = [part for part in parts if part.geom_type == "Polygon" and not part.is_empty]
     return shapely.MultiPolygon(
         [shapely.Polygon(begun(part.exterior), [begun(hole) for hole in part.interiors]) for part in polygons]
     )

@@ -164,9 +164,10 @@ class DerivedModel:
         sheets = [
             Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
         ]
-        panels = build_panels(sheets, lambda index: self.surfaces[index].outline)
         points, reach = self.remainder.points, [_REACH * sheet.cell_m for sheet in sheets]
         faces, owner = points.faces.astype(np.int64), points.surface.astype(np.int64)
+        free = points.vertices[owner == 0]
+        panels = build_panels(sheets, lambda index: self.surfaces[index].outline, free)
         pixels = PixelMesh(points.vertices, faces, owner, self.remainder.error_m)
         surfaces = [sheet.surface for sheet in sheets]
         return self.spill.keep(light_rest(panels, pixels, surfaces, np.array(reach)))

@@ -74,6 +74,7 @@ def _fold(fold: FoldEdge, points: FloatArray, turn: FloatArray) -> dict[str, Any
         "points": points.tolist(),
         "length_m": fold.length_m,
         "dihedral_deg": fold.dihedral_deg,
+        "dihedral_sd_deg": fold.dihedral_sd_deg,
         "sd_m": fold.sd_m,
         "covariance_m2": (turn @ fold.covariance @ turn.T).tolist(),
         "measured_share": fold.measured_share,

@@ -82,11 +82,13 @@ class ChartTexture:
         return np.asarray(self.image[row, column], dtype=np.uint8)
 
 
-def spread_colour(image: NDArray[np.uint8], known: BoolArray, wraps: bool) -> NDArray[np.uint8]:
+def spread_colour(
+    image: NDArray[np.uint8], known: BoolArray, wraps: bool, reach: int = _MARGIN
+) -> NDArray[np.uint8]:
     """Repeat the colour of known texels in those beside them, so that interpolation at edges stays in it.
 
     The image (rows, columns, 3) is sRGB; it comes back grey where nothing is `known`, (rows, columns), within
-    two texels. `wraps`: columns close.
+    `reach` texels, two at least: beyond two, texels have the colour of the nearest. `wraps`: columns close.
     """
     sides = ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN))
     done, result = np.pad(known, sides), np.pad(np.where(known[..., None], image, GREY), (*sides, (0, 0)))
@@ -103,6 +105,14 @@ def spread_colour(image: NDArray[np.uint8], known: BoolArray, wraps: bool) -> ND
         new = ~done & (weight > 0.01)
         result[new] = np.rint(mean[new] / weight[new, None])
         done |= new
+    if reach > _MARGIN and done.any() and not done.all():
+        distance, label = cv2.distanceTransformWithLabels(
+            (~done).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        source = np.zeros(int(label.max()) + 1, np.int64)
+        source[label[done]] = np.flatnonzero(done)
+        near = ~done & (distance <= reach - _MARGIN)
+        result[near] = result.reshape(-1, 3)[source[label[near]]]
     return np.ascontiguousarray(result[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN], dtype=np.uint8)
 
 

@@ -17,6 +17,8 @@ from completion.texturing.problem import TexturingOptions, resized, set_task
 from texture import fill_surface, measure_verbatim_share
 from texture.sampling.arguments import SearchName
 
+_BEYOND = 5.0  # cells beyond what is covered that facets may reach, up to the fold where they end
+
 
 def settled(
     options: TexturingOptions, patches: Sequence[Patch], observations: Sequence[Observation]
@@ -63,8 +65,9 @@ def texture_patch(
     raster = lay_texels(patch, observations, options.max_texels)
     measured = measure_colour(patch, raster, observations)
     wanted = raster.of_cells(patch.hypothesised)
+    reach = int(np.ceil(_BEYOND * patch.grid.cell.max() / raster.texel_m))
     if not wanted.any() or not measured.known.any():
-        image = spread_colour(measured.image, measured.known, raster.grid.wraps)
+        image = spread_colour(measured.image, measured.known, raster.grid.wraps, reach)
         return ChartTexture(image, raster.grid, measured.known, np.zeros_like(measured.known))
     light = cast_shadows(measured.image, measured.pure, raster.grid.wraps)
     search: SearchName = "budget" if options.search == "budget" else "exact"
@@ -84,7 +87,7 @@ def texture_patch(
     image = measured.image.copy()
     image[wanted] = np.rint(resized(filled.image, wanted.shape)[wanted] * light[wanted])
     return ChartTexture(
-        image=spread_colour(image, measured.known | wanted, raster.grid.wraps),
+        image=spread_colour(image, measured.known | wanted, raster.grid.wraps, reach),
         grid=raster.grid,
         measured=measured.known & ~wanted,
         synthesised=wanted,

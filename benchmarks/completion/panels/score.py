@@ -54,8 +54,9 @@ def folds_of_panels(done: CompletedModel) -> SampledFolds:
     for fold in done.panels().folds:
         places = _along(fold.points)
         points.append(world.apply(places))
-        for number, some in zip(fold.surfaces, normals, strict=True):
-            some.append(world.rotate(surfaces[number - 1].normal(places)))
+        for number, own, some in zip(fold.surfaces, fold.normals, normals, strict=True):
+            known = surfaces[number - 1].normal(places) if number else np.tile(own, (len(places), 1))
+            some.append(world.rotate(known))
     return SampledFolds(np.concatenate(points), *(np.concatenate(some) for some in normals))
 
 

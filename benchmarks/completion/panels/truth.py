@@ -30,11 +30,15 @@ class TrueFolds:
     normals: FloatArray
 
     @classmethod
-    def of(cls, scene: Scene, scans: Sequence[RangeImage]) -> TrueFolds:
-        """Return those of a scene that its scans, which know their truth, look at."""
+    def of(cls, scene: Scene, scans: Sequence[RangeImage], left_out: Sequence[str] = ()) -> TrueFolds:
+        """Return those of a scene that its scans, which know their truth, look at.
+
+        Folds in view of surfaces whose names hold one of the words `left_out` are not asked for.
+        """
         seen = np.concatenate([scan.true_points().reshape(-1, 3) for scan in scans])
         places, normals = _surface_places(scene, np.nanmin(seen, axis=0) - 0.1, np.nanmax(seen, axis=0) + 0.1)
-        found = np.concatenate([folds_in_view(scene, scan) for scan in scans])
+        asked = np.array([not any(word in name for word in left_out) for name in scene.surface_names])
+        found = np.concatenate([folds_in_view(scene, scan, asked) for scan in scans])
         _, first = np.unique(np.floor(found / 0.01).astype(np.int64), axis=0, return_index=True)
         return cls(found[np.sort(first)], cKDTree(places), normals)
 
@@ -59,8 +63,10 @@ class TrueFolds:
         return result
 
 
-def folds_in_view(scene: Scene, scan: RangeImage) -> FloatArray:
+def folds_in_view(scene: Scene, scan: RangeImage, asked: BoolArray) -> FloatArray:
     """Places (n, 3) where neighbouring pixels of a scan lie on surfaces that meet between them.
+
+    Both are among those `asked` for, (surfaces,).
 
     The planes of the triangles that were hit are cut with one another; the cut lies within two and a half
     footprints of both pixels, and they meet at 20 degrees at least.
@@ -78,6 +84,7 @@ def folds_in_view(scene: Scene, scan: RangeImage) -> FloatArray:
         surface = scene.mesh.face_surface
         both = (one >= 0) & (other >= 0)
         both[both] = _is_other(scene, surface[one[both]], surface[other[both]])
+        both[both] = asked[surface[one[both]]] & asked[surface[other[both]]]
         n, m = normals[one[both]], normals[other[both]]
         cosine = (n * m).sum(axis=1)
         square = 1 - cosine**2

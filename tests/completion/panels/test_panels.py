@@ -93,7 +93,7 @@ def test_measured_facets_lie_where_it_was_measured(done, name):
         uv = np.einsum("nk,mkd->mnd", weights, panels.corner_uv[own]).reshape(-1, 2)
         near = ndimage.binary_dilation(patch.observed, np.ones((3, 3)), iterations=3)
         inside, cells = patch.grid.cells_at(uv)
-        sheet = Sheet(number, patch, None, spread_provenance(patch))
+        sheet = Sheet(number, patch, None, spread_provenance(patch, patch.provenance))
         measured = near.ravel()[cells] | (sheet.provenance_at(uv[inside]) == Provenance.MEASURED)
         assert measured.mean() > 0.995 if len(cells) else True
 

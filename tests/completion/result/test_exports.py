@@ -82,6 +82,20 @@ def test_obj_and_glb_hold_the_same_objects_textured(post, tmp_path):
     assert inferred == pytest.approx(post.hypothesised_m2, rel=0.01)
 
 
+@pytest.mark.parametrize("seed", [228, 303, 352])
+def test_an_outline_that_guides_fold_keeps_its_parts(seed):
+    """Both sides of a narrow place follow one guide: what is left are several polygons and lines."""
+    rng, n = np.random.default_rng(seed), 14
+    top = np.column_stack([np.arange(n), rng.uniform(0.2, 1.2, n)])
+    bottom = np.column_stack([np.arange(n)[::-1], -rng.uniform(0.2, 1.2, n)])
+    area, guides = Polygon(np.concatenate([top, bottom])), []
+    for run in ([2, 5], [8, 11]):
+        height, slope = rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1)
+        line = Line(np.array([0, height]), np.array([1.0, slope]) / np.hypot(1, slope))
+        guides.append(Guide(line, np.array([run], float), 1.0))
+    assert straightened(area, guides, 0.1).area > 0.5 * area.area
+
+
 def mesh_area(part):
     return trimesh.Trimesh(part.vertices, part.faces, process=False).area
 

@@ -54,6 +54,8 @@ def test_what_is_inferred_does_not_depend_on_it(both):
     del other["flattening"]
     for one in other["surfaces"]:
         one.pop("flattening", None)
+    for record in (said, other):
+        del record["panels"]  # what borders on panels is flattened, and its nodes are theirs
     assert json.dumps(said, default=repr) == json.dumps(other, default=repr)
 
 
