@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
@@ -19,16 +21,41 @@ def distances(points: FloatArray, corners: FloatArray) -> FloatArray:
 
     Triangles are cut until all are of similar size; for each point those with the nearest centres are tried.
     """
-    nearest = np.full(len(points), np.inf)
-    if not len(corners) or not len(points):
+    return TriangleTree.of(corners).distances(points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleTree:
+    """Triangles prepared for distances: build once, ask often.
+
+    Attributes
+    ----------
+    corners : (m, 3, 3) float
+        The triangles, cut until all are of similar size, metres.
+    tree : cKDTree
+        Of their centres.
+    """
+
+    corners: FloatArray
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, corners: FloatArray) -> TriangleTree:
+        """Return the tree of triangles (m, 3, 3), metres."""
+        pieces = _similar(corners) if len(corners) else corners
+        return cls(pieces, cKDTree(pieces.mean(axis=1)))
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Distance (n,) of points (n, 3) from the triangles, metres; inf where there are none."""
+        nearest = np.full(len(points), np.inf)
+        if not len(self.corners) or not len(points):
+            return nearest
+        k = min(_NEAREST, len(self.corners))
+        found = self.tree.query(points, k=k)[1].reshape(len(points), k)
+        for column in range(k):
+            foot = trimesh.triangles.closest_point(self.corners[found[:, column]], points)
+            nearest = np.minimum(nearest, np.linalg.norm(foot - points, axis=1))
         return nearest
-    corners = _similar(corners)
-    k = min(_NEAREST, len(corners))
-    found = cKDTree(corners.mean(axis=1)).query(points, k=k)[1].reshape(len(points), k)
-    for column in range(k):
-        foot = trimesh.triangles.closest_point(corners[found[:, column]], points)
-        nearest = np.minimum(nearest, np.linalg.norm(foot - points, axis=1))
-    return nearest
 
 
 def _similar(corners: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from completion.panels.arrangement import PRECISION_M
 from completion.panels.healing import edges_of, heal
 from completion.panels.model import PanelModel, RestFacets
 from completion.panels.rest.border import Border
-from completion.panels.rest.decimation import decimated
+from completion.panels.rest.decimation import as_one, decimated
 from completion.panels.rest.stitching import along_border, with_nodes
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.triangle_distance import distances
@@ -70,7 +70,7 @@ def light_rest(
         How far from a panel's border its outermost pixels may lie, metres.
     """
     # 1. Clip: what lies on panels, as far as the scans can tell, is in the model already.
-    left = _unexplained(panels, pixels)
+    left = _unexplained(panels, _welded(pixels))
 
     # 2. Snap: pixels of a surface go to it, and to the border of its panels where that is near.
     snapped = _snapped(panels, left, surfaces, reach_m)
@@ -91,6 +91,12 @@ def light_rest(
     faces = _proper(faces)
     kept = faces[~_doubled(held.panels, vertices, faces, pixels.bound_m)]
     return _joined(held.panels, vertices, kept, pixels)
+
+
+def _welded(pixels: PixelMesh) -> PixelMesh:
+    """The mesh with vertices at the very same place as one: a scan's rows are meshed some at a time."""
+    _, first, index = np.unique(as_one(pixels.vertices), return_index=True, return_inverse=True)
+    return replace(pixels, faces=first[index][pixels.faces])
 
 
 def _unexplained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
