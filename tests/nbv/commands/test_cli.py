@@ -348,7 +348,14 @@ def completed(tmp_path_factory, scan):
 
 def test_complete_writes_what_the_contract_names(completed):
     out, summary = completed
-    names = {"completed.glb", "observed.ply", "hypothesised.ply", "polygons.json", "completion.json"}
+    names = {
+        "completed.glb",
+        "model.ply",
+        "observed.ply",
+        "hypothesised.ply",
+        "polygons.json",
+        "completion.json",
+    }
     names.add("report.html")
     assert set(contents(out)) == names
     assert summary["hypothesised_m2"] > 0
