@@ -39,7 +39,7 @@ def test_demo_writes_everything(demo):
     out, summary = demo
     names = {
         "completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "plan.json", "coverage.json",
-        "report.html", "manifest.json", "plan.csv", "trajectory.txt", "polygons.json",
+        "report.html", "manifest.json", "plan.csv", "trajectory.txt", "polygons.json", "model.ply",
     }  # fmt: skip
     assert {file.name for file in out.iterdir()} == names
     assert summary["measured"] + summary["inferred"] + summary["unknown"] == pytest.approx(1.0)
