@@ -21,7 +21,7 @@ Shifts = Sequence[NDArray[np.float32]]
 """By how many metres the pixels (rows, columns) of each scan are moved along their rays; empty for none."""
 _BAND = 1 << 18  # pixels that are meshed at a time
 _STEP = 6.0  # pixels' footprints, and standard deviations, that neighbours may be apart
-_MOST_FACES = 2_000_000  # of what belongs to no surface
+_MOST_FACES = 600_000  # of what belongs to no surface
 _MOST_POINTS = 10_000_000  # what programs that show points still turn smoothly
 
 
@@ -98,7 +98,7 @@ def remainder(
 ) -> Remainder:
     """Return the points that belong to no surface, with the triangles at them, working frame.
 
-    Where these would be more than two million, it is made of every k-th row and column.
+    Where these would be more than six hundred thousand, it is made of every k-th row and column.
     `owners` and `shifts`, (rows, columns) for each scan, as for `observed_parts`.
     """
     n_free = sum(map(_n_free, observations, owners))
