@@ -37,7 +37,7 @@ N_KEPT = 5
 _N_SCREENED, _SCREEN = 1500, 57  # poses that so many facets of each scan leave
 _SOME = 400  # facets of each scan that judge poses which are not settled yet
 _N_SHORT, _N_FULL = 30, 10
-_SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
+_SHORT, _FULL, _LAST = (4, 4), (12, 1), (60, 1)  # rounds of refinement at most, every so many-th facet
 _APART, _APART_SHARE = np.radians(10.0), 0.25  # turn and share of the spread by which poses are distinct
 _LEVEL = np.cos(np.radians(6.0))  # of what is up in both scans
 _LAST_GATE_M = 0.05
@@ -104,9 +104,14 @@ def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = N
 
 
 def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray) -> list[Hypothesis]:
-    """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to."""
+    """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to.
+
+    Curved things creep into place: the best are refined once more, until they stand still.
+    """
     settled = [_slid(stay, move, refine(stay, move, one, *_FULL)) for one in motions]
     motions = np.array(settled).reshape(-1, 3, 4)
+    motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
+    motions = np.array([refine(stay, move, one, *_LAST) for one in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
     return [judged(stay, move, one) for one in kept]
 
