@@ -9,6 +9,7 @@ Right is within 3 degrees and 10 cm of the truth.
     python -m benchmarks.registration alike [FIRST] [PLACES OF A KIND]
     python -m benchmarks.registration objects [FIRST] [PAIRS OF AN ANGLE AND OBJECT]
     python -m benchmarks.registration peers [FIRST] [ROOMS]
+    python -m benchmarks.registration thickness [FIRST] [PLACES]
 
 `pairs` prints by overlap, the least share of either scan's points that the other measured, how often the best
 hypothesis is right, how often the right one is claimed, how often the truth is among the alternatives where
@@ -28,6 +29,7 @@ from benchmarks.registration.objects import object_table
 from benchmarks.registration.pairs import pair_table
 from benchmarks.registration.peers import peer_table
 from benchmarks.registration.real import real_table
+from benchmarks.registration.thickness import thickness_table
 
 _TABLES = {
     "pairs": (pair_table, (9000, 100)),
@@ -36,6 +38,7 @@ _TABLES = {
     "alike": (alike_table, (0, 40)),
     "objects": (object_table, (0, 4)),
     "peers": (peer_table, (9900, 20)),
+    "thickness": (thickness_table, (0, 20)),
 }
 
 
