@@ -18,6 +18,7 @@ from completion.registration.candidates.motions import STILL
 from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
+from completion.registration.images import with_images
 from completion.registration.network import settle_group
 from completion.registration.pipeline import LEVEL
 from completion.registration.verdict import Verdict, judge
@@ -40,7 +41,7 @@ def pair_table(first: int, n_rooms: int) -> Iterator[str]:
             shared = overlap(a, b)
             started = time.process_time()
             one, two = StationView.of(a), StationView.of(b)
-            found = find_hypotheses(one, two)
+            found = with_images(find_hypotheses(one, two), one, two)
             rows.append(
                 (
                     shared,
@@ -52,7 +53,7 @@ def pair_table(first: int, n_rooms: int) -> Iterator[str]:
             if rows[-1][2][:1] == [True] and judge(found, LEVEL).verdict is Verdict.REGISTERED:
                 within += within_three(found[0].motion, (one, two), (a, b))
         if before is not None:
-            strangers.append(find_hypotheses(before, two))
+            strangers.append(with_images(find_hypotheses(before, two), before, two))
         before = one
     yield "| overlap | pairs | best is right | of these claimed | else truth among them | wrong claims |"
     yield "|---|---|---|---|---|---|"

@@ -64,6 +64,8 @@ class Hypothesis:
     free : (6,) float
         The motion that they tell least, a turn about the facets' middle times their reach and a shift, in the
         frame of those that stay.
+    is_image : bool
+        Whether it comes of another one because the place repeats itself.
     """
 
     motion: FloatArray
@@ -73,6 +75,7 @@ class Hypothesis:
     stiffness: float
     surplus: float
     free: FloatArray
+    is_image: bool = False
 
 
 def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = None) -> list[Hypothesis]:
