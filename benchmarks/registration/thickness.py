@@ -159,6 +159,7 @@ def placements(place: TwoRooms, rng: np.random.Generator) -> Mapping[str, list[F
         pair = settle_group(Group({0: chain[0], 1: start}), views[k : k + 2])
         chain.append(composed(chain[-1], pair.group.poses[1]))
     joint = settle_group(Group(dict(enumerate(chain))), views)
+    by_planes = settle_group(Group(dict(enumerate(chain))), views, by_planes=True)
     return {
         "true poses": [
             (place.scans[0].world_from_sensor.inverse() @ one.world_from_sensor).matrix[:3]
@@ -166,6 +167,7 @@ def placements(place: TwoRooms, rng: np.random.Generator) -> Mapping[str, list[F
         ],
         "one after another": chain,
         "jointly": [joint.group.poses[k] for k in range(n)],
+        "jointly, with planes": [by_planes.group.poses[k] for k in range(n)],
     }
 
 

@@ -90,7 +90,7 @@ def register_scans(
         groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settled))
 
         # 4. Settle: all scans of a group by all that they share, with the covariance of their poses.
-        networks = [settle_group(group, views) for group in groups]
+        networks = [settle_group(group, views, by_planes=True) for group in groups]
 
         # 5. Judge: what is known of each pair of scans, and by how much beams contradict it.
         verdicts = verdicts_of(hypotheses, networks, views, level)

@@ -101,7 +101,7 @@ class StationView:
             alone = replace(alone, ranges=scan.ranges / unit_m, sigma_m=sigma)
         seen = observe(alone, Pose.identity())
         facets = facets_of(seen, curved=True)
-        planes = PlaneSums.of(segment(seen, SegmentationOptions()), seen)
+        planes = PlaneSums.of(segment(seen, SegmentationOptions()), seen, facets.side)
         distance = np.linalg.norm(facets.centre, axis=1)
         radius = float(np.quantile(distance, 0.9)) if len(distance) else 1.0
         apart = np.flatnonzero(distance > _STAND * radius)
