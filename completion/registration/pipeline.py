@@ -77,7 +77,7 @@ def register_scans(
             first, second = (scans[number].world_from_sensor for number in pair)
             start = in_units((first.inverse() @ second).matrix[:3], unit) if started else None
             a, b = views[pair[0]], views[pair[1]]
-            return with_images(find_hypotheses(a, b, start), a, b)
+            return with_images(find_hypotheses(a, b, start, are_objects=unit < 1.0), a, b)
 
         pairs = list(combinations(range(len(scans)), 2))
         proposed = steps.each("pairs", propose, pairs)
