@@ -84,7 +84,7 @@ def object_table(first: int, n_pairs: int) -> Iterator[str]:
                 (told,) = found.pairs
                 held = found.pose_of(1)
                 motions = told.alternatives if held is None else [composed(inverse(STILL), held)]
-                right = len(motions) > 0 and _is_right(motions[0], a, b)
+                right = len(motions) > 0 and is_right(motions[0], a, b)
                 counts += [right, held is not None, held is not None and not right]
             yield (
                 f"| {name} | {angle} | {n_pairs} | {np.median(shares):.2f} | {counts[0]} | {counts[1]} "
@@ -92,7 +92,8 @@ def object_table(first: int, n_pairs: int) -> Iterator[str]:
             )
 
 
-def _is_right(motion: FloatArray, a: RangeImage, b: RangeImage) -> bool:
+def is_right(motion: FloatArray, a: RangeImage, b: RangeImage) -> bool:
+    """Tell whether a motion (3, 4) of scan b into the frame of scan a is right."""
     true = a.world_from_sensor.inverse() @ b.world_from_sensor
     turn = Rotation.from_matrix(motion[:, :3].T @ true.rotation).magnitude()
     apart = np.linalg.norm(motion[:, 3] - true.translation)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,7 +13,7 @@ from completion.registration.candidates.motions import STILL, composed, inverse
 from completion.registration.candidates.station_view import StationView
 from completion.registration.hypotheses import MIDDLE_M, VIOLATION, Hypothesis, best_of, distinct, scores_of
 from completion.registration.refinement import Placed
-from completion.registration.verdict import Judgement, Verdict, judge
+from completion.registration.verdict import Judgement, Verdict, is_approved, judge
 from scenes.checks import FloatArray
 
 Pair = tuple[int, int]
@@ -116,7 +116,40 @@ def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypothes
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
         found = best_of(stay, move, distinct(several, scores, move, _N_TRIED))
+        alike = [
+            composed(composed(pose_a, motion), inverse(pose_b))
+            for a, pose_a in one.poses.items()
+            for b, pose_b in two.poses.items()
+            for motion in _motions(_alike(pairs), a, b)
+        ]
+        found = _with_images_told(found, alike, move)
     return _Joint(found, judge(found, level))
+
+
+def _alike(pairs: Hypotheses) -> Hypotheses:
+    """Of each pair the poses that are images of each other."""
+    return {
+        pair: [several[0], *(one for one in several if one.is_image)]
+        for pair, several in pairs.items()
+        if any(one.is_image for one in several)
+    }
+
+
+def _with_images_told(
+    found: Sequence[Hypothesis], alike: Sequence[FloatArray], move: Sequence[Placed]
+) -> list[Hypothesis]:
+    """The hypotheses of two groups; those that are images of the first one, for some pair across, say so."""
+    if not alike:
+        return list(found)
+
+    def is_alike(motion: FloatArray) -> bool:
+        return any(len(distinct(np.array([motion, one]), np.zeros(2), move, 2)) == 1 for one in alike)
+
+    told = is_alike(found[0].motion)
+    return [
+        replace(one, is_image=told and k > 0 and is_approved(one) and is_alike(one.motion))
+        for k, one in enumerate(found)
+    ]
 
 
 def _motions(pairs: Hypotheses, a: int, b: int) -> list[FloatArray]:

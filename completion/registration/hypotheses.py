@@ -34,10 +34,10 @@ COARSE_VIOLATION, VIOLATION = 3.0, 20.0
 N_KEPT = 5
 """Distinct hypotheses of a pair."""
 
-_N_SCREENED, _SCREEN = 1500, 57  # poses that so many facets of each scan leave
+_SCREEN = 57  # facets of each scan that screen poses
 _SOME = 400  # facets of each scan that judge poses which are not settled yet
-_N_SHORT, _N_FULL = 30, 10
-_SHORT, _FULL = (4, 4), (12, 1)  # rounds of refinement, and every so many-th facet in them
+_ROOMS, _OBJECTS = (1500, 30, 10), (3000, 100, 20)  # poses screened, refined shortly, and fully
+_SHORT, _FULL, _LAST = (4, 4), (12, 1), (60, 1)  # rounds of refinement at most, every so many-th facet
 _APART, _APART_SHARE = np.radians(10.0), 0.25  # turn and share of the spread by which poses are distinct
 _LEVEL = np.cos(np.radians(6.0))  # of what is up in both scans
 _LAST_GATE_M = 0.05
@@ -64,6 +64,8 @@ class Hypothesis:
     free : (6,) float
         The motion that they tell least, a turn about the facets' middle times their reach and a shift, in the
         frame of those that stay.
+    is_image : bool
+        Whether it comes of another one because the place repeats itself.
     """
 
     motion: FloatArray
@@ -73,40 +75,50 @@ class Hypothesis:
     stiffness: float
     surplus: float
     free: FloatArray
+    is_image: bool = False
 
 
-def find_hypotheses(a: StationView, b: StationView, start: FloatArray | None = None) -> list[Hypothesis]:
+def find_hypotheses(
+    a: StationView, b: StationView, start: FloatArray | None = None, *, are_objects: bool = False
+) -> list[Hypothesis]:
     """Return at most five distinct poses of scan b to scan a, best first.
 
     Candidates come from planes and from turns about a plane that both share; beams of both scans screen them,
     what is left is refined, shortly and then fully, and slid along what facets tell least. Where both scans
-    know what is up, only turns about it count. A pose (3, 4) to `start` from is refined as well.
+    know what is up, only turns about it count. A pose (3, 4) to `start` from is refined as well. Of objects
+    more poses are refined: what curves tells little before it is brought close.
     """
     if not len(a.sample) or not len(b.sample):
         return []
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
+    n_screened, n_short, n_full = _OBJECTS if are_objects else _ROOMS
     planes = plane_candidates(a.directions, b.directions, 2 * max(a.radius_m, b.radius_m))
     motions = np.concatenate([planes, turn_candidates(a, b), form_candidates(a, b)])
     if a.up is not None and b.up is not None:
         motions = motions[motions[:, :, :3] @ b.up @ a.up > _LEVEL]
-    if len(motions) > _N_SCREENED:
+    if len(motions) > n_screened:
         scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SCREEN)
-        motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
+        motions = motions[np.argsort(-scores, kind="stable")[:n_screened]]
     motions = distinct(
-        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SOME), second, _N_SHORT
+        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SOME), second, n_short
     )
     motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
     scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=_SOME)
-    motions = distinct(motions, scores, second, _N_FULL)
+    motions = distinct(motions, scores, second, n_full)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
     return best_of(first, second, motions)
 
 
 def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray) -> list[Hypothesis]:
-    """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to."""
+    """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to.
+
+    Curved things creep into place: the best are refined once more, until they stand still.
+    """
     settled = [_slid(stay, move, refine(stay, move, one, *_FULL)) for one in motions]
     motions = np.array(settled).reshape(-1, 3, 4)
+    motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
+    motions = np.array([refine(stay, move, one, *_LAST) for one in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
     return [judged(stay, move, one) for one in kept]
 

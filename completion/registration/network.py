@@ -5,23 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from completion.observe.sensor_modes import N_MODES, displacements
-from completion.registration.candidates.motions import STILL, composed, in_units, inverse, moved
+from completion.registration.adjustment import adjusted
+from completion.registration.candidates.motions import composed, in_units, inverse, moved
 from completion.registration.candidates.station_view import StationView
 from completion.registration.grouping import Group
-from completion.registration.refinement import Equations, Placed, equations_of
-from scenes.checks import FloatArray, IntArray
+from completion.registration.links import Link, links_of, normal_equations, solved
+from completion.registration.refinement import Equations
+from scenes.checks import FloatArray
 
 _GATES_M = (0.15, 0.1, 0.05)
 _N_ROUNDS = 15
 _STILL_M = 1e-5
-_LEAST = 20  # facets of two scans that meet before they tell anything
-_RIDGE = 1e-6  # of the mean eigenvalue
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,28 +70,32 @@ class Network:
         return Network(Group(poses), self.covariance * np.outer(scale, scale), edges)
 
 
-def settle_group(group: Group, views: Sequence[StationView]) -> Network:
+def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool = False) -> Network:
     """Bring the scans of a group together by point-to-plane least squares over all pairs at once.
 
     The first scan stays. Offsets are weighted by their variance and robustly; facets of a pair tell as much
     as twenty independent ones at most. What bends a whole image, or scales it, is alike in all scans: its
-    modes (`completion.observe.sensor_modes`) are followed through the least squares.
+    modes (`completion.observe.sensor_modes`) are followed through the least squares. With `by_planes`, planes
+    that scans share are estimated together with the poses, which halves the errors of scans of flat walls;
+    that is kept where both answers agree within what facets leave open.
     """
     numbers = sorted(group.poses)
     back = inverse(group.poses[numbers[0]])
     poses = [composed(back, group.poses[number]) for number in numbers]
     n = len(numbers)
     matrix: FloatArray = np.zeros((6 * n, 6 * n))
-    links: list[_Link] = []
+    links: list[Link] = []
     for number in range(_N_ROUNDS):
         gate = _GATES_M[min(number, len(_GATES_M) - 1)]
-        links = _links(numbers, poses, views, gate)
-        matrix, vector = _normal_equations(links, n)
-        change = -_solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
+        links = links_of(numbers, poses, views, gate)
+        matrix, vector = normal_equations(links, n)
+        change = -solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
         for k, one in enumerate(change, start=1):
             poses[k] = moved(poses[k], one, poses[k][:, 3])
         if number >= len(_GATES_M) and np.abs(change).max(initial=0.0) < _STILL_M:
             break
+    if by_planes and n > 1:
+        poses = _if_alike(adjusted(poses, [views[k] for k in numbers], links), poses, matrix)
     covariance = np.zeros((6 * n, 6 * n))
     if n > 1:
         known = np.linalg.pinv(matrix[6:, 6:], rcond=1e-12, hermitian=True)
@@ -105,49 +108,25 @@ def settle_group(group: Group, views: Sequence[StationView]) -> Network:
     return Network(Group(dict(zip(numbers, poses, strict=True))), covariance, edges)
 
 
-class _Link(NamedTuple):
-    """Two scans of a group, by their place in it, that share surface."""
+def _if_alike(
+    efficient: Sequence[FloatArray], safe: Sequence[FloatArray], matrix: FloatArray
+) -> list[FloatArray]:
+    """Poses that suppose more than others, where both differ by no more than chance makes them.
 
-    first: int
-    second: int
-    a: Placed
-    b: Placed
-    equations: Equations
-    growth: FloatArray  # (m, 12) of the offsets by turns and shifts of both, each about its own place
-
-    @property
-    def columns(self) -> IntArray:
-        """The numbers (12,) of their turns and shifts among those of the group."""
-        return np.asarray(np.r_[6 * self.first : 6 * self.first + 6, 6 * self.second : 6 * self.second + 6])
-
-
-def _links(
-    numbers: Sequence[int], poses: Sequence[FloatArray], views: Sequence[StationView], gate_m: float
-) -> list[_Link]:
-    """All pairs of scans that share surface."""
-    found = []
-    for i, j in combinations(range(len(numbers)), 2):
-        a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
-        equations, middle = equations_of([a], [b], STILL, gate_m)
-        if len(equations.offset) < _LEAST:
-            continue
-        own = equations.growth
-        both = np.concatenate([-_about(own, poses[i][:, 3] - middle), own], axis=1)
-        found.append(_Link(i, j, a=a, b=b, equations=equations, growth=both))
-    return found
+    `matrix` (6 n, 6 n) is the inverse covariance of the safe ones. Where what the others suppose holds, that
+    planes are flat and one surface, their difference has less variance than the safe ones themselves: J. A.
+    Hausman, "Specification tests in econometrics", Econometrica 1978.
+    """
+    change = np.concatenate(
+        [
+            [*Rotation.from_matrix(one[:, :3] @ two[:, :3].T).as_rotvec(), *(one[:, 3] - two[:, 3])]
+            for one, two in zip(efficient, safe, strict=True)
+        ]
+    )
+    return list(efficient if change @ matrix @ change <= len(change) - 6 else safe)
 
 
-def _normal_equations(links: Sequence[_Link], n: int) -> tuple[FloatArray, FloatArray]:
-    """Normal equations (6 n, 6 n), (6 n,) of turns and shifts of all scans about their places."""
-    matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    for one in links:
-        weight = one.equations.weight
-        matrix[np.ix_(one.columns, one.columns)] += one.growth.T @ (weight[:, None] * one.growth)
-        vector[one.columns] += one.growth.T @ (weight * one.equations.offset)
-    return matrix, vector
-
-
-def _pull_of_sensors(links: Sequence[_Link], n: int) -> FloatArray:
+def _pull_of_sensors(links: Sequence[Link], n: int) -> FloatArray:
     """What each mode of the sensors' errors adds to the right side (6 n, k), the same mode in all scans."""
     pull = np.zeros((6 * n, N_MODES))
     for one in links:
@@ -160,21 +139,6 @@ def _pull_of_sensors(links: Sequence[_Link], n: int) -> FloatArray:
             apart += sign * np.einsum("mij,ij->mi", moves, normals)
         pull[one.columns] += one.growth.T @ (one.equations.weight * apart).T
     return pull
-
-
-def _about(growth: FloatArray, place: FloatArray) -> FloatArray:
-    """Growth (n, 6) by a turn about another place, `place` (3,) from the one before."""
-    turned = growth.copy()
-    turned[:, :3] -= np.cross(place, growth[:, 3:])
-    return turned
-
-
-def _solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """The solution (m,) of equations some of whose directions may be told by nothing; these stay."""
-    if not len(vector):
-        return np.zeros(0)
-    ridge = _RIDGE * float(np.trace(matrix)) / len(vector)
-    return np.asarray(np.linalg.solve(matrix + max(ridge, 1e-12) * np.eye(len(vector)), vector))
 
 
 def _rms(equations: Equations) -> float:

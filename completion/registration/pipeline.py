@@ -10,6 +10,7 @@ from completion.registration.candidates.motions import in_units
 from completion.registration.candidates.station_view import StationView, unit_of
 from completion.registration.grouping import Group, group_scans
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
+from completion.registration.images import with_images
 from completion.registration.network import settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
 from scenes.checks import InputError
@@ -75,7 +76,8 @@ def register_scans(
         def propose(pair: tuple[int, int]) -> list[Hypothesis]:
             first, second = (scans[number].world_from_sensor for number in pair)
             start = in_units((first.inverse() @ second).matrix[:3], unit) if started else None
-            return find_hypotheses(views[pair[0]], views[pair[1]], start)
+            a, b = views[pair[0]], views[pair[1]]
+            return with_images(find_hypotheses(a, b, start, are_objects=unit < 1.0), a, b)
 
         pairs = list(combinations(range(len(scans)), 2))
         proposed = steps.each("pairs", propose, pairs)
@@ -88,7 +90,7 @@ def register_scans(
         groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settled))
 
         # 4. Settle: all scans of a group by all that they share, with the covariance of their poses.
-        networks = [settle_group(group, views) for group in groups]
+        networks = [settle_group(group, views, by_planes=True) for group in groups]
 
         # 5. Judge: what is known of each pair of scans, and by how much beams contradict it.
         verdicts = verdicts_of(hypotheses, networks, views, level)

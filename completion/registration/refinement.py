@@ -17,10 +17,14 @@ GATES_M = (0.3, 0.2, 0.12, 0.08, 0.05)
 """How far apart facets that meet may lie, from round to round, metres; the last holds until nothing moves."""
 
 INDEPENDENT = 20.0
-"""Facets of two scans at most whose errors are independent: what bends a wall is common to neighbours."""
+"""Facets of a whole image whose errors are independent: what bends a wall is common to neighbours.
+
+Those that two scans share are their part of it: a tenth of an image tells no more than two.
+"""
 
 _N_SIGMA = 3.0
 _STILL = 1e-5
+_OF_SD = 0.05  # step, in standard deviations of the pose itself, from which on nothing moves any more
 _RIDGE = 1e-4  # of the mean eigenvalue: what facets do not tell stays as it is
 _LEAST = 12  # facets that meet in all
 _NORMAL = 1.4826  # standard deviations to the median absolute deviation
@@ -60,7 +64,8 @@ def refine(
 ) -> FloatArray:
     """Return the motion (3, 4) of a group of scans into the frame of another that brings facets together.
 
-    Every step-th facet takes part.
+    Every step-th facet takes part. Rounds end early where a step is small beside the pose's own standard
+    deviation: going on would settle what facets do not know.
     """
     reach = max(one.view.radius_m for one in move)
     scale = np.array([reach] * 3 + [1.0] * 3)
@@ -75,9 +80,15 @@ def refine(
         told = equations.growth.T @ (weight * equations.offset)
         change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), told).astype(np.float64)
         motion = moved(motion, change, middle)
-        if number >= len(GATES_M) and np.abs(change * scale).max() < _STILL * reach:
+        if number >= len(GATES_M) and _is_settled(change, matrix, scale, reach):
             break
     return motion
+
+
+def _is_settled(change: FloatArray, matrix: FloatArray, scale: FloatArray, reach: float) -> bool:
+    """Tell whether a step (6,) is small beside what `matrix` (6, 6), the inverse covariance, leaves open."""
+    is_small = float(change @ matrix @ change) < _OF_SD**2
+    return is_small or bool(np.abs(change * scale).max() < _STILL * reach)
 
 
 def equations_of(
@@ -114,7 +125,7 @@ def _equations(
     places: FloatArray, middle: FloatArray, normals: FloatArray, met: Meetings, chosen: BoolArray
 ) -> Equations:
     growth = np.concatenate([np.cross(places - middle, normals), normals], axis=1)
-    share = np.full(len(places), min(1.0, INDEPENDENT / max(len(places), 1)))
+    share = np.full(len(places), min(1.0, INDEPENDENT / max(len(chosen), 1)))
     return Equations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 

@@ -59,7 +59,7 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     if not hypotheses:
         return Judgement(Verdict.NO_OVERLAP, "no plane of one scan can be one of the other")
     best = hypotheses[0]
-    if best.score <= LEAST_SCORE or best.violate >= MOST_VIOLATED:
+    if not is_approved(best):
         told = f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
         return Judgement(Verdict.NO_OVERLAP, told)
     rivals = [one for one in hypotheses[1:] if one.score > _RIVAL * best.score]
@@ -78,18 +78,26 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     return Judgement(Verdict.AMBIGUOUS, told)
 
 
+def is_approved(one: Hypothesis) -> bool:
+    """Tell whether beams say nothing against a pose that is worth a word."""
+    return one.score > LEAST_SCORE and one.violate < MOST_VIOLATED
+
+
 def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
     """Return the probability that the first hypothesis is right, 0 to 1.
 
     It falls with the score of the second one, with what beams contradict, and rises with what agrees beyond
     the three planes that any pose can bring together. It is no higher than that of the first against any
     other one that beams approve of, each seen by itself: in a place that is its own image, or that repeats
-    itself, poses that share less are as good.
+    itself, poses that share less are as good. Where a scan fits itself once it is shifted, and beams approve
+    of the pose that this makes of the first, neither is more probable.
     """
     best, *others = hypotheses
     second = max((one.score for one in others), default=0.0)
     odds = _odds_alone(best) + _BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
     odds = min([odds, *(_odds_alone(best) - _odds_alone(one) for one in others if one.score > 0)])
+    if any(one.is_image for one in others):
+        odds = min(odds, 0.0)
     return float(1.0 / (1.0 + np.exp(-odds)))
 
 

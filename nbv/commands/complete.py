@@ -28,7 +28,7 @@ from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
-from nbv.scans.registering import register_request
+from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
 from scenes.files.scan_request import ScanRequest, read_request
 
@@ -106,7 +106,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
         journal = run.journal({**request.options(), **how.options()})
-        options = how.resolved()
+        options, placement = how.resolved(), []
         if how.register:
             run.will_call(count_agreement, 20)
             placed = register_request(
@@ -117,6 +117,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
                 journal=journal.part("register"),
             )
             given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
+            placement = [placed.told]
         else:
             given = read_request(request)
         scans = given.scans
@@ -155,7 +156,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("save")
         said = completion_record(completion, verification, observed=how.observed)
         record = {**said, "warnings": warnings}
-        lines = lines_of(completion, verification) + lines_of_detail(said["observed_step"])
+        lines = placement + lines_of(completion, verification) + lines_of_detail(said["observed_step"])
         del verification  # a completion of its own: it is gone before the files are made
         write_model(completion, run.stage.folder, record, how.exports)
         run.watch.enter("report")
@@ -165,7 +166,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             completion, request.title, n_threads=shared.threads, first_scan=record.get("first_scan")
         )
         run.report(replace(page, warnings=tuple(warnings)), asked)
-        summary = {**summary_of(completion), "warnings": warnings}
+        summary = {**summary_of(completion), "warnings": warnings, **placed_of(placement)}
         run.finish(resolved, summary, lines)
 
 

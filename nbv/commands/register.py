@@ -15,7 +15,7 @@ from completion.registration.registered import Registered
 from completion.registration.verdict import Verdict
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
-from nbv.scans.registering import doubts_of_poses
+from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
 from scenes.files.scan_files import split_index, write_scan, write_scans
 from scenes.files.scan_request import GivenScans, ScanRequest, read_request
 from scenes.pose import Pose
@@ -61,7 +61,9 @@ def run_register(shared: Shared, request: ScanRequest, how: RegisterRequest) -> 
                 journal=run.journal(asked),
             )
         names = given.names
-        warnings = [*given.doubts, *doubts_of_poses(found, [Path(name).name for name in names])]
+        short = [Path(name).name for name in names]
+        same = copies_told(short, copies_of(given.scans))
+        warnings = [*given.doubts, *same, *doubts_of_poses(found, short)]
         run.warn(warnings[len(given.doubts) :])
         run.watch.enter("save")
         record = {**registration_record(found, given.scans, names), "warnings": warnings}

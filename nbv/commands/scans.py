@@ -24,7 +24,7 @@ from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
-from nbv.scans.registering import register_request
+from nbv.scans.registering import placed_of, register_request
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.scan_mesh import MOST_PIXELS
@@ -178,12 +178,13 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
             max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m
         )
         sensor = load_sensor(request.sensor)
-        options = CompletionOptions(mode=request.inference, texture=False)
+        options, placement = CompletionOptions(mode=request.inference, texture=False), []
         if request.register:
             placed = register_request(
                 request.scans, request.up, n_threads=shared.threads, progress=run.progress
             )
             given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
+            placement = [placed.told]
         else:
             given = read_request(request.scans, request.up)
         run.warn(given.doubts)
@@ -202,7 +203,9 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         _write_ply(run.path("coverage.ply"), state)
         asked = {**request.options(), "mode": scan_map.mode, "instruments": given.instruments}
         run.report(scan_coverage_page(coverage, state, sensor, request.scans.title, shared.threads), asked)
-        run.finish(asked, coverage.to_json(), coverage_lines(coverage))
+        run.finish(
+            asked, {**coverage.to_json(), **placed_of(placement)}, placement + coverage_lines(coverage)
+        )
 
 
 def csv_of(coverage: ScanCoverage) -> str:

@@ -3,20 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
+from completion.registration.network import Network
 from completion.registration.pipeline import register_scans
 from completion.registration.registered import Registered
 from completion.registration.verdict import Verdict
 from nbv.run.wording import count
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.files.scan_request import GivenScans, ScanRequest, read_request, turn_to_z
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
+from scenes.scan.range_image import RangeImage
 from scenes.scan.upright import SignedAxis
 
 _NOTICED = 0.005
@@ -25,10 +28,21 @@ _NOTICED = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedScans:
-    """Scans that were placed to each other, in a world whose z is up, and how well each pose is known."""
+    """Scans that were placed to each other, in a world whose z is up, and how well each pose is known.
+
+    Attributes
+    ----------
+    given : GivenScans
+        The scans, and what is to be told of them.
+    deviations_m : tuple of float
+        By how much the error of each pose shifts its scan's facets, metres.
+    told : str
+        A sentence on what was placed, how well, and what was left alone.
+    """
 
     given: GivenScans
     deviations_m: tuple[float, ...]
+    told: str
 
 
 def register_request(
@@ -41,14 +55,20 @@ def register_request(
 ) -> PlacedScans:
     """Read scans, whatever poses they have, and place those that their beams can place to each other.
 
-    Those of the largest group are taken, the first one where groups are alike; what is left out is told.
+    Those of the largest group are taken, the first one where groups are alike; what is left out is told. Of
+    scans that are the same, the first alone counts: that a scan fits its copy says nothing of either.
 
     Raises
     ------
     InputError
         No two scans can be placed to each other.
     """
-    given = read_request(request, "z", posed=False)
+    given, told_of = without_copies(read_request(request, "z", posed=False))
+    if told_of and len(given.scans) == 1:
+        turn, told = turn_to_z(given.scans, up, of_points=bool(request.origins))
+        doubts = (*given.doubts, *told_of, *([told] if told else []))
+        scans = tuple(scan.transformed(turn) for scan in given.scans)
+        return PlacedScans(replace(given, scans=scans, doubts=doubts), (), "placed    1 scan, by itself")
     found = register_scans(
         given.scans,
         started=request.poses is not None,
@@ -66,9 +86,12 @@ def register_request(
     group = max(found.groups, key=lambda one: len(one.group.poses))
     kept = list(group.group.poses)
     poses = found.world_poses(given.scans)
-    scans = [given.scans[k].restated(world_from_sensor=poses[k]) for k in kept]
-    turn, told = turn_to_z(scans, up, of_points=bool(request.origins))
-    told_of = [told] if told else []
+    turn, told = turn_to_z(
+        [given.scans[k].restated(world_from_sensor=poses[k]) for k in kept],
+        up,
+        of_points=bool(request.origins),
+    )
+    told_of += [told] if told else []
     others = [names[k] for k in range(len(names)) if k not in group.group.poses]
     if others:
         told_of.append(
@@ -77,11 +100,81 @@ def register_request(
         )
     placed = replace(
         given,
-        scans=tuple(scan.transformed(turn) for scan in scans),
+        scans=tuple(given.scans[k].restated(world_from_sensor=poses[k]).transformed(turn) for k in kept),
         doubts=(*given.doubts, *doubts_of_poses(found, names), *told_of),
         paths=tuple(given.paths[k] for k in kept),
     )
-    return PlacedScans(placed, tuple(found.pose_deviation(k) for k in kept))
+    told = placement_told(found, group, names)
+    return PlacedScans(placed, tuple(found.pose_deviation(k) for k in kept), told)
+
+
+def copies_of(scans: Sequence[RangeImage]) -> dict[int, int]:
+    """Return for each scan that an earlier one equals, ray by ray and range by range, that one's number."""
+    return {
+        second: first
+        for first, second in reversed(list(combinations(range(len(scans)), 2)))
+        if scans[first].shape == scans[second].shape
+        and np.array_equal(scans[first].ranges, scans[second].ranges, equal_nan=True)
+        and np.array_equal(scans[first].projection.directions(), scans[second].projection.directions())
+    }
+
+
+def copies_told(names: Sequence[str], copies: Mapping[int, int]) -> list[str]:
+    """What to tell of scans that are the same as others, a sentence each."""
+    return [
+        f"{names[second]} is the same scan as {names[first]}: that they fit says nothing"
+        for second, first in sorted(copies.items())
+    ]
+
+
+def without_copies(given: GivenScans) -> tuple[GivenScans, list[str]]:
+    """Return what was given without scans that are the same as others, and a sentence on each of these."""
+    copies = copies_of(given.scans)
+    kept = [k for k in range(len(given.scans)) if k not in copies]
+    told = [f"{one}; it is taken once" for one in copies_told([Path(n).name for n in given.names], copies)]
+    return replace(
+        given,
+        scans=tuple(given.scans[k] for k in kept),
+        paths=tuple(given.paths[k] for k in kept),
+    ), told
+
+
+def placement_told(found: Registered, group: Network, names: Sequence[str]) -> str:
+    """Return one sentence: which scans of a group were placed, how well, and what was left alone and why."""
+    first, *others = group.group.poses
+    covariances = (found.covariance_of(scan) for scan in others)
+    known = [one for one in covariances if one is not None and np.isfinite(one).all()]
+    shifts, turns = (
+        [float(np.sqrt(max(np.linalg.eigvalsh(one[part, part])[-1], 0.0))) for one in known]
+        for part in (slice(3, 6), slice(0, 3))
+    )
+    told = f"placed    {count(len(others), 'scan')} to {names[first]}"
+    if known:
+        each = "its pose" if len(others) == 1 else "their poses"
+        told += f", {each} with a standard deviation of {_range(np.multiply(shifts, 1000.0), 'mm')} and "
+        told += _range(np.degrees(turns), "deg")
+    alone = [f"{names[k]} ({_why_alone(found, k)})" for k in range(len(names)) if k not in group.group.poses]
+    return f"{told}; left alone: {', '.join(alone)}" if alone else told
+
+
+def placed_of(told: Sequence[str]) -> dict[str, str]:
+    """Return what a summary says of scans that were placed first; nothing where none were."""
+    return {"placed": told[0].removeprefix("placed").strip()} if told else {}
+
+
+def _range(values: Sequence[float] | FloatArray, unit: str) -> str:
+    """From the least to the largest of some values, two digits."""
+    low, high = (f"{float(f'{value:.2g}'):g}" for value in (min(values), max(values)))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _why_alone(found: Registered, scan: int) -> str:
+    """Why a scan is not in the group that is taken."""
+    if found.group_of(scan) is not None:
+        return "placed to others, but not to these"
+    own = [one for one in found.pairs if scan in one.scans]
+    best = min(own, key=lambda one: list(Verdict).index(one.verdict))
+    return f"{best.verdict.value}: {best.reason}"
 
 
 def doubts_of_poses(found: Registered, names: Sequence[str]) -> list[str]:
@@ -95,9 +188,7 @@ def doubts_of_poses(found: Registered, names: Sequence[str]) -> list[str]:
         ]
     for number, name in enumerate(names):
         if found.group_of(number) is None:
-            own = [one for one in found.pairs if number in one.scans]
-            best = min(own, key=lambda one: list(Verdict).index(one.verdict))
-            told.append(f"{name} has no pose: {best.verdict.value}: {best.reason}")
+            told.append(f"{name} has no pose: {_why_alone(found, number)}")
     for network in found.groups:
         for scan in list(network.group.poses)[1:]:
             covariance = found.covariance_of(scan)

@@ -33,7 +33,7 @@ def plane_candidates(a: Directions, b: Directions, reach_m: float) -> FloatArray
     """
     motions = [np.zeros((0, 3, 4))]
     for rotation in _rotations(a, b):
-        places = _places(a, b, rotation, reach_m)
+        places = places_of(a, b, rotation, reach_m)
         turned = np.repeat(rotation[None], len(places), axis=0)
         motions.append(np.concatenate([turned, places[:, :, None]], axis=2))
     return np.concatenate(motions)
@@ -76,8 +76,8 @@ def _frame(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def _places(a: Directions, b: Directions, rotation: FloatArray, reach_m: float) -> FloatArray:
-    """Shifts (n, 3) under which planes of directions that agree lie in each other."""
+def places_of(a: Directions, b: Directions, rotation: FloatArray, reach_m: float) -> FloatArray:
+    """Return shifts (n, 3) under which planes of directions that agree lie in each other, metres."""
     cosine = a.normals @ rotation @ b.normals.T
     pairs = [(i, int(cosine[i].argmax())) for i in range(len(a.normals)) if cosine[i].max() > _ALIKE]
     told = [(a.normals[i], *votes(a, b, i, k)) for i, k in pairs]

@@ -12,12 +12,12 @@ from completion.evidence.registration.facets import Facets, facets_of
 from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import EvidenceOptions
+from completion.registration.candidates.plane_sums import PlaneSums
 from completion.segmentation.pipeline import segment
-from completion.segmentation.regions import Region, SegmentationOptions
+from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.surfaces.catalogue import Plane
 
 N_SAMPLES = 1200
 """Facets of a scan by which poses are compared."""
@@ -64,8 +64,10 @@ class StationView:
         How it sees a place.
     sample : (k,) int
         Numbers of some facets, half of them evenly over what they face, half over the image.
+    planes : PlaneSums
+        Its planes.
     directions : Directions
-        What its planes face.
+        What they face.
     radius_m : float
         Distance from the sensor within which nine tenths of the facets lie, metres.
     middle : (3,) float
@@ -80,6 +82,7 @@ class StationView:
     facets: Facets
     sight: Sight
     sample: IntArray
+    planes: PlaneSums
     directions: Directions
     radius_m: float
     middle: FloatArray
@@ -98,7 +101,7 @@ class StationView:
             alone = replace(alone, ranges=scan.ranges / unit_m, sigma_m=sigma)
         seen = observe(alone, Pose.identity())
         facets = facets_of(seen, curved=True)
-        regions = segment(seen, SegmentationOptions())
+        planes = PlaneSums.of(segment(seen, SegmentationOptions()), seen, facets.side)
         distance = np.linalg.norm(facets.centre, axis=1)
         radius = float(np.quantile(distance, 0.9)) if len(distance) else 1.0
         apart = np.flatnonzero(distance > _STAND * radius)
@@ -107,7 +110,8 @@ class StationView:
             facets=facets,
             sight=sight_of(seen, EvidenceOptions().tolerance()),
             sample=apart[_sample(facets.normal[apart])],
-            directions=_directions(regions, seen),
+            planes=planes,
+            directions=_directions(planes),
             radius_m=radius,
             middle=facets.centre.mean(axis=0) if len(distance) else np.zeros(3),
             spread_m=float(np.sqrt(facets.centre.var(axis=0).sum())) if len(distance) else 1.0,
@@ -159,19 +163,9 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
     return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.int64)
 
 
-def _directions(regions: Sequence[Region], seen: Observation) -> Directions:
-    """What the planes among the regions face; parallel ones are one direction."""
-    planes = [(one.fit.surface, one.pixels) for one in regions if isinstance(one.fit.surface, Plane)]
-    normals, heights, areas = np.zeros((len(planes), 3)), np.zeros(len(planes)), np.zeros(len(planes))
-    angle = seen.scan.projection.pixel_angle
-    for k, (plane, pixels) in enumerate(planes):
-        normal = plane.normal_direction
-        height = float(normal @ plane.point)
-        normals[k], heights[k] = (normal, height) if height <= 0 else (-normal, -height)
-        points = seen.points_at(pixels.flat)
-        distance = np.linalg.norm(points, axis=1)
-        cosine = np.abs(points @ normal) / distance
-        areas[k] = float((np.square(distance * angle) / np.maximum(cosine, 0.05)).sum())
+def _directions(planes: PlaneSums) -> Directions:
+    """What the planes of a scan face; parallel ones are one direction."""
+    normals, heights, areas = planes.normals, planes.heights, planes.areas
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):

@@ -2,6 +2,7 @@
 """`unseen register`: poses, files with poses, a check of poses, and failures in one line."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 from nbv.cli import app
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scans.registering import copies_of, copies_told
 from scenes.files.scan_files import read_scans, write_scan, write_scans
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
@@ -137,11 +139,53 @@ def test_scans_are_registered_before_they_are_completed(completed):
     assert any("1 scan is left out" in text and "stranger.ply" in text for text in said["warnings"])
 
 
+def test_a_sentence_says_what_was_placed(completed):
+    """How many scans, how well their poses are known, and what was left alone and why."""
+    told = completed[0]["placed"]
+    assert re.match(
+        r"1 scan to lost_0.ply, its pose with a standard deviation of [\d.]+ mm and [\d.e-]+ deg", told
+    )
+    assert "; left alone: stranger.ply (" in told
+    assert ": " in told.split("stranger.ply (")[1]
+
+
 def test_coverage_by_scans_registers_them(folder):
     named = [text for name in ("lost_0.ply", "lost_1.ply") for text in ("--scans", folder / name)]
-    result = run(*named, "--register", "-o", folder / "covered", "--json", command="coverage")
+    result = run(*named, "--register", "-o", folder / "covered", command="coverage")
     assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["scans"] == 2
+    assert "placed    1 scan to lost_0.ply, its pose with" in result.output
+    assert "2 scans measured" in result.output
+
+
+def test_the_same_scan_twice_counts_once_and_is_told(folder):
+    """A copy proves nothing and adds nothing: the scan is completed as it is by itself."""
+    named = [folder / "lost_0.ply", folder / "lost_0.ply"]
+    twice = run(*named, "--register", "--no-texture", "-o", folder / "twice", "--json", command="complete")
+    assert twice.exit_code == 0, twice.output
+    once = run(named[0], "--no-texture", "-o", folder / "once", "--json", command="complete")
+    said, alone = json.loads(twice.stdout), json.loads(once.stdout)
+    assert [said[key] for key in ("scans", "surfaces")] == [alone[key] for key in ("scans", "surfaces")]
+    assert said["placed"] == "1 scan, by itself"
+    assert any("is the same scan as lost_0.ply#1" in text for text in said["warnings"])
+
+
+def test_a_copy_beside_other_scans_is_left_out():
+    scene = builtin_scene("office")
+    scans = [scan_scene(scene, pose, CAMERA, noise="gaussian-2mm", rng=0, truth=False) for pose in POSES]
+    again = scans[0].restated(world_from_sensor=Pose.identity())
+    assert copies_of([scans[0], scans[1], again, again]) == {2: 0, 3: 0}
+    told = copies_told(["a", "b", "c", "d"], {2: 0, 3: 0})
+    assert told == [
+        "c is the same scan as a: that they fit says nothing",
+        "d is the same scan as a: that they fit says nothing",
+    ]
+
+
+def test_registering_the_same_scan_twice_is_told(folder):
+    named = [folder / "lost_0.ply", folder / "lost_0.ply"]
+    result = run(*named, "-o", folder / "same", "--json")
+    assert result.exit_code == 0, result.output
+    assert any("is the same scan as" in text for text in json.loads(result.stdout)["warnings"])
 
 
 @pytest.mark.parametrize(
