@@ -38,9 +38,15 @@ class TrueFolds:
         seen = np.concatenate([scan.true_points().reshape(-1, 3) for scan in scans])
         places, normals = _surface_places(scene, np.nanmin(seen, axis=0) - 0.1, np.nanmax(seen, axis=0) + 0.1)
         asked = np.array([not any(word in name for word in left_out) for name in scene.surface_names])
-        found = np.concatenate([folds_in_view(scene, scan, asked) for scan in scans])
-        _, first = np.unique(np.floor(found / 0.01).astype(np.int64), axis=0, return_index=True)
-        return cls(found[np.sort(first)], cKDTree(places), normals)
+        found = [
+            np.concatenate(parts)
+            for parts in zip(*(folds_in_view(scene, s, asked) for s in scans), strict=True)
+        ]
+        _, first = np.unique(np.floor(found[0] / 0.01).astype(np.int64), axis=0, return_index=True)
+        at, one, other = (array[np.sort(first)] for array in found)
+        all_of_them = cls(at, cKDTree(places), normals)
+        there = np.isfinite(all_of_them.angles_near(at, one, other))  # planes meet in places without surface
+        return cls(at[there], all_of_them.tree, normals)
 
     def angles_near(self, points: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
         """Angle (n,), degrees, between the true surfaces at places (n, 3) that have nearly two normals each.
@@ -63,8 +69,10 @@ class TrueFolds:
         return result
 
 
-def folds_in_view(scene: Scene, scan: RangeImage, asked: BoolArray) -> FloatArray:
-    """Places (n, 3) where neighbouring pixels of a scan lie on surfaces that meet between them.
+def folds_in_view(
+    scene: Scene, scan: RangeImage, asked: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places (n, 3) where neighbouring pixels of a scan lie on planes that meet between them, their normals.
 
     Both are among those `asked` for, (surfaces,).
 
@@ -78,7 +86,7 @@ def folds_in_view(scene: Scene, scan: RangeImage, asked: BoolArray) -> FloatArra
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     footprint = scan.truth.ranges * scan.projection.pixel_angle
     slant = np.maximum(np.cos(np.nan_to_num(scan.truth.incidence, nan=1.5)), 0.05)
-    found = [np.zeros((0, 3))]
+    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         one, other = face[a].ravel(), face[b].ravel()
         surface = scene.mesh.face_surface
@@ -96,8 +104,9 @@ def folds_in_view(scene: Scene, scan: RangeImage, asked: BoolArray) -> FloatArra
         e, f = ((p - middle) * n).sum(axis=1), ((q - middle) * m).sum(axis=1)
         place = middle + ((e - f * cosine) / square)[:, None] * n + ((f - e * cosine) / square)[:, None] * m
         near = (np.linalg.norm(place - p, axis=1) < limit[0]) & (np.linalg.norm(place - q, axis=1) < limit[1])
-        found.append(place[near])
-    return np.concatenate(found)
+        found.append((place[near], n[near], m[near]))
+    at, one, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return at, one, other
 
 
 def _is_other(scene: Scene, one: NDArray[np.int32], other: NDArray[np.int32]) -> BoolArray:
