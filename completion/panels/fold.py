@@ -114,7 +114,7 @@ def _of_curve(one: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Floa
     near = np.ones(len(t), np.bool_)
     for sheet in (one, other):
         held = np.flatnonzero(near)
-        uv, left = chart_of(sheet, curve, t)
+        uv, left = sheet.along(curve.at(t))
         near[held] = _reaches(sheet, uv[held], left[held])
     if not near.any():
         return []
@@ -160,29 +160,19 @@ def _sd_across(one: Sheet, other: Sheet, curve: FoldCurve, t: float) -> float:
     return float(np.sqrt(first**2 + second**2 + 2 * first * second * cosine)) / sine
 
 
-def chart_of(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 2) of a curve in a sheet's chart, and the unit vectors (n, 2) to its left there."""
-    uv = sheet.surface.to_uv(curve.at(t))
-    if np.isfinite(sheet.surface.period):
-        uv[:, 0] = np.unwrap(uv[:, 0], period=sheet.surface.period)
-    along = np.gradient(uv, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    return uv, np.stack([-along[:, 1], along[:, 0]], axis=1)
-
-
 def _reaches(sheet: Sheet, uv: FloatArray, left: FloatArray) -> BoolArray:
     """Whether a surface is within two cells (n,) of places (n, 2) of a curve, straight across it.
 
     Within four where no beam went through between: a surface that is seen obliquely has few pixels there.
     """
-    found = sheet.is_within(within_period(sheet, uv), 0.0)
+    found = sheet.is_within(uv, 0.0)
     for beside in (*_ACROSS, *_FARTHER):
         for sign in (1.0, -1.0):
             held = np.flatnonzero(~found)
             step = sign * sheet.cell_m * left[held]
-            there = sheet.is_within(within_period(sheet, uv[held] + beside * step), 0.0)
+            there = sheet.is_within(uv[held] + beside * step, 0.0)
             if beside in _FARTHER:
-                between = (within_period(sheet, uv[held] + k * step) for k in np.arange(beside))
+                between = (uv[held] + k * step for k in np.arange(beside))
                 there &= ~np.logical_or.reduce([sheet.is_free(place) for place in between])
             found[held] = there
     return found
@@ -194,25 +184,16 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
     It is looked for three cells beside it, nearer where it is on neither side; what a few samples say against
     their neighbours does not count.
     """
-    uv, left = chart_of(sheet, curve, t)
+    uv, left = sheet.along(curve.at(t))
     result = np.zeros((len(t), 2), np.bool_)
     for beside in (_BESIDE, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
         open_ = np.flatnonzero(~result.any(axis=1))
         for column, sign in enumerate((1.0, -1.0)):
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]
-            result[open_, column] = sheet.is_within(within_period(sheet, place), 0.0)
+            result[open_, column] = sheet.is_within(place, 0.0)
     width = min(_SMOOTH, len(t))
     share = ndimage.uniform_filter1d(result.astype(np.float64), width, axis=0, mode="nearest")
     return np.asarray(share > 0.5, dtype=np.bool_)
-
-
-def within_period(sheet: Sheet, uv: FloatArray) -> FloatArray:
-    """Places (n, 2) of a chart within its period."""
-    period = sheet.surface.period
-    if np.isfinite(period):
-        uv = uv.copy()
-        uv[:, 0] = (uv[:, 0] + period / 2) % period - period / 2
-    return uv
 
 
 def _pieces(sides: BoolArray, least: int) -> list[tuple[int, int]]:

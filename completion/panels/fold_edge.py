@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.extension.patch import Provenance
 from completion.panels.corner import Corner
-from completion.panels.fold import Fold, chart_of, within_period
+from completion.panels.fold import Fold
 from completion.panels.sheet import Sheet
 from scenes.checks import FloatArray
 
@@ -82,10 +82,10 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
     fine = np.linspace(fold.start, fold.end, max(2, int((fold.end - fold.start) / fold.cell_m) + 1))
     measured = np.ones(len(fine), np.bool_)
     for sheet, sides in zip(own, fold.sides, strict=True):
-        uv, left = chart_of(sheet, fold.curve, fine)
+        uv, left = sheet.along(fold.curve.at(fine))
         found = np.zeros(len(fine), np.bool_)
         for sign in np.array([1.0, -1.0])[sides]:
-            beside = within_period(sheet, uv + sign * _BESIDE * sheet.cell_m * left)
+            beside = uv + sign * _BESIDE * sheet.cell_m * left
             found |= sheet.provenance_at(beside) == Provenance.MEASURED
         measured &= found
     return FoldEdge(
@@ -126,6 +126,6 @@ def _dihedral(fold: Fold, own: Sequence[Sheet]) -> float:
     sheet, sides = (own[1], fold.sides[1]) if not fold.sides[1].all() else (own[0], fold.sides[0])
     facing = one if sheet is own[1] else other
     t = np.array([(fold.start + fold.end) / 2, (fold.start + fold.end) / 2 + 1e-4])
-    uv, left = chart_of(sheet, fold.curve, t)
+    uv, left = sheet.along(fold.curve.at(t))
     inside = sheet.surface.from_uv(uv[:1] + (1e-3 if sides[0] else -1e-3) * left[:1])
     return 180.0 - turn if float((inside - middle)[0] @ facing) > 0 else 180.0 + turn

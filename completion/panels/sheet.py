@@ -72,19 +72,36 @@ class Sheet:
         """Whether the chart's left side is its right one."""
         return self.patch.grid.wraps
 
+    def along(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Places (n, 2) in the chart of points (n, 3) of a curve, and the unit vectors (n, 2) to its left.
+
+        They go on past the chart's seam, and so may what lies beside them.
+        """
+        uv = self.surface.to_uv(points)
+        if np.isfinite(self.surface.period):
+            uv[:, 0] = np.unwrap(uv[:, 0], period=self.surface.period)
+        along = np.gradient(uv, axis=0)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        return uv, np.stack([-along[:, 1], along[:, 0]], axis=1)
+
+    def _within_period(self, uv: FloatArray) -> FloatArray:
+        """The same places (n, 2) within the chart's period."""
+        period = self.surface.period
+        if not np.isfinite(period):
+            return uv
+        return np.stack([(uv[:, 0] + period / 2) % period - period / 2, uv[:, 1]], axis=1)
+
     def provenance_at(self, uv: FloatArray) -> NDArray[np.int8]:
         """The provenance (n,) of places (n, 2) of the chart."""
         grid = self.patch.grid
-        column, row = np.floor((uv - grid.corner) / grid.cell).astype(np.int64).T
-        if grid.wraps:
-            column %= grid.shape[1]
+        column, row = np.floor((self._within_period(uv) - grid.corner) / grid.cell).astype(np.int64).T
         rows, columns = grid.shape
         found = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         return np.asarray(found, dtype=np.int8)
 
     def is_free(self, uv: FloatArray) -> BoolArray:
         """Which places (n, 2) of the chart beams went through."""
-        inside, cells = self.patch.grid.cells_at(uv)
+        inside, cells = self.patch.grid.cells_at(self._within_period(uv))
         free = np.zeros(len(uv), np.bool_)
         free[inside] = self.patch.evidence.open.ravel()[cells]
         return free
@@ -92,6 +109,7 @@ class Sheet:
     def is_within(self, uv: FloatArray, distance_m: float) -> BoolArray:
         """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""
         shapely.prepare(self.area)
+        uv = self._within_period(uv)
         found = np.asarray(shapely.dwithin(self.area, shapely.points(uv), distance_m), dtype=np.bool_)
         if self.wraps:
             half = self.surface.period / 2

@@ -105,8 +105,8 @@ def folds_in_view(
         place = middle + ((e - f * cosine) / square)[:, None] * n + ((f - e * cosine) / square)[:, None] * m
         near = (np.linalg.norm(place - p, axis=1) < limit[0]) & (np.linalg.norm(place - q, axis=1) < limit[1])
         found.append((place[near], n[near], m[near]))
-    at, one, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return at, one, other
+    at, first, second = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return at, first, second
 
 
 def _is_other(scene: Scene, one: NDArray[np.int32], other: NDArray[np.int32]) -> BoolArray:
