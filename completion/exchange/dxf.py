@@ -23,7 +23,7 @@ _WHITE, _BLUE, _RED, _GREEN, _GREY, _MAGENTA = 7, 5, 1, 3, 8, 6  # colours by in
 _DASH = 0.2  # of the line type's own length, 0.6 m
 _TEXT_M, _GAP_M = 0.15, 1.0  # height of titles; between the plan and the sections beside it
 _FOLD_SHARE = 0.95  # of a fold that must have been measured on both sides
-_INVISIBLE = (1, 2, 4)  # flags of the edges of a 3DFACE: first, second, third
+_INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
 
 
 def dxf_of(model: ExchangeModel) -> bytes:
@@ -112,18 +112,17 @@ def _add_sections(
         space.add_line(ends[0].tolist(), ends[1].tolist(), dxfattribs={"layer": "SECTION-PLACE"})
         for end in ends:
             _add_text(space, section.name, end, "SECTION-PLACE")
-        flat = [_flat(line, section, np.array([left - reach.min(), 0.0])) for line in section.lines]
-        bottom -= _GAP_M + float(np.ptp(drawn[:, 2]))
-        move = np.array([0.0, bottom - float(drawn[:, 2].min()), 0.0])
-        placed = [CutLine(one.points + move, one.surface, one.kind, one.is_measured) for one in flat]
-        _add_lines(space, placed, "SECTION")
+        heights = np.concatenate([[section.point[2]], *(line.points[:, 2] for line in section.lines)])
+        bottom -= _GAP_M + float(np.ptp(heights))
+        move = np.array([left - reach.min(), bottom - heights.min()])
+        _add_lines(space, [_flat(line, section, move) for line in section.lines], "SECTION")
         title = f"Section {section.name} - {section.name}"
         _add_text(space, title, np.array([left, bottom - 2 * _TEXT_M]))
     return None
 
 
 def _flat(line: CutLine, section: Section, move: FloatArray) -> CutLine:
-    """A line of a section laid into the plane z = 0: to the right along it, upwards as height."""
+    """A line of a section laid into the plane z = 0, moved: to the right along it, upwards as height."""
     right = (line.points - section.point) @ section.along
     points = np.column_stack([right + move[0], line.points[:, 2] + move[1], np.zeros(len(right))])
     return CutLine(points, line.surface, line.kind, line.is_measured)

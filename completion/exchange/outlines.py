@@ -10,10 +10,14 @@ from completion.exchange.exchange_model import ExchangeModel, OpeningOutline
 from scenes.checks import FloatArray
 
 _LEVEL = float(np.cos(np.radians(10.0)))
+_RAGGED_M, _LEAST_M = 0.02, 0.3  # to which outlines are simplified; length of those that are drawn
 
 
 def seen_below(model: ExchangeModel, height_m: float) -> list[FloatArray]:
-    """Return outlines (n, 2) of level surfaces seen from above and below a height, such as table tops."""
+    """Return outlines (n, 2) of level surfaces seen from above and below a height, such as table tops.
+
+    Holes in them are left out: what stands on a floor hides it, and so does the scanner's own stand.
+    """
     corners = model.vertices[model.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
@@ -29,7 +33,14 @@ def seen_below(model: ExchangeModel, height_m: float) -> list[FloatArray]:
         merged = shapely.line_merge(
             shapely.multilinestrings([shapely.linestrings(place) for place in places])
         )
-        outlines += [shapely.get_coordinates(line) for line in shapely.get_parts(merged)]
+        lines = shapely.simplify(shapely.get_parts(merged), _RAGGED_M)
+        areas = [shapely.Polygon(line) if line.is_ring else line for line in lines]
+        outlines += [
+            shapely.get_coordinates(line)
+            for k, line in enumerate(lines)
+            if line.length > _LEAST_M
+            and not any(other.contains(line) for other in (*areas[:k], *areas[k + 1 :]))
+        ]
     return outlines
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -30,9 +30,11 @@ text { fill: #000; font-size: 2.6px; }
 .dimension text, .label { text-anchor: middle; paint-order: stroke; stroke: #fff; stroke-width: 0.7; }
 .dimension.on-inferred line { stroke: #1f5fbf; stroke-dasharray: 1 0.6; }
 .dimension.on-inferred text { fill: #1f5fbf; }
-.full { fill: #000; }
+.full { fill: #000; stroke: none; }
 .frame { stroke-width: 0.25; }
 """.strip()
+_TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
+_TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
 
@@ -48,19 +50,21 @@ def svg_of(model: ExchangeModel) -> str:
     own = [line.points[:, :2] for line in plan.lines if line.surface] + below
     places = own or [line.points[:, :2] for line in plan.lines]
     paper = Paper.of(np.concatenate([np.zeros((0, 2)), *places]))
-    dimensions, lettering = room_widths(model.walls, plan), Lettering()
+    lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
+    drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
+    lettering = Lettering()
+    widths = _dimensions(room_widths(model.walls, plan), paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
         "</clipPath>",
         '<g clip-path="url(#frame)">',
-        _path(paper, below, "below"),
-        *(_path(paper, _points(plan.lines, state), state) for state in ("rest", "inferred", "measured")),
+        *(_path(paper, some, state) for state, some in drawn.items()),
         *_openings(model, plan, paper, lettering),
-        *_dimensions(dimensions, paper, lettering),
+        *widths,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
-        *_block(paper, plan, dimensions),
+        *_block(paper, [plan.told, *_told_widths(widths)], drawn),
     ]
     size = f'width="{_n(paper.width_mm)}mm" height="{_n(paper.height_mm)}mm"'
     return "\n".join(
@@ -71,7 +75,7 @@ def svg_of(model: ExchangeModel) -> str:
             f"<title>Floor plan, 1 : {paper.scale}</title>",
             f"<desc>{escape(plan.told)}</desc>",
             f"<style>{_STYLE}</style>",
-            *(line for line in body if line),
+            *body,
             "</svg>\n",
         ]
     )
@@ -86,7 +90,7 @@ def _points(lines: Sequence[CutLine], state: str) -> list[FloatArray]:
 def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
     """Polylines (n, 2 or 3) of the world as one path."""
     drawn = ["M" + "L".join(f"{_n(x)} {_n(y)}" for x, y in paper.place(points)) for points in lines]
-    return f'<path class="{state}" d="{"".join(drawn)}"/>' if drawn else ""
+    return f'<path class="{state}" d="{"".join(drawn)}"/>'
 
 
 def _openings(model: ExchangeModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
@@ -135,6 +139,12 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
     return found
 
 
+def _told_widths(drawn: Sequence[str]) -> list[str]:
+    """What is said of widths, if any are drawn."""
+    is_inferred = any("on-inferred" in text for text in drawn)
+    return [_TOLD_WIDTHS + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+
+
 def told_width(dimension: Dimension) -> str:
     """Return a width as drawings show it: metres to the millimetre, the interval rounded up."""
     digits = 3 if dimension.half_m >= 5e-4 else 4
@@ -142,15 +152,10 @@ def told_width(dimension: Dimension) -> str:
     return f"{dimension.value_m:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
 
 
-def _block(paper: Paper, plan: Plan, dimensions: Sequence[Dimension]) -> list[str]:
-    """Below the frame: what it is, what the lines are, the scale bar and the axes."""
+def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[str]:
+    """Below the frame: what it is, what the lines of some states are, the scale bar and the axes."""
     left, top, wide, high = paper.frame
     foot, right = top + high, left + wide
-    told = [plan.told]
-    if dimensions:
-        told.append(
-            "Dimensions in metres between walls; \u00b1 is the 95 % interval, blue rests on inferred wall."
-        )
     found = [
         f'<text x="{_n(left)}" y="{_n(foot + 6 + 4 * k)}">{escape(text)}</text>'
         for k, text in enumerate(told)
@@ -161,7 +166,8 @@ def _block(paper: Paper, plan: Plan, dimensions: Sequence[Dimension]) -> list[st
         "rest": "of no surface",
         "below": "below the cut",
     }
-    for k, (state, name) in enumerate(names.items()):
+    shown = {state: name for state, name in names.items() if state in states}
+    for k, (state, name) in enumerate(shown.items()):
         start = np.array([left + 34 * k, foot + 16.0])
         found.append(_line(np.array([start, start + [10, 0]]), state))
         found.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
