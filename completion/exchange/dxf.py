@@ -112,7 +112,7 @@ def _add_sections(
         space.add_line(ends[0].tolist(), ends[1].tolist(), dxfattribs={"layer": "SECTION-PLACE"})
         for end in ends:
             _add_text(space, section.name, end, "SECTION-PLACE")
-        heights = np.concatenate([[section.point[2]], *(line.points[:, 2] for line in section.lines)])
+        heights = np.concatenate([line.points[:, 2] for line in section.lines] or [section.point[2:]])
         bottom -= _GAP_M + float(np.ptp(heights))
         move = np.array([left - reach.min(), bottom - heights.min()])
         _add_lines(space, [_flat(line, section, move) for line in section.lines], "SECTION")
