@@ -105,7 +105,7 @@ def _add_sections(
     if not len(drawn):
         return _add_text(space, plan_told, np.zeros(2))
     (left, bottom, _), (_, top, _) = drawn.min(axis=0), drawn.max(axis=0)
-    _add_text(space, plan_told, np.array([left, top + _TEXT_M]))
+    _add_text(space, plan_told, np.array([left, top + 5 * _TEXT_M]))
     for section in sections:
         reach = (drawn - section.point) @ section.along
         ends = section.point[:2] + np.outer([reach.min() - 0.3, reach.max() + 0.3], section.along[:2])
