@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import NormalDist
 
 import numpy as np
 import shapely
-from scipy.stats import norm
 
 from completion.exchange.cut import CutLine, Plan
 from completion.exchange.exchange_model import REST, WallPlane
@@ -101,7 +101,7 @@ def _width(
             continue
         cost = (sum(not state for state in states), int(sight.intersects(obstacles[1])))
         if cost < least:
-            half = float(norm.ppf((1 + _LEVEL) / 2)) * (first.sd_m(ends[0]) + second.sd_m(ends[1]))
+            half = NormalDist().inv_cdf((1 + _LEVEL) / 2) * (first.sd_m(ends[0]) + second.sd_m(ends[1]))
             known = (bool(states[0]), bool(states[1]))
             least, best = cost, Dimension((first.number, second.number), ends, value, half, known)
     return best
