@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Completion: a completed model that writes itself as GLB, OBJ, PLY with provenance, E57 and JSON."""
+"""Completion: a completed model that writes itself: GLB, OBJ, PLY with provenance, DXF, SVG, E57, JSON."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.exchange.exchange_model import ExchangeModel, exchange_model
+from completion.exchange.svg import svg_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.panel_files import write_panels_ply
@@ -26,7 +28,7 @@ from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.obj import write_obj
 from scenes.formats.meshes.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
-from scenes.run.atomic import make_folder, write_bytes, write_json
+from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
 from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.range_image import RangeImage
 
@@ -101,7 +103,8 @@ class Completion(CompletedModel):
         """Write the whole model to one file by suffix; return all files that were written.
 
         `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
-        `hypothesised ...`. `.e57` holds the scans as they are, with the poses used, and a cloud
+        `hypothesised ...`. `.dxf` is a drawing for CAD: facets, folds, a plan and sections; `.svg` a floor
+        plan to scale with dimensions. `.e57` holds the scans as they are, with the poses used, and a cloud
         `inferred ...` for each surface, whose points say surface, provenance, confidence and deviation.
         `.json` holds the polygons.
 
@@ -112,10 +115,10 @@ class Completion(CompletedModel):
         """
         target = Path(path)
         suffix = target.suffix.lower()
-        if suffix not in (".glb", ".obj", ".e57", ".json"):
+        if suffix not in (".glb", ".obj", ".dxf", ".svg", ".e57", ".json"):
             raise InputError(
                 f"{target}: cannot export a completion to {suffix or 'a name without suffix'}; known: .glb, "
-                ".obj, .e57, .json (polygons); observed and inferred .ply are written by save"
+                ".obj, .dxf, .svg, .e57, .json (polygons); observed and inferred .ply are written by save"
             )
         return _export(_Content.of(self, [suffix]), target)
 
@@ -136,7 +139,7 @@ def write_model(
         Made if it is not there.
     record : dict
         What completion.json holds (`completion_record`).
-    exports : sequence of "glb", "obj", "e57" or "json"
+    exports : sequence of "glb", "obj", "dxf", "svg", "e57" or "json"
         Formats of further files, called completed.
 
     Raises
@@ -184,6 +187,7 @@ class _Content:
     polygons: Mapping[str, Any]
     scans: Sequence[RangeImage]
     clouds: Sequence[InferredPoints]
+    drawing: ExchangeModel | None
 
     @classmethod
     def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
@@ -191,14 +195,27 @@ class _Content:
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
+            drawing=_drawing(completion) if {".dxf", ".svg"} & {*suffixes} else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
 
 
+def _drawing(completion: CompletedModel) -> ExchangeModel:
+    """What drawings show."""
+    polygons, world = polygons_record(completion), completion.world_from_reference
+    return exchange_model(completion.panels(), completion.patches, polygons, world)
+
+
 def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
+        case ".dxf" if content.drawing is not None:
+            from completion.exchange.dxf import dxf_of  # its library is only loaded where it is asked for
+
+            write_bytes(path, dxf_of(content.drawing))
+        case ".svg" if content.drawing is not None:
+            write_text(path, svg_of(content.drawing))
         case ".obj":
             return write_obj(content.parts, path, _COMMENTS)
         case ".glb":

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: MIT
+"""Dimensions: widths of rooms between opposite walls, with the interval in which they lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from statistics import NormalDist
+
+import numpy as np
+import shapely
+
+from completion.exchange.cut import CutLine, Plan
+from completion.exchange.exchange_model import REST, WallPlane
+from scenes.checks import FloatArray
+
+_LEVEL = 0.95  # of the intervals
+_PARALLEL = float(np.cos(np.radians(5.0)))  # how far walls may be from parallel and have a width between them
+_LEAST_M = 0.3  # of a width, and of the stretch along which two walls face each other
+_PLACES = np.linspace(0.1, 0.9, 17)[np.argsort(np.abs(np.linspace(0.1, 0.9, 17) - 0.5), kind="stable")]
+_AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dimension:
+    """The width between two walls at a place.
+
+    Attributes
+    ----------
+    surfaces : (int, int)
+        The walls' numbers.
+    ends : (2, 3) float
+        Where it was taken, world coordinates, metres.
+    value_m, half_m : float
+        The width, and half its 95 % interval.
+    is_measured : tuple of bool
+        Whether the first and the second wall were measured there.
+    """
+
+    surfaces: tuple[int, int]
+    ends: FloatArray
+    value_m: float
+    half_m: float
+    is_measured: tuple[bool, bool]
+
+    @property
+    def interval_m(self) -> tuple[float, float]:
+        """The least and the greatest width."""
+        return self.value_m - self.half_m, self.value_m + self.half_m
+
+
+def room_widths(walls: Sequence[WallPlane], plan: Plan) -> tuple[Dimension, ...]:
+    """Return the widths between walls that face each other in a plan, with nothing of a wall between them.
+
+    They are taken square to the first wall, where that is measured on both sides if there is such a place,
+    and else as near the middle as walls let. The interval is 1.96 times the sum of both planes' stated
+    deviations at its ends: as wide as it can be, whatever errors they share, since a sensor's range may be
+    wrong by the same amount on both sides of it. The greatest come first.
+    """
+    own = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
+    solid = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind == "wall"]
+    rest = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind not in ("wall", REST)]
+    obstacles = shapely.union_all(solid), shapely.union_all(rest)
+    found = []
+    for one, other in combinations([wall for wall in walls if own[wall.number]], 2):
+        facing = (
+            float((other.point - one.point) @ one.normal)
+            > 0
+            > float((other.point - one.point) @ other.normal)
+        )
+        if facing and float(one.normal @ other.normal) <= -_PARALLEL:
+            width = _width((one, other), (own[one.number], own[other.number]), plan.height_m, obstacles)
+            found += [width] if width else []
+    return tuple(sorted(found, key=lambda dimension: -dimension.value_m))
+
+
+def _width(
+    walls: tuple[WallPlane, WallPlane],
+    lines: tuple[Sequence[CutLine], Sequence[CutLine]],
+    height_m: float,
+    obstacles: tuple[shapely.Geometry, shapely.Geometry],
+) -> Dimension | None:
+    """The width between two walls; None where they do not face each other, or a wall stands between."""
+    first, second = walls
+    square = np.array([*first.normal[:2], 0.0]) / np.hypot(*first.normal[:2])
+    along = np.array([-square[1], square[0], 0.0])
+    reach = [np.concatenate([line.points @ along for line in some]) for some in lines]
+    low, high = max(r.min() for r in reach), min(r.max() for r in reach)
+    if high - low < _LEAST_M:
+        return None
+    best, least = None, (3, 3)
+    for share in _PLACES:
+        start = low + share * (high - low)
+        ends = np.array([_meeting(wall, start * along, square, height_m) for wall in walls])
+        value = float((ends[1] - ends[0]) @ square)
+        states = tuple(_state(some, start, along) for some in lines)
+        inner = ends[:, :2] + np.array([[_AT_WALL_M], [-_AT_WALL_M]]) * square[:2]
+        sight = shapely.LineString(inner)
+        if value < _LEAST_M or None in states or sight.intersects(obstacles[0]):
+            continue
+        cost = (sum(not state for state in states), int(sight.intersects(obstacles[1])))
+        if cost < least:
+            half = NormalDist().inv_cdf((1 + _LEVEL) / 2) * (first.sd_m(ends[0]) + second.sd_m(ends[1]))
+            known = (bool(states[0]), bool(states[1]))
+            least, best = cost, Dimension((first.number, second.number), ends, value, half, known)
+    return best
+
+
+def _meeting(wall: WallPlane, through: FloatArray, square: FloatArray, height_m: float) -> FloatArray:
+    """Where the level line along `square` (3,) through a place (3,) at a height meets a wall."""
+    place = np.array([through[0], through[1], height_m])
+    return np.asarray(place + (wall.point - place) @ wall.normal / (square @ wall.normal) * square)
+
+
+def _state(lines: Sequence[CutLine], start: float, along: FloatArray) -> bool | None:
+    """Whether a wall was measured at a place along it; None where it is not there."""
+    states = []
+    for line in lines:
+        reach = line.points @ along
+        if reach.min() <= start <= reach.max():
+            states.append(line.is_measured)
+    return all(states) if states else None

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""Exchange model: the light model in world coordinates, with what drawings say of its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.extension.patch import Patch
+from completion.fitting.result import SurfaceFit
+from completion.panels.model import PanelModel
+from scenes.checks import BoolArray, FloatArray
+from scenes.pose import Pose
+
+REST = "rest"
+"""What no surface explains, which is surface 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallPlane:
+    """A plane that encloses the room and stands upright.
+
+    Attributes
+    ----------
+    number : int
+        Of its surface, from 1.
+    point, normal : (3,) float
+        World coordinates, metres; the normal points into the room.
+    fit : SurfaceFit
+        How well it is known, working frame.
+    reference_from_world : Pose
+        To the working frame.
+    """
+
+    number: int
+    point: FloatArray
+    normal: FloatArray
+    fit: SurfaceFit
+    reference_from_world: Pose
+
+    def sd_m(self, place: FloatArray) -> float:
+        """Standard deviation of the plane along its normal at a place (3,) of the world, metres."""
+        return float(self.fit.standard_deviation(self.reference_from_world.apply(place[None]))[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldLine:
+    """An edge that two surfaces share: polyline (n, 3), world coordinates, metres, as of `FoldEdge`."""
+
+    surfaces: tuple[int, int]
+    points: FloatArray
+    measured_share: float
+    sd_m: float
+    dihedral_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpeningOutline:
+    """An opening: its surface, what it is, its outline (n, 3) in the world, its size in metres."""
+
+    surface: int
+    kind: str
+    points: FloatArray
+    width_m: float
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExchangeModel:
+    """What is drawn, in world coordinates.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        Metres.
+    faces : (m, 3) int
+        Facets; the last ones are of no surface.
+    surface : (m,) int
+        Number of each facet's surface, from 1; 0 for none.
+    provenance : (m,) int
+        The `Provenance` of each facet.
+    kinds : tuple of str
+        For surface 0, 1, ...: "rest", then "wall", "floor", "ceiling", "plane" or "cylinder".
+    folds : tuple of FoldLine
+        Edges that two surfaces share.
+    corners : (c, 3) float
+        Points in which three meet.
+    corner_sd_m : (c,) float
+        Their standard deviations in the worst direction.
+    openings : tuple of OpeningOutline
+        Holes in planes.
+    walls : tuple of WallPlane
+        The upright planes that enclose the room.
+    floor_m : float or None
+        Height of the lowest floor; None where none was found.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    surface: NDArray[np.int64]
+    provenance: NDArray[np.int64]
+    kinds: tuple[str, ...]
+    folds: tuple[FoldLine, ...]
+    corners: FloatArray
+    corner_sd_m: FloatArray
+    openings: tuple[OpeningOutline, ...]
+    walls: tuple[WallPlane, ...]
+    floor_m: float | None
+
+    @property
+    def is_measured(self) -> BoolArray:
+        """Which facets (m,) were measured; the others were inferred."""
+        return np.asarray(self.provenance == 0, dtype=np.bool_)
+
+    @property
+    def drawn(self) -> FloatArray:
+        """The vertices (k, 3) that facets use."""
+        return self.vertices[np.unique(self.faces)]
+
+
+def exchange_model(
+    panels: PanelModel, patches: Sequence[Patch], polygons: Mapping[str, Any], world: Pose
+) -> ExchangeModel:
+    """Return what drawings show of a completed model.
+
+    Parameters
+    ----------
+    panels : PanelModel
+        The light model, working frame.
+    patches : sequence of Patch
+        The completed surfaces, in their order.
+    polygons : mapping
+        What `polygons.json` holds.
+    world : Pose
+        From the working frame to the world.
+    """
+    planes = {int(one["id"]): one for one in polygons["surfaces"]}
+    kinds = [REST] + [patch.grid.surface.kind for patch in patches]
+    for number, plane in planes.items():
+        kinds[number] = "plane" if plane["role"] == "surface" else plane["role"]
+    reference, n_rest = world.inverse(), len(panels.rest.faces)
+    walls = [
+        WallPlane(
+            number,
+            np.array(plane["plane"]["point"]),
+            np.array(plane["plane"]["normal"]),
+            patches[number - 1].stated,
+            reference,
+        )
+        for number, plane in planes.items()
+        if plane["role"] == "wall"
+    ]
+    corners = np.array([one.point for one in panels.corners]).reshape(-1, 3)
+    spread = [float(np.sqrt(np.linalg.eigvalsh(one.covariance)[-1])) for one in panels.corners]
+    return ExchangeModel(
+        vertices=world.apply(panels.vertices),
+        faces=np.concatenate([panels.faces, panels.rest.faces]),
+        surface=np.pad(panels.face_surface.astype(np.int64), (0, n_rest)),
+        provenance=np.pad(panels.face_provenance.astype(np.int64), (0, n_rest)),
+        kinds=tuple(kinds),
+        folds=tuple(
+            FoldLine(one.surfaces, world.apply(one.points), one.measured_share, one.sd_m, one.dihedral_deg)
+            for one in panels.folds
+        ),
+        corners=world.apply(corners),
+        corner_sd_m=np.array(spread),
+        openings=tuple(
+            OpeningOutline(number, one["kind"], np.array(one["points"]), one["width_m"], one["height_m"])
+            for number, plane in planes.items()
+            for one in plane["openings"]
+        ),
+        walls=tuple(walls),
+        floor_m=_lowest_floor(planes),
+    )
+
+
+def _lowest_floor(planes: Mapping[int, Any]) -> float | None:
+    """Height of the lowest floor, in the middle of its outline's corners; None without a floor."""
+    heights = [
+        float(np.mean([point[2] for polygon in plane["polygons"] for point in polygon["outer"]["points"]]))
+        for plane in planes.values()
+        if plane["role"] == "floor" and plane["polygons"]
+    ]
+    return min(heights, default=None)

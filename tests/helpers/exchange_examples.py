@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""A room scanned all round, completed, as what drawings show; and a box of known facets."""
+
+from functools import cache
+
+import numpy as np
+
+from completion import Completion, CompletionOptions, complete
+from completion.exchange.exchange_model import ExchangeModel, exchange_model
+from completion.result.polygons import polygons_record
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.view import View
+from scenes.pose import Pose
+from scenes.world.builtin import builtin_scene
+
+UTM = Pose.from_parts(np.eye(3), np.array([500_000.0, 5_000_000.0, 100.0]))
+SIZE = (6.0, 5.0, 2.7)  # of the room, whose least corner is the origin of UTM
+
+
+@cache
+def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Completion:
+    """A built-in scene, scanned all round with noise, far from the origin of the world."""
+    view = View(Pose.looking_at((2.0, 3.6, 1.5), (6.0, 2.5, 1.5)), load_sensor("panorama"))
+    scan = scan_scene(builtin_scene(name), view, noise=noise, rng=0).transformed(UTM)
+    return complete(scan, CompletionOptions(texture=False), rng=0)
+
+
+def drawn(done: Completion) -> ExchangeModel:
+    """What drawings show of a completion."""
+    return exchange_model(done.panels(), done.patches, polygons_record(done), done.world_from_reference)
+
+
+def box() -> ExchangeModel:
+    """The upright sides of a box of 2 x 1 x 1 m as surfaces 1 to 4, of two facets each; side 2 inferred."""
+    base = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)
+    vertices = np.concatenate([base, base + [0, 0, 1.0]])
+    faces = [[a, b, b + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))]
+    faces += [[a, b + 4, a + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))]
+    return ExchangeModel(
+        vertices=vertices,
+        faces=np.array(faces),
+        surface=np.tile(np.arange(1, 5), 2),
+        provenance=np.tile([0, 1, 0, 0], 2),
+        kinds=("rest", "plane", "plane", "plane", "plane"),
+        folds=(),
+        corners=np.zeros((0, 3)),
+        corner_sd_m=np.zeros(0),
+        openings=(),
+        walls=(),
+        floor_m=None,
+    )
