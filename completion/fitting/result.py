@@ -75,8 +75,8 @@ class SurfaceFit:
 
     def standard_deviation(self, points: FloatArray) -> FloatArray:
         """Predicted standard deviation (n,) of the surface along its normal at `points`, metres."""
-        gradient = self.gradient(points)
-        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance, gradient)
+        gradient, covariance = self.gradient(points), np.ascontiguousarray(self.covariance)
+        variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)  # rounded as they lie in memory
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
     def gradient(self, points: FloatArray) -> FloatArray:

@@ -13,7 +13,9 @@ from completion.panels.corner import Corner
 from completion.panels.fold import Fold
 from completion.panels.sheet import Sheet
 from scenes.checks import FloatArray
+from scenes.surfaces.surface import cross
 
+_PAIR = 2  # surfaces of a fold
 _BESIDE = 1.5  # cells beside a fold at which a surface was measured up to it
 
 
@@ -109,13 +111,34 @@ def corner_point(corner: Corner, sheets: Sequence[Sheet]) -> CornerPoint:
 def meeting_covariance(sheets: Sequence[Sheet], place: FloatArray) -> FloatArray:
     """Covariance (3, 3) of a place (3,) in which two or three surfaces meet, square metres.
 
-    With N the unit normals as rows and S the surfaces' variances there, taken as independent: P S P' with
-    P = N' (N N')^-1, which is the inverse of N where there are three. Along two surfaces' fold it is nothing.
+    With the unit normals n_k and the surfaces' variances s_k^2 there, taken as independent: the sum of
+    s_k^2 g_k g_k', where g_k moves the place off the k-th surface by one and along the others. Along two
+    surfaces' fold it is nothing. Products are taken element by element: linear algebra libraries round small
+    matrices as they lie in memory.
     """
-    normals = np.stack([sheet.surface.normal(place[None])[0] for sheet in sheets])
-    sd = [float(sheet.patch.stated.standard_deviation(place[None])[0]) for sheet in sheets]
-    inverse = np.linalg.pinv(normals)
-    return np.asarray(inverse @ np.diag(np.square(sd)) @ inverse.T)
+    normals = [sheet.surface.normal(place[None])[0] for sheet in sheets]
+    total = np.zeros((3, 3))
+    for sheet, move in zip(sheets, _moves(normals), strict=True):
+        variance = float(sheet.patch.stated.standard_deviation(place[None])[0]) ** 2
+        total = total + variance * (move[:, None] * move)
+    return total
+
+
+def turned(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return covariances (..., 3, 3) in the axes that a rotation (3, 3) leads to."""
+    turn, given = np.ascontiguousarray(rotation), np.ascontiguousarray(covariance)
+    half = (turn[:, None, :] * given[..., None, :, :]).sum(axis=-1)
+    return np.asarray((half[..., :, None, :] * turn).sum(axis=-1), dtype=np.float64)
+
+
+def _moves(normals: Sequence[FloatArray]) -> list[FloatArray]:
+    """The vectors (3,) that leave one of two or three planes by one, and lie in the others and across."""
+    if len(normals) == _PAIR:
+        one, other = normals
+        cosine = float((one * other).sum())
+        return [(a - cosine * b) / (1 - cosine**2) for a, b in ((one, other), (other, one))]
+    across = [cross(normals[k - 2], normals[k - 1]) for k in range(3)]
+    return [vector / float((vector * normal).sum()) for vector, normal in zip(across, normals, strict=True)]
 
 
 def _dihedral(fold: Fold, own: Sequence[Sheet]) -> float:

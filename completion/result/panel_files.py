@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.panels.fold_edge import FoldEdge
+from completion.panels.fold_edge import FoldEdge, turned
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray
 from scenes.formats.meshes.ply import write_mesh_ply
@@ -53,7 +53,7 @@ def panels_record(completion: CompletedModel) -> dict[str, Any]:
             {
                 "surfaces": list(one.surfaces),
                 "point": world.apply(one.point[None])[0].tolist(),
-                "covariance_m2": (turn @ one.covariance @ turn.T).tolist(),
+                "covariance_m2": turned(one.covariance, turn).tolist(),
             }
             for one in panels.corners
         ],
@@ -76,6 +76,6 @@ def _fold(fold: FoldEdge, points: FloatArray, turn: FloatArray) -> dict[str, Any
         "dihedral_deg": fold.dihedral_deg,
         "dihedral_sd_deg": fold.dihedral_sd_deg,
         "sd_m": fold.sd_m,
-        "covariance_m2": (turn @ fold.covariance @ turn.T).tolist(),
+        "covariance_m2": turned(fold.covariance, turn).tolist(),
         "measured_share": fold.measured_share,
     }

@@ -2,6 +2,7 @@
 """Panels: few facets that meet in the true folds of a room, each of one surface and one state."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.fold_edge import meeting_covariance
+from completion.panels.fold_edge import meeting_covariance, turned
 from completion.panels.healing import edges_of, vertices_within_edges
 from completion.panels.sheet import Sheet, spread_provenance
 from completion.pipeline import complete
@@ -154,3 +155,22 @@ def test_nothing_gives_no_panels():
     empty = complete(scan.transformed(Pose.identity()), CompletionOptions(texture=False, min_area_m2=1e6))
     panels = empty.panels()
     assert len(panels.faces) == len(panels.folds) == 0
+
+
+def test_covariances_do_not_depend_on_how_arrays_lie_in_memory(done):
+    scan = done["two_occluders"]
+    folds = scan.panels().folds
+    for fold in folds[:4]:
+        if 0 in fold.surfaces:
+            continue
+        sheets = []
+        for number in fold.surfaces:
+            patch = scan.patches[number - 1]
+            other = replace(patch.stated, covariance=np.asfortranarray(patch.stated.covariance))
+            sheets.append(Sheet(number, replace(patch, stated=other), None, np.zeros((1, 1), np.int8)))
+        told = [meeting_covariance(sheets, place) for place in fold.points[[0, -1]]]
+        np.testing.assert_array_equal(np.stack(told), fold.covariance)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    told = turned(folds[0].covariance, turn)
+    np.testing.assert_array_equal(told, turned(folds[0].covariance, np.asfortranarray(turn)))
+    assert told == pytest.approx(turn @ folds[0].covariance @ turn.T, abs=1e-15)
