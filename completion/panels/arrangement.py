@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from completion.panels.cell_polygons import polygons_of_cells
 from completion.panels.fold import Fold
 from completion.panels.fold_curve import FoldCurve, facet_lines
-from completion.panels.sheet import Sheet
+from completion.panels.sheet import Sheet, left_of
 from completion.panels.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
@@ -173,9 +173,7 @@ def _fitted(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any
 
 def _strip(uv: FloatArray, width: float) -> Any:
     """The strip to the left of a polyline (n, 2), of a width in metres; to its right if that is negative."""
-    along = np.gradient(uv, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    beside = uv + width * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    beside = uv + width * left_of(uv)
     return shapely.make_valid(shapely.polygons(np.concatenate([uv, beside[::-1]])))
 
 

@@ -61,11 +61,6 @@ class Fold:
         both = zip((self.first, self.second), self.sides, strict=True)
         return tuple(number for number, sides in both if sides.all())
 
-    @property
-    def kind(self) -> str:
-        """`ends` where both surfaces end at it, `through` where one goes on, or both."""
-        return "through" if self.goes_on else "ends"
-
     def stations(self) -> FloatArray:
         """Parameters (n,) from start to end between which it is straight enough."""
         return self.curve.stations(self.start, self.end)

@@ -70,25 +70,20 @@ class PanelModel:
         What no surface explains.
     """
 
-    vertices: FloatArray
-    faces: NDArray[np.int64]
-    face_surface: NDArray[np.int32]
-    face_provenance: NDArray[np.int8]
-    corner_uv: FloatArray
-    folds: tuple[FoldEdge, ...]
-    corners: tuple[CornerPoint, ...]
-    open_m: Mapping[str, float]
+    vertices: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), np.int64))
+    face_surface: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    face_provenance: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
+    corner_uv: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 2)))
+    folds: tuple[FoldEdge, ...] = ()
+    corners: tuple[CornerPoint, ...] = ()
+    open_m: Mapping[str, float] = field(default_factory=dict)
     rest: RestFacets = field(default_factory=RestFacets)
 
     @property
     def is_measured(self) -> BoolArray:
         """Which facets (m,) were measured; the others were inferred."""
         return np.asarray(self.face_provenance == Provenance.MEASURED, dtype=np.bool_)
-
-    def areas_m2(self) -> FloatArray:
-        """Area of each facet (m,)."""
-        first, second, third = (self.vertices[self.faces[:, k]] for k in range(3))
-        return np.asarray(np.linalg.norm(np.cross(second - first, third - first), axis=1) / 2)
 
     def part(self, kept: BoolArray) -> PanelPart:
         """Return some facets (m,) of one surface by themselves."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from completion.panels.model import PanelModel
 from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
 from completion.panels.slim_face import slim_folds
-from completion.panels.welding import Facets, weld
+from completion.panels.welding import weld
 from scenes.checks import FloatArray
 
 
@@ -58,12 +59,8 @@ def build_panels(
     edges += slim_folds(sheets, rest, edges)
 
     # 6. Tell: how well folds and corners are known, and what lies beyond the edges that are left open.
-    return PanelModel(
-        vertices=facets.vertices,
-        faces=facets.faces,
-        face_surface=facets.surface,
-        face_provenance=facets.provenance,
-        corner_uv=facets.corner_uv,
+    return replace(
+        facets,
         folds=tuple(edges),
         corners=tuple(corner_point(corner, sheets) for corner in corners),
         open_m=_open_edges(facets, sheets, outline),
@@ -71,7 +68,7 @@ def build_panels(
 
 
 def _open_edges(
-    facets: Facets, sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]
+    facets: PanelModel, sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells]
 ) -> dict[str, float]:
     """Length of the edges of a single facet by what the outline's nearest cell says of them, metres."""
     edges, count, owner = edges_of(facets.faces)
@@ -80,8 +77,8 @@ def _open_edges(
     length = np.linalg.norm(facets.vertices[edges[:, 1]] - facets.vertices[edges[:, 0]], axis=1)
     middle = facets.vertices[edges].mean(axis=1)
     total: dict[str, float] = {}
-    for number in np.unique(facets.surface[owner]).tolist():
-        own = facets.surface[owner] == number
+    for number in np.unique(facets.face_surface[owner]).tolist():
+        own = facets.face_surface[owner] == number
         grid = sheets[number - 1].patch.grid
         said = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[own]))
         for kind in np.unique(said).tolist():

@@ -80,9 +80,7 @@ class Sheet:
         uv = self.surface.to_uv(points)
         if np.isfinite(self.surface.period):
             uv[:, 0] = np.unwrap(uv[:, 0], period=self.surface.period)
-        along = np.gradient(uv, axis=0)
-        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-        return uv, np.stack([-along[:, 1], along[:, 0]], axis=1)
+        return uv, left_of(uv)
 
     def _within_period(self, uv: FloatArray) -> FloatArray:
         """The same places (n, 2) within the chart's period."""
@@ -117,6 +115,13 @@ class Sheet:
             beyond = uv[near] - np.stack([np.sign(uv[near, 0]) * 2 * half, np.zeros(len(near))], axis=1)
             found[near] = shapely.dwithin(self.area, shapely.points(beyond), distance_m)
         return found
+
+
+def left_of(uv: FloatArray) -> FloatArray:
+    """Return the unit vectors (n, 2) to the left of a polyline (n, 2) at its places."""
+    along = np.gradient(uv, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    return np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 
 def _without_holes(area: Any, free: FloatArray) -> Any:

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from completion.panels.arrangement import PRECISION_M, Arrangement, Trace
 from completion.panels.healing import heal
+from completion.panels.model import PanelModel
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -24,32 +25,7 @@ _SAME_T_M = 4e-4  # between the places of two charts that are one node of a fold
 _SAME_M = 6e-4  # between nodes of several folds that are one vertex
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Facets:
-    """The triangles of all surfaces.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float
-        Metres, working frame.
-    faces : (m, 3) int
-        Anticlockwise seen from the side that was measured.
-    corner_uv : (m, 3, 2) float
-        Chart coordinates of their corners.
-    surface : (m,) int32
-        Number of each, from 1.
-    provenance : (m,) int8
-        Of each.
-    """
-
-    vertices: FloatArray
-    faces: NDArray[np.int64]
-    corner_uv: FloatArray
-    surface: NDArray[np.int32]
-    provenance: NDArray[np.int8]
-
-
-def weld(charts: Sequence[Arrangement]) -> Facets:
+def weld(charts: Sequence[Arrangement]) -> PanelModel:
     """Triangulate the faces of all charts without further points, with the nodes of folds in common.
 
     A node that one surface has on a fold goes into the rings of the other too (nodes within .4 mm are one),
@@ -64,7 +40,7 @@ def weld(charts: Sequence[Arrangement]) -> Facets:
     placed = [_triangulated(one, nodes) for one in rings]
     starts = np.cumsum([0, *(len(one.vertices) for one in placed)])
     if not len(starts) > 1:
-        return _nothing()
+        return PanelModel()
     vertices = np.concatenate([one.vertices for one in placed])
     on_fold = np.concatenate([one.on_fold for one in placed])
     faces = np.concatenate([one.faces + start for one, start in zip(placed, starts, strict=False)])
@@ -75,7 +51,7 @@ def weld(charts: Sequence[Arrangement]) -> Facets:
     faces, uv, source = heal(vertices, faces[proper], uv, PRECISION_M)
     number = np.repeat([one.number for one in placed], [len(one.faces) for one in placed]).astype(np.int32)
     provenance = np.concatenate([one.provenance for one in placed])
-    return Facets(vertices, faces, uv, number[proper][source], provenance[proper][source])
+    return PanelModel(vertices, faces, number[proper][source], provenance[proper][source], uv)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,11 +226,3 @@ def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArra
     _, label = connected_components(graph, directed=False)
     _, first, index = np.unique(label, return_index=True, return_inverse=True)
     return vertices[first], index
-
-
-def _nothing() -> Facets:
-    """No triangle at all."""
-    none = np.zeros((0, 3))
-    return Facets(
-        none, none.astype(np.int64), np.zeros((0, 3, 2)), np.zeros(0, np.int32), np.zeros(0, np.int8)
-    )
