@@ -20,6 +20,7 @@ from scenes.formats.guard import check_file, reading
 from scenes.formats.meshes.ply_structure import TYPES, header_lines
 from scenes.run.atomic import atomic_path
 
+_COUNT, _CORNERS = "#", "#corners"  # of a face, in tables: no property can have such a name
 _HELD = 1 << 24  # bytes of a file that are in memory at a time
 _NAME_OF_TYPE = {kind: name for name, kind in reversed(TYPES.items())}  # the older name of each
 
@@ -187,8 +188,8 @@ def _face_table(faces: NDArray[np.int32], properties: Mapping[str, NDArray[Any]]
         for name, values in properties.items()
     }
     own = [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
-    table = np.empty(len(faces), dtype=[("n", "u1"), ("corners", "<i4", (3,)), *own])
-    table["n"], table["corners"] = 3, faces
+    table = np.empty(len(faces), dtype=[(_COUNT, "u1"), (_CORNERS, "<i4", (3,)), *own])
+    table[_COUNT], table[_CORNERS] = 3, faces
     for name, column in columns.items():
         table[name] = column
     return table
@@ -233,9 +234,9 @@ def _read(path: Path) -> PlyMesh:
             vertices = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
             of_vertices = {name: table[name].copy() for name in element.properties if name not in "xyz"}
         elif element.name == "face":
-            if (table["n"] != 3).any():
+            if (table[_COUNT] != 3).any():
                 raise InputError("has faces that are no triangles")
-            faces = table["corners"].astype(np.int32)
+            faces = table[_CORNERS].astype(np.int32)
             of_faces = {name: table[name].copy() for name in element.properties}
     return PlyMesh(vertices, check_faces(faces, len(vertices)), of_vertices, of_faces, comments)
 
@@ -252,11 +253,20 @@ def _parse_header(data: bytes) -> tuple[list[_Element], tuple[str, ...], int]:
         elif words[:1] == ["format"] and words[1] != "binary_little_endian":
             raise InputError(f"is in {words[1]} format; binary_little_endian was expected")
         elif words[:1] == ["element"]:
+            if int(words[2]) < 0:
+                raise InputError(f"announces {words[2]} of {words[1]}")
             elements.append(_Element(words[1], int(words[2])))
         elif words[:2] == ["property", "list"]:
-            count, index = "<" + TYPES[words[2]], "<" + TYPES[words[3]]
-            elements[-1].fields += [("n", count), ("corners", index, (3,))]
+            count, index = _type_of(words[2]), _type_of(words[3])
+            elements[-1].fields += [(_COUNT, count), (_CORNERS, index, (3,))]
         elif words[:1] == ["property"]:
             elements[-1].properties.append(words[2])
-            elements[-1].fields.append((words[2], "<" + TYPES[words[1]]))
+            elements[-1].fields.append((words[2], _type_of(words[1])))
     return elements, tuple(comments), start
+
+
+def _type_of(word: str) -> str:
+    """The type of a property, as numpy calls it."""
+    if word not in TYPES:
+        raise InputError(f"has a property of the unknown type {word[:40]!r}")
+    return "<" + TYPES[word]

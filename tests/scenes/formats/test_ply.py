@@ -79,13 +79,14 @@ def test_damage_is_named(tmp_path: Path) -> None:
     write_mesh_ply(path, VERTICES, FACES, PROPERTIES)
     whole = path.read_bytes()
     for broken, message in [
+        (whole.replace(b"element vertex 4", b"element vertex -1"), "announces -1 of vertex"),
         (whole[:-5], "truncated: 2 of face take 26 bytes, 21 left"),
         (whole.replace(b"binary_little_endian", b"ascii"), "is in ascii format"),
         (whole.replace(b"element vertex 4", b"element vertex 4000000000"), "truncated: 4000000000 of vertex"),
         (b"hello", "not a PLY file"),
         (whole[: whole.index(b"end_header") + 10], "not a PLY file: no header"),
         (whole.replace(b"end_header\n", b"end_header\0").replace(b"\n", b" "), "not a PLY file: no header"),
-        (whole.replace(b"property int surface", b"property half surface"), "cannot be read as a binary PLY"),
+        (whole.replace(b"property int surface", b"property half surface"), "of the unknown type 'half'"),
         (whole[:-4] + b"\x09\0\0\0", "face 1 is .*9.*, but there are 4 vertices"),
     ]:
         path.write_bytes(broken)
@@ -121,3 +122,43 @@ def test_parts_of_other_properties_are_refused(tmp_path: Path) -> None:
     parts = [PlyMesh(np.zeros((3, 3)), none), PlyMesh(np.zeros((3, 3)), none, {"a": np.zeros(3)})]
     with pytest.raises(InputError, match="parts of a PLY file have properties"):
         write_meshes_ply(tmp_path / "parts.ply", parts)
+
+
+def test_faces_have_properties_too(tmp_path: Path) -> None:
+    """Whatever they are called: the corners are no property."""
+    known = {
+        "surface": np.array([3, 1], np.int32),
+        "n": np.array([0, 1], np.uint8),
+        "corners": np.array([0.5, 2.0]),
+    }
+    write_mesh_ply(tmp_path / "m.ply", VERTICES, FACES, PROPERTIES, face_properties=known)
+    back = read_mesh_ply(tmp_path / "m.ply")
+    np.testing.assert_array_equal(back.faces, FACES)
+    assert list(back.face_properties) == list(known)
+    for name, values in known.items():
+        np.testing.assert_array_equal(back.face_properties[name], values)
+        assert back.face_properties[name].dtype == values.dtype
+    assert list(back.vertex_properties) == list(PROPERTIES)
+    whole = trimesh.load(tmp_path / "m.ply", process=False)  # another program's reader
+    np.testing.assert_array_equal(whole.faces, FACES)
+
+
+@pytest.mark.parametrize(
+    ("properties", "message"),
+    [
+        ({"state": np.zeros(3)}, r"expected face property state with shape \(2,\), got \(3,\)"),
+        ({"a b": np.zeros(2)}, "face property name 'a b' has characters that PLY does not allow"),
+    ],
+)
+def test_unusable_properties_of_faces_are_named(
+    tmp_path: Path, properties: "dict[str, np.ndarray]", message: str
+) -> None:  # type: ignore[type-arg]
+    with pytest.raises(InputError, match=message):
+        write_mesh_ply(tmp_path / "m.ply", VERTICES, FACES, face_properties=properties)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_faces_keep_their_properties(tmp_path: Path) -> None:
+    none = np.zeros((0, 3), np.int32)
+    write_mesh_ply(tmp_path / "m.ply", VERTICES, none, face_properties={"state": np.zeros(0, np.uint8)})
+    assert list(read_mesh_ply(tmp_path / "m.ply").face_properties) == ["state"]
