@@ -95,7 +95,7 @@ def test_the_viewers_labels_are_text(here, browser, tmp_path, monkeypatch):
         CliRunner().invoke(app, ["coverage", SCENE, "--scans", SCANS[0], "-o", str(tmp_path)]).exit_code == 0
     )
     tab = browser.open(tmp_path / "report.html", 1000, 800)
-    tab.wait_for("[...document.querySelectorAll('figure.view')].every(f => f.view)")
+    tab.wait_for("[...document.querySelectorAll('figure.view')].every(f => f.view?.placed)")
     left, top, width, height = tab.box("canvas")
     shown = set()
     for column in np.linspace(0.2, 0.8, 7):

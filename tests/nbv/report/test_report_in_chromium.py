@@ -14,7 +14,7 @@ from tests.helpers.view_examples import EVIL, FEW, KINDS, UTM, known_page, repor
 pytestmark = needs_chromium
 SCREENSHOTS = os.environ.get("UNSEEN_SCREENSHOTS")
 LEFT, RIGHT = (1.3, 0.7, 0.0), (4.2, 1.1, 0.0)
-IS_LIVE = "[...document.querySelectorAll('figure.view')].every(f => f.view)"
+IS_LIVE = "[...document.querySelectorAll('figure.view')].every(f => f.view?.placed)"
 VIEW = "document.querySelector('figure.view').view"
 
 
