@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Exchange: drawings of a completed model that CAD programs open; what was inferred stays apart."""
+"""Exchange: what goes out to CAD, to BIM and to people who build; what was inferred stays apart."""

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.exchange.exchange_model import ExchangeModel, exchange_model
-from completion.exchange.svg import svg_of
+from completion.exchange.building.building_model import BuildingModel, building_model
+from completion.exchange.drawing.svg import svg_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.panel_files import write_panels_ply
@@ -187,7 +187,7 @@ class _Content:
     polygons: Mapping[str, Any]
     scans: Sequence[RangeImage]
     clouds: Sequence[InferredPoints]
-    drawing: ExchangeModel | None
+    drawing: BuildingModel | None
 
     @classmethod
     def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
@@ -201,17 +201,17 @@ class _Content:
         )
 
 
-def _drawing(completion: CompletedModel) -> ExchangeModel:
+def _drawing(completion: CompletedModel) -> BuildingModel:
     """What drawings show."""
     polygons, world = polygons_record(completion), completion.world_from_reference
-    return exchange_model(completion.panels(), completion.patches, polygons, world)
+    return building_model(completion.panels(), completion.patches, polygons, world)
 
 
 def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
         case ".dxf" if content.drawing is not None:
-            from completion.exchange.dxf import dxf_of  # its library is only loaded where it is asked for
+            from completion.exchange.drawing.dxf import dxf_of  # its library is loaded where it is asked for
 
             write_bytes(path, dxf_of(content.drawing))
         case ".svg" if content.drawing is not None:

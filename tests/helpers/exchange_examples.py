@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.exchange_model import ExchangeModel, exchange_model
+from completion.exchange.building.building_model import BuildingModel, building_model
 from completion.result.polygons import polygons_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -26,18 +26,18 @@ def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Comple
     return complete(scan, CompletionOptions(texture=False), rng=0)
 
 
-def drawn(done: Completion) -> ExchangeModel:
+def drawn(done: Completion) -> BuildingModel:
     """What drawings show of a completion."""
-    return exchange_model(done.panels(), done.patches, polygons_record(done), done.world_from_reference)
+    return building_model(done.panels(), done.patches, polygons_record(done), done.world_from_reference)
 
 
-def box() -> ExchangeModel:
+def box() -> BuildingModel:
     """The upright sides of a box of 2 x 1 x 1 m as surfaces 1 to 4, of two facets each; side 2 inferred."""
     base = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)
     vertices = np.concatenate([base, base + [0, 0, 1.0]])
     faces = [[a, b, b + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))]
     faces += [[a, b + 4, a + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))]
-    return ExchangeModel(
+    return BuildingModel(
         vertices=vertices,
         faces=np.array(faces),
         surface=np.tile(np.arange(1, 5), 2),
@@ -47,6 +47,7 @@ def box() -> ExchangeModel:
         corners=np.zeros((0, 3)),
         corner_sd_m=np.zeros(0),
         openings=(),
-        walls=(),
+        planes=(),
+        cylinders=(),
         floor_m=None,
     )

@@ -3,7 +3,7 @@
 
 from typer.testing import CliRunner
 
-from completion.exchange.svg import svg_of
+from completion.exchange.drawing.svg import svg_of
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.exchange.cut import cut, plan_of, sections_of
-from completion.exchange.exchange_model import OpeningOutline
-from completion.exchange.outlines import opening_at, seen_below
+from completion.exchange.building.building_model import OpeningOutline
+from completion.exchange.building.cut import cut, plan_of, sections_of
+from completion.exchange.building.outlines import opening_at, seen_below
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -78,7 +78,7 @@ def test_sections_run_along_walls_through_the_middle(room):
 def test_sentences_without_floor_without_walls_without_anything(room):
     told = plan_of(replace(room, floor_m=None)).told
     assert told.startswith("No floor was found: plan, cut halfway up what was scanned, at z = 101.35 m")
-    assert plan_of(replace(room, floor_m=None, walls=())).told.startswith(
+    assert plan_of(replace(room, floor_m=None, planes=())).told.startswith(
         "Neither floor nor walls were found"
     )
     nothing = replace(

@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 
-from completion.exchange.dxf import dxf_of
+from completion.exchange.drawing.dxf import dxf_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from scenes.pose import Pose

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from completion.exchange.cut import plan_of
-from completion.exchange.dimensions import Dimension, room_widths
-from completion.exchange.paper import Lettering, Paper
-from completion.exchange.svg import svg_of, told_width
+from completion.exchange.building.cut import plan_of
+from completion.exchange.dimensions.widths import Dimension, room_widths
+from completion.exchange.drawing.paper import Lettering, Paper
+from completion.exchange.drawing.svg import svg_of, told_width
 from tests.helpers.browser import Browser, needs_chromium
 from tests.helpers.exchange_examples import SIZE, drawn, panorama
 

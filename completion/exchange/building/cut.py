@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from completion.exchange.exchange_model import REST, ExchangeModel
+from completion.exchange.building.building_model import REST, BuildingModel
 from scenes.checks import FloatArray
 
 _CUT_ABOVE_M = 1.1  # the lowest floor: windows are cut there, and tables are not
@@ -65,7 +65,7 @@ class Section:
     lines: tuple[CutLine, ...]
 
 
-def cut(model: ExchangeModel, point: FloatArray, normal: FloatArray) -> tuple[CutLine, ...]:
+def cut(model: BuildingModel, point: FloatArray, normal: FloatArray) -> tuple[CutLine, ...]:
     """Cut the facets of a model by the plane through `point` (3,) with `normal` (3,).
 
     Facets of a surface and a state that share an edge give one polyline. What lies in the plane is not cut.
@@ -94,7 +94,7 @@ def cut(model: ExchangeModel, point: FloatArray, normal: FloatArray) -> tuple[Cu
     return tuple(found)
 
 
-def plan_of(model: ExchangeModel) -> Plan:
+def plan_of(model: BuildingModel) -> Plan:
     """Return the plan: the cut 1.1 m above the lowest floor, or halfway up where no floor is known."""
     if not len(model.faces):
         return Plan(0.0, "Nothing was found that could be drawn.", ())
@@ -113,7 +113,7 @@ def plan_of(model: ExchangeModel) -> Plan:
     return Plan(height, told, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
 
 
-def sections_of(model: ExchangeModel) -> tuple[Section, ...]:
+def sections_of(model: BuildingModel) -> tuple[Section, ...]:
     """Return upright cuts through the middle of what surfaces cover: A along most walls, B across them."""
     own = model.faces[model.surface > 0]
     if not len(own):
@@ -131,7 +131,7 @@ def sections_of(model: ExchangeModel) -> tuple[Section, ...]:
     )
 
 
-def _main_direction(model: ExchangeModel) -> FloatArray:
+def _main_direction(model: BuildingModel) -> FloatArray:
     """Level unit vector (3,) along most wall area, within 45 degrees of +x; +x where there is no wall."""
     corners = model.vertices[model.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Exchange model: the light model in world coordinates, with what drawings say of its surfaces."""
+"""Building model: the light model in world coordinates, with what drawings say of its surfaces."""
 
 from __future__ import annotations
 
@@ -10,41 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.exchange.building.elements import (
+    CylinderElement,
+    PlaneElement,
+    cylinder_element,
+    plane_element,
+)
 from completion.extension.patch import Patch
-from completion.fitting.result import SurfaceFit
 from completion.panels.model import PanelModel
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
+from scenes.surfaces.catalogue import Cylinder
 
 REST = "rest"
 """What no surface explains, which is surface 0."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WallPlane:
-    """A plane that encloses the room and stands upright.
-
-    Attributes
-    ----------
-    number : int
-        Of its surface, from 1.
-    point, normal : (3,) float
-        World coordinates, metres; the normal points into the room.
-    fit : SurfaceFit
-        How well it is known, working frame.
-    reference_from_world : Pose
-        To the working frame.
-    """
-
-    number: int
-    point: FloatArray
-    normal: FloatArray
-    fit: SurfaceFit
-    reference_from_world: Pose
-
-    def sd_m(self, place: FloatArray) -> float:
-        """Standard deviation of the plane along its normal at a place (3,) of the world, metres."""
-        return float(self.fit.standard_deviation(self.reference_from_world.apply(place[None]))[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +49,7 @@ class OpeningOutline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExchangeModel:
+class BuildingModel:
     """What is drawn, in world coordinates.
 
     Attributes
@@ -93,8 +72,10 @@ class ExchangeModel:
         Their standard deviations in the worst direction.
     openings : tuple of OpeningOutline
         Holes in planes.
-    walls : tuple of WallPlane
-        The upright planes that enclose the room.
+    planes : tuple of PlaneElement
+        Its completed planes.
+    cylinders : tuple of CylinderElement
+        Its completed cylinders.
     floor_m : float or None
         Height of the lowest floor; None where none was found.
     """
@@ -108,8 +89,14 @@ class ExchangeModel:
     corners: FloatArray
     corner_sd_m: FloatArray
     openings: tuple[OpeningOutline, ...]
-    walls: tuple[WallPlane, ...]
+    planes: tuple[PlaneElement, ...]
+    cylinders: tuple[CylinderElement, ...]
     floor_m: float | None
+
+    @property
+    def walls(self) -> tuple[PlaneElement, ...]:
+        """The upright planes that enclose the room."""
+        return tuple(one for one in self.planes if one.kind == "wall")
 
     @property
     def is_measured(self) -> BoolArray:
@@ -122,9 +109,9 @@ class ExchangeModel:
         return self.vertices[np.unique(self.faces)]
 
 
-def exchange_model(
+def building_model(
     panels: PanelModel, patches: Sequence[Patch], polygons: Mapping[str, Any], world: Pose
-) -> ExchangeModel:
+) -> BuildingModel:
     """Return what drawings show of a completed model.
 
     Parameters
@@ -138,25 +125,21 @@ def exchange_model(
     world : Pose
         From the working frame to the world.
     """
-    planes = {int(one["id"]): one for one in polygons["surfaces"]}
-    kinds = [REST] + [patch.grid.surface.kind for patch in patches]
-    for number, plane in planes.items():
-        kinds[number] = "plane" if plane["role"] == "surface" else plane["role"]
-    reference, n_rest = world.inverse(), len(panels.rest.faces)
-    walls = [
-        WallPlane(
-            number,
-            np.array(plane["plane"]["point"]),
-            np.array(plane["plane"]["normal"]),
-            patches[number - 1].stated,
-            reference,
-        )
-        for number, plane in planes.items()
-        if plane["role"] == "wall"
+    planes = [
+        plane_element(int(one["id"]), one, patches[int(one["id"]) - 1], world) for one in polygons["surfaces"]
     ]
+    cylinders = [
+        cylinder_element(number, patch, world)
+        for number, patch in enumerate(patches, start=1)
+        if isinstance(patch.grid.surface, Cylinder)
+    ]
+    kinds = [REST] + [patch.grid.surface.kind for patch in patches]
+    for plane in planes:
+        kinds[plane.number] = plane.kind
+    n_rest = len(panels.rest.faces)
     corners = np.array([one.point for one in panels.corners]).reshape(-1, 3)
     spread = [float(np.sqrt(np.linalg.eigvalsh(one.covariance)[-1])) for one in panels.corners]
-    return ExchangeModel(
+    return BuildingModel(
         vertices=world.apply(panels.vertices),
         faces=np.concatenate([panels.faces, panels.rest.faces]),
         surface=np.pad(panels.face_surface.astype(np.int64), (0, n_rest)),
@@ -169,20 +152,23 @@ def exchange_model(
         corners=world.apply(corners),
         corner_sd_m=np.array(spread),
         openings=tuple(
-            OpeningOutline(number, one["kind"], np.array(one["points"]), one["width_m"], one["height_m"])
-            for number, plane in planes.items()
+            OpeningOutline(
+                int(plane["id"]), one["kind"], np.array(one["points"]), one["width_m"], one["height_m"]
+            )
+            for plane in polygons["surfaces"]
             for one in plane["openings"]
         ),
-        walls=tuple(walls),
+        planes=tuple(planes),
+        cylinders=tuple(cylinders),
         floor_m=_lowest_floor(planes),
     )
 
 
-def _lowest_floor(planes: Mapping[int, Any]) -> float | None:
+def _lowest_floor(planes: Sequence[PlaneElement]) -> float | None:
     """Height of the lowest floor, in the middle of its outline's corners; None without a floor."""
     heights = [
-        float(np.mean([point[2] for polygon in plane["polygons"] for point in polygon["outer"]["points"]]))
-        for plane in planes.values()
-        if plane["role"] == "floor" and plane["polygons"]
+        float(np.concatenate(plane.rings[: plane.n_outer])[:, 2].mean())
+        for plane in planes
+        if plane.kind == "floor" and plane.n_outer
     ]
     return min(heights, default=None)

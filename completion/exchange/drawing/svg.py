@@ -8,11 +8,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from completion.exchange.cut import CutLine, Plan, plan_of
-from completion.exchange.dimensions import Dimension, room_widths
-from completion.exchange.exchange_model import ExchangeModel
-from completion.exchange.outlines import opening_at, seen_below
-from completion.exchange.paper import Lettering, Paper
+from completion.exchange.building.building_model import BuildingModel
+from completion.exchange.building.cut import CutLine, Plan, plan_of
+from completion.exchange.building.outlines import opening_at, seen_below
+from completion.exchange.dimensions.widths import Dimension, room_widths
+from completion.exchange.drawing.paper import Lettering, Paper
 from scenes.checks import FloatArray
 
 _TEXT_MM, _TICK_MM, _OUTSIDE_MM = 2.6, 1.2, 4.0
@@ -38,7 +38,7 @@ _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
 
-def svg_of(model: ExchangeModel) -> str:
+def svg_of(model: BuildingModel) -> str:
     """Return the floor plan of a model as SVG: a sheet of A4 in millimetres; the same model, the same text.
 
     Lines are `measured` (solid), `inferred` (dashed, blue) or `rest` (of no surface, thin); thin grey ones
@@ -93,7 +93,7 @@ def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
     return f'<path class="{state}" d="{"".join(drawn)}"/>'
 
 
-def _openings(model: ExchangeModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+def _openings(model: BuildingModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
     """Openings that the plan cuts, as thin lines with what they are outside of the wall."""
     outward = {wall.number: -wall.normal[:2] / np.hypot(*wall.normal[:2]) for wall in model.walls}
     found = []

@@ -11,8 +11,9 @@ from statistics import NormalDist
 import numpy as np
 import shapely
 
-from completion.exchange.cut import CutLine, Plan
-from completion.exchange.exchange_model import REST, WallPlane
+from completion.exchange.building.building_model import REST
+from completion.exchange.building.cut import CutLine, Plan
+from completion.exchange.building.elements import PlaneElement
 from scenes.checks import FloatArray
 
 _LEVEL = 0.95  # of the intervals
@@ -50,7 +51,7 @@ class Dimension:
         return self.value_m - self.half_m, self.value_m + self.half_m
 
 
-def room_widths(walls: Sequence[WallPlane], plan: Plan) -> tuple[Dimension, ...]:
+def room_widths(walls: Sequence[PlaneElement], plan: Plan) -> tuple[Dimension, ...]:
     """Return the widths between walls that face each other in a plan, with nothing of a wall between them.
 
     They are taken square to the first wall, where that is measured on both sides if there is such a place,
@@ -76,7 +77,7 @@ def room_widths(walls: Sequence[WallPlane], plan: Plan) -> tuple[Dimension, ...]
 
 
 def _width(
-    walls: tuple[WallPlane, WallPlane],
+    walls: tuple[PlaneElement, PlaneElement],
     lines: tuple[Sequence[CutLine], Sequence[CutLine]],
     height_m: float,
     obstacles: tuple[shapely.Geometry, shapely.Geometry],
@@ -107,7 +108,7 @@ def _width(
     return best
 
 
-def _meeting(wall: WallPlane, through: FloatArray, square: FloatArray, height_m: float) -> FloatArray:
+def _meeting(wall: PlaneElement, through: FloatArray, square: FloatArray, height_m: float) -> FloatArray:
     """Where the level line along `square` (3,) through a place (3,) at a height meets a wall."""
     place = np.array([through[0], through[1], height_m])
     return np.asarray(place + (wall.point - place) @ wall.normal / (square @ wall.normal) * square)

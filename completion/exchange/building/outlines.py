@@ -6,14 +6,14 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from completion.exchange.exchange_model import ExchangeModel, OpeningOutline
+from completion.exchange.building.building_model import BuildingModel, OpeningOutline
 from scenes.checks import FloatArray
 
 _LEVEL = float(np.cos(np.radians(10.0)))
 _RAGGED_M, _LEAST_M = 0.02, 0.3  # to which outlines are simplified; length of those that are drawn
 
 
-def seen_below(model: ExchangeModel, height_m: float) -> list[FloatArray]:
+def seen_below(model: BuildingModel, height_m: float) -> list[FloatArray]:
     """Return outlines (n, 2) of level surfaces seen from above and below a height, such as table tops.
 
     Holes in them are left out: what stands on a floor hides it, and so does the scanner's own stand.

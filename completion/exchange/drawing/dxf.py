@@ -13,8 +13,8 @@ from ezdxf.document import Drawing
 from ezdxf.layouts import Modelspace
 from numpy.typing import NDArray
 
-from completion.exchange.cut import CutLine, Section, plan_of, sections_of
-from completion.exchange.exchange_model import ExchangeModel
+from completion.exchange.building.building_model import BuildingModel
+from completion.exchange.building.cut import CutLine, Section, plan_of, sections_of
 from scenes.checks import FloatArray
 
 _VERSION = "R2010"  # what current CAD programs and those of fifteen years ago read
@@ -26,7 +26,7 @@ _FOLD_SHARE = 0.95  # of a fold that must have been measured on both sides
 _INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
 
 
-def dxf_of(model: ExchangeModel) -> bytes:
+def dxf_of(model: BuildingModel) -> bytes:
     """Return a model as DXF (AutoCAD 2010), in metres; the same model gives the same bytes.
 
     Model space holds, where they are, facets (3DFACE on MEASURED-<KIND> and INFERRED-<KIND>; edges between
@@ -55,7 +55,7 @@ def dxf_of(model: ExchangeModel) -> bytes:
     return document.encode(text.getvalue())
 
 
-def _add_facets(space: Modelspace, model: ExchangeModel) -> None:
+def _add_facets(space: Modelspace, model: BuildingModel) -> None:
     hidden = _inner_edges(model)
     for face, edges, number, why in zip(
         model.vertices[model.faces].tolist(),
@@ -70,7 +70,7 @@ def _add_facets(space: Modelspace, model: ExchangeModel) -> None:
         entity.set_xdata(_APP, [(1071, number), (1071, why)])
 
 
-def _add_folds(space: Modelspace, model: ExchangeModel) -> None:
+def _add_folds(space: Modelspace, model: BuildingModel) -> None:
     for fold in model.folds:
         state = "MEASURED" if fold.measured_share >= _FOLD_SHARE else "INFERRED"
         entity = space.add_polyline3d(fold.points.tolist(), dxfattribs={"layer": f"FOLD-{state}"})
@@ -80,7 +80,7 @@ def _add_folds(space: Modelspace, model: ExchangeModel) -> None:
         space.add_point(place, dxfattribs={"layer": "CORNER"}).set_xdata(_APP, [(1040, sd)])
 
 
-def _add_openings(space: Modelspace, model: ExchangeModel) -> None:
+def _add_openings(space: Modelspace, model: BuildingModel) -> None:
     for one in model.openings:
         entity = space.add_polyline3d(one.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
         sizes = [(1040, one.width_m), (1040, one.height_m)]
@@ -98,7 +98,7 @@ def _add_lines(space: Modelspace, lines: Sequence[CutLine], name: str) -> None:
 
 
 def _add_sections(
-    space: Modelspace, model: ExchangeModel, sections: Sequence[Section], plan_told: str
+    space: Modelspace, model: BuildingModel, sections: Sequence[Section], plan_told: str
 ) -> None:
     """Sections flat below the plan, one under the other, and where they cut as lines in it."""
     drawn = model.drawn
@@ -132,7 +132,7 @@ def _add_text(space: Modelspace, text: str, place: FloatArray, layer: str = "TEX
     space.add_text(text, height=_TEXT_M, dxfattribs={"layer": layer, "insert": (*place.tolist(), 0.0)})
 
 
-def _finish(document: Drawing, model: ExchangeModel) -> None:
+def _finish(document: Drawing, model: BuildingModel) -> None:
     """Say how layers look, and where to look first."""
     space = document.modelspace()
     for name in sorted({entity.dxf.layer for entity in space}):
@@ -148,7 +148,7 @@ def _finish(document: Drawing, model: ExchangeModel) -> None:
         document.set_modelspace_vport(1.5 * size, (float(middle[0]), float(middle[1])))
 
 
-def _inner_edges(model: ExchangeModel) -> NDArray[np.bool_]:
+def _inner_edges(model: BuildingModel) -> NDArray[np.bool_]:
     """Which edges (m, 3) of the facets part two of one surface and one state."""
     corners = model.faces
     edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
