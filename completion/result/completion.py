@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.exchange.building.building_model import BuildingModel, building_model
+from completion.exchange.dimensions.advice import TOLERANCE_M
+from completion.exchange.dimensions.pipeline import DecisionSheet, decision_sheet
 from completion.exchange.drawing.svg import svg_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
@@ -70,6 +72,8 @@ class Completion(CompletedModel):
         Which surfaces were wanted.
     relations : FoundRelations, optional
         What its surfaces are to each other, working frame; None where nobody asked.
+    errors : JointErrors
+        How well its surfaces are known, jointly, working frame.
     flattened : tuple of FlatScan
         How measured planes are flattened in the meshes that are written, by scan; empty where nobody asked.
     derived : DerivedModel
@@ -85,7 +89,7 @@ class Completion(CompletedModel):
         *,
         observed: ObservedDetail = "auto",
     ) -> None:
-        """Write completed.glb, model.ply, observed.ply, hypothesised.ply, polygons.json and completion.json.
+        """Write completed.glb, the .ply files, polygons.json, decisions.csv and completion.json.
 
         All is in world coordinates. The files appear together once all are written; until then those of an
         earlier run stay. With `verification`, completion.json also says what later scans say of what the
@@ -97,7 +101,28 @@ class Completion(CompletedModel):
         InputError
             The folder cannot be made or written, or another run writes there, or `observed` is neither.
         """
-        write_model(self, folder, completion_record(self, verification, observed=observed))
+        record = completion_record(self, verification, observed=observed)
+        write_model(self, folder, record, self.decisions())
+
+    def building(self) -> BuildingModel:
+        """Return the light model in world coordinates with its elements, which drawings are made of."""
+        return building_model(
+            self.panels(), self.patches, polygons_record(self), self.errors, world=self.world_from_reference
+        )
+
+    def decisions(self, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
+        """Return the dimensions that people order by, each with its interval and a word on relying on it.
+
+        Half an interval up to `tolerance_m` metres may be relied on.
+
+        Raises
+        ------
+        InputError
+            The tolerance is not a positive length.
+        """
+        if not (np.isfinite(tolerance_m) and tolerance_m > 0):
+            raise InputError(f"the tolerance is {tolerance_m} m: give a positive length")
+        return decision_sheet(self.building(), tolerance_m)
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.
@@ -124,9 +149,10 @@ class Completion(CompletedModel):
 
 
 def write_model(
-    completion: CompletedModel,
+    completion: Completion,
     folder: str | PathLike[str],
     record: Mapping[str, Any],
+    decisions: DecisionSheet,
     exports: Sequence[str] = (),
 ) -> None:
     """Derive all that the files of a completion hold, then write them, whole or not at all.
@@ -139,6 +165,8 @@ def write_model(
         Made if it is not there.
     record : dict
         What completion.json holds (`completion_record`).
+    decisions : DecisionSheet
+        What decisions.csv holds.
     exports : sequence of "glb", "obj", "dxf", "svg", "e57" or "json"
         Formats of further files, called completed.
 
@@ -160,6 +188,7 @@ def write_model(
         ):
             write_meshes_ply(stage.path(name), placed(completion, parts), legend)
         write_panels_ply(stage.path("model.ply"), completion, legend)
+        write_text(stage.path("decisions.csv"), decisions.to_csv())
         write_json(stage.path("completion.json"), record)
         stage.commit()
 
@@ -190,21 +219,15 @@ class _Content:
     drawing: BuildingModel | None
 
     @classmethod
-    def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
+    def of(cls, completion: Completion, suffixes: Collection[str]) -> _Content:
         is_e57 = ".e57" in suffixes
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
-            drawing=_drawing(completion) if {".dxf", ".svg"} & {*suffixes} else None,
+            drawing=completion.building() if {".dxf", ".svg"} & {*suffixes} else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
-
-
-def _drawing(completion: CompletedModel) -> BuildingModel:
-    """What drawings show."""
-    polygons, world = polygons_record(completion), completion.world_from_reference
-    return building_model(completion.panels(), completion.patches, polygons, world)
 
 
 def _export(content: _Content, path: Path) -> list[Path]:

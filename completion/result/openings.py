@@ -36,6 +36,9 @@ class Opening:
         Share of it that beams went through; the rest is hidden and inferred to be open.
     points : (n, 3) float
         Its outline, metres, working frame.
+    side_sd_m : (n,) float
+        Standard deviation of each side within the surface, from that point to the next, metres: that of a
+        cell, and of the edge that it follows; 0 where a person drew it.
     declared : bool
         Whether a person drew it.
     """
@@ -43,6 +46,7 @@ class Opening:
     area_m2: float
     seen_share: float
     points: FloatArray
+    side_sd_m: FloatArray
     declared: bool = False
 
 
@@ -68,9 +72,10 @@ def find_openings(patch: Patch) -> list[Opening]:
             continue
         outline = _outline(patch.grid, hole, patch.edges)
         if outline is not None:
-            area = float(shapely.Polygon(outline).area)
+            corners, side_sd = outline
+            area = float(shapely.Polygon(corners).area)
             share = min(float(seen[number] / hole.sum()), 1.0)
-            openings.append(Opening(area, share, patch.grid.surface.from_uv(outline)))
+            openings.append(Opening(area, share, patch.grid.surface.from_uv(corners), side_sd))
     return openings
 
 
@@ -80,7 +85,8 @@ def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
     area = float(shapely.Polygon(corners).area)
     inside = SurfaceEdits(openings=(outline,)).open_cells(patch.grid)
     seen = float((through & inside).sum()) * patch.grid.cell_area
-    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
+    points, side_sd = patch.grid.surface.from_uv(corners), np.zeros(len(corners))
+    return Opening(area, min(seen / area, 1.0), points, side_sd, declared=True)
 
 
 def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
@@ -92,8 +98,8 @@ def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
     return bool(np.mean(near_solid[rim] | ~within[rim]) > 0.98) and bool(solid[rim].any())
 
 
-def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatArray | None:
-    """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow."""
+def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> tuple[FloatArray, FloatArray] | None:
+    """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow; their sd (n,)."""
     filled = ndimage.binary_fill_holes(hole)
     scaled = np.kron(filled, np.ones((2, 2), np.uint8))  # so that contours run along the cells' sides
     chain = max(trace_cells(scaled, holes=False), key=len)
@@ -108,29 +114,32 @@ def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatAr
     sides = [_side(uv, start[k], start[(k + 1) % len(start)], grid, edges) for k in range(len(start))]
     merged = [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
     if len(merged) < 3:
-        return uv[start]
+        return uv[start], np.array([side.sd for side in sides])
     corner = [crossing(merged[k - 1].line, side.line) for k, side in enumerate(merged)]
-    return np.array([side.start if at is None else at for side, at in zip(merged, corner, strict=True)])
+    places = [side.start if at is None else at for side, at in zip(merged, corner, strict=True)]
+    return np.array(places), np.array([side.sd for side in merged])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
     line: Line
     start: FloatArray
+    sd: float  # of the line across itself, metres
 
 
 def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _Side:
     """The line of an edge that the stretch of outline follows, else the line through its points."""
     stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
     near = _NEAR * float(grid.cell.max())
-    share, line = 0.0, None
+    cell_sd = float(grid.cell.max()) / np.sqrt(12.0)  # pixels along an edge are off it alike
+    share, line, sd = 0.0, None, cell_sd
     for edge in edges:
         if isinstance(edge.curve, Line):
             follows = float(np.mean(np.abs(edge.curve.across(stretch)) <= near))
             if follows > max(share, _FOLLOWS):
-                share, line = follows, edge.curve
+                share, line, sd = follows, edge.curve, float(np.hypot(edge.deviation, cell_sd))
     if line is None:
         middle = stretch.mean(axis=0)
         vectors = np.linalg.svd(stretch - middle)[2]
         line = Line(middle, vectors[0])
-    return _Side(line, stretch[0])
+    return _Side(line, stretch[0], sd)

@@ -137,4 +137,5 @@ def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found
         "seen_share": found.seen_share,
         "provenance": "user" if found.declared else "inferred",
         "points": points.tolist(),
+        "side_sd_m": found.side_sd_m.tolist(),
     }

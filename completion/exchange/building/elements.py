@@ -39,6 +39,10 @@ class Element:
         """Derivative (k,) of the signed distance of a place (3,) of the world by the surface's parameters."""
         return np.asarray(self.patch.stated.gradient(self._local(place))[0])
 
+    def normal_at(self, place: FloatArray) -> FloatArray:
+        """Unit normal (3,) at a place (3,), both of the world."""
+        return np.asarray(self.world.rotate(self.patch.grid.surface.normal(self._local(place)))[0])
+
     def sd_m(self, place: FloatArray) -> float:
         """Standard deviation of the surface along its normal at a place (3,) of the world, metres."""
         return float(self.patch.stated.standard_deviation(self._local(place))[0])

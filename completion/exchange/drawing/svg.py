@@ -11,7 +11,8 @@ import numpy as np
 from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.outlines import opening_at, seen_below
-from completion.exchange.dimensions.widths import Dimension, room_widths
+from completion.exchange.dimensions.dimension import Dimension
+from completion.exchange.dimensions.widths import room_widths
 from completion.exchange.drawing.paper import Lettering, Paper
 from scenes.checks import FloatArray
 
@@ -53,7 +54,7 @@ def svg_of(model: BuildingModel) -> str:
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
     drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
     lettering = Lettering()
-    widths = _dimensions(room_widths(model.walls, plan), paper, lettering)
+    widths = _dimensions(room_widths(model.walls, plan, model.errors), paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
@@ -126,11 +127,11 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             continue
         lettering.keep([ends])
         slant = _TICK_MM * (along + across) / np.sqrt(2)
-        low, high = one.interval_m
-        state = "" if all(one.is_measured) else " on-inferred"
+        low, high = one.interval
+        state = "" if one.measured_share == 1 else " on-inferred"
         found += [
             f'<g class="dimension{state}" data-surfaces="{one.surfaces[0]} {one.surfaces[1]}" '
-            f'data-value-m="{one.value_m:.6f}" data-low-m="{low:.6f}" data-high-m="{high:.6f}">',
+            f'data-value-m="{one.value:.6f}" data-low-m="{low:.6f}" data-high-m="{high:.6f}">',
             _line(ends, "thin"),
             *(f'<path d="M{_xy(end - slant)}L{_xy(end + slant)}"/>' for end in ends),
             _text(*put, text),
@@ -147,9 +148,9 @@ def _told_widths(drawn: Sequence[str]) -> list[str]:
 
 def told_width(dimension: Dimension) -> str:
     """Return a width as drawings show it: metres to the millimetre, the interval rounded up."""
-    digits = 3 if dimension.half_m >= 5e-4 else 4
-    half = np.ceil(dimension.half_m * 10**digits - 1e-9) / 10**digits
-    return f"{dimension.value_m:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
+    digits = 3 if dimension.half >= 5e-4 else 4
+    half = np.ceil(dimension.half * 10**digits - 1e-9) / 10**digits
+    return f"{dimension.value:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
 
 
 def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[str]:

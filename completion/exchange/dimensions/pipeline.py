@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Dimensions on one page: from a building model to a sheet of numbers that people order by."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from dataclasses import dataclass
+
+from completion.exchange.building.building_model import BuildingModel
+from completion.exchange.building.cut import plan_of
+from completion.exchange.dimensions.advice import TOLERANCE_M, Advice, advice
+from completion.exchange.dimensions.cylinders import cylinder_sizes
+from completion.exchange.dimensions.dimension import Dimension
+from completion.exchange.dimensions.heights import room_heights
+from completion.exchange.dimensions.openings import opening_sizes
+from completion.exchange.dimensions.widths import room_widths
+
+COLUMNS = ("dimension", "kind", "value_m", "low_m", "high_m", "measured_share", "advice", "unit")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DecisionSheet:
+    """Dimensions with advice.
+
+    Attributes
+    ----------
+    dimensions : tuple of Dimension
+        By kind, the greatest first.
+    tolerance_m : float
+        Half an interval up to which they are relied on, metres.
+    """
+
+    dimensions: tuple[Dimension, ...]
+    tolerance_m: float
+
+    @property
+    def advice(self) -> tuple[Advice, ...]:
+        """What is said of each."""
+        return tuple(advice(one, self.tolerance_m) for one in self.dimensions)
+
+    def counts(self) -> dict[str, int]:
+        """How many of them there are of each word."""
+        said = Counter(self.advice)
+        return {word: said[word] for word in ("rely", "check", "do not build")}
+
+    def to_csv(self) -> str:
+        """What `decisions.csv` holds: lengths in metres, areas in m2, volumes in m3, as `unit` says."""
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for one, word in zip(self.dimensions, self.advice, strict=True):
+            numbers = [f"{number:.4f}" for number in (one.value, *one.interval)]
+            rows.writerow([one.name, one.kind, *numbers, f"{one.measured_share:.2f}", word, one.unit])
+        return text.getvalue()
+
+
+def decision_sheet(model: BuildingModel, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
+    """Return what people order by, each with the interval in which it lies and a word on relying on it.
+
+    Parameters
+    ----------
+    model : BuildingModel
+        What was completed.
+    tolerance_m : float
+        Half an interval up to which a dimension may be relied on, metres.
+    """
+    # 1. Rooms: widths between walls, heights between floors and ceilings.
+    widths = room_widths(model.walls, plan_of(model), model.errors)
+    heights = room_heights(model.planes, model.errors)
+
+    # 2. Openings in walls.
+    openings = opening_sizes(model)
+
+    # 3. Pipes and columns.
+    cylinders = cylinder_sizes(model)
+    return DecisionSheet((*widths, *heights, *openings, *cylinders), tolerance_m)
