@@ -62,7 +62,8 @@ def length(value: float, half: float, share: float = 1.0, existence: float = 1.0
     return Dimension(
         kind="room width",
         value=value,
-        half=half,
+        low=value - half,
+        high=value + half,
         supports=(),
         ends=np.zeros((2, 3)),
         measured_share=share,

@@ -50,8 +50,8 @@ class OpeningOutline:
         What it is by its place in a wall.
     points : (n, 3) float
         Its outline, world coordinates, metres.
-    side_sd_m : (n,) float
-        Standard deviation of each side within the surface, from that point to the next, metres.
+    sides : sequence of mapping
+        How well each side is known, from that point to the next, as in `polygons.json`.
     width_m, height_m : float
         Its size along the level and upwards.
     seen_share : float
@@ -61,7 +61,7 @@ class OpeningOutline:
     surface: int
     kind: str
     points: FloatArray
-    side_sd_m: FloatArray
+    sides: Sequence[Mapping[str, float]]
     width_m: float
     height_m: float
     seen_share: float
@@ -185,7 +185,7 @@ def building_model(
                 surface=int(plane["id"]),
                 kind=one["kind"],
                 points=np.array(one["points"]),
-                side_sd_m=np.array(one["side_sd_m"]),
+                sides=one["sides"],
                 width_m=one["width_m"],
                 height_m=one["height_m"],
                 seen_share=one["seen_share"],

@@ -3,27 +3,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from completion.exchange.building.building_model import BuildingModel
-from completion.exchange.building.elements import CylinderElement
+from completion.exchange.building.elements import CylinderElement, PlaneElement
 from completion.exchange.dimensions.dimension import Dimension, Support, half_interval
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Cylinder
 
 _UPRIGHT = float(np.cos(np.radians(5.0)))
 _ENDS_IT = 0.5  # cosine between a plane's normal and an axis, from which on the plane ends a cylinder
-_NEAR_CELLS = 3.0  # between a cylinder's last cells and the plane that ends it
+_MOST = 0.95  # of a cylinder's measured cells, beyond which the plane that ends it may cut off some
+_NEAR_CELLS = 3.0  # between measured cells and the plane that they were measured up to
+_AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that
+_SHARE_FREE = 0.5  # of the last measured cells, beyond which beams went by
 _COLUMN_M = 0.06  # radius from which on an upright cylinder is a column, not a pipe
 
 
 def cylinder_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
     """Return radius and length of each solid cylinder, and the distances between neighbouring columns.
 
-    A cylinder ends on the plane that it shares a fold with there. Without one it is as long as its measured
-    and inferred cells, and its end is somewhere in the last of them. Columns are upright; their distance is
+    A cylinder ends on the first plane that it comes to beyond what was measured of it, or where beams went by
+    its own end. A hidden end may be anywhere between where the cylinder was measured and what encloses the
+    room. There is no length where nothing ends it, or a plate does that was seen from its other side, as a
+    table's leg is ended. Columns are upright; their distance is
     taken between their axes, level, halfway up.
     """
     errors = model.errors
@@ -56,50 +64,132 @@ def _own(cylinder: CylinderElement, model: BuildingModel) -> list[Dimension]:
     middle, along = cylinder.ends.mean(axis=0), _direction(cylinder)
     sides = [middle + cylinder.radius_m * way for way in _across(along)]
     around = tuple(Support(cylinder, side, -1.0 / len(sides)) for side in sides)
-    rows = cylinder.patch.observed.any(axis=1), cylinder.patch.hypothesised.any(axis=1)
-    seen = float(rows[0].sum() / max((rows[0] | rows[1]).sum(), 1))
-    caps = [_end(cylinder, k, model) for k in (0, 1)]
-    ends = np.stack([place for place, _ in caps])
-    planes = tuple(on for _, on in caps if on is not None)
-    step = float(cylinder.patch.grid.cell[1])
+    half = half_interval(around, model.errors)
     radius = Dimension(
         kind="column radius" if is_upright else "pipe radius",
         value=cylinder.radius_m,
-        half=half_interval(around, model.errors),
+        low=cylinder.radius_m - half,
+        high=cylinder.radius_m + half,
         supports=around,
         ends=np.stack([middle, sides[0]]),
         measured_share=1.0,
         existence=1.0,
     )
+    caps = [one for one in (_end(cylinder, which, model) for which in (0, 1)) if one is not None]
+    if len(caps) < 2:
+        return [radius]
+    ends = np.stack([caps[0].place, caps[1].place])
+    value, planes = float(np.linalg.norm(ends[1] - ends[0])), [*caps[0].on, *caps[1].on]
+    step = float(cylinder.patch.grid.cell[1])
+    half = half_interval(planes, model.errors, more_sd=step * np.sqrt((2 - len(planes)) / 12))
     length = Dimension(
         kind="column height" if is_upright else "pipe length",
-        value=float(np.linalg.norm(ends[1] - ends[0])),
-        half=half_interval(planes, model.errors, more_sd=step * np.sqrt((2 - len(planes)) / 12)),
+        value=value,
+        low=max(value - half - caps[0].inwards_m - caps[1].inwards_m, 0.0),
+        high=value + half + caps[0].outwards_m + caps[1].outwards_m,
         supports=(Support(cylinder, ends[0], 0.0), *planes),
         ends=ends,
-        measured_share=seen,
-        existence=_end_confidence(cylinder),
+        measured_share=float(np.mean([one.inwards_m + one.outwards_m == 0 for one in caps])),
+        existence=1.0,
     )
     return [radius, length]
 
 
-def _end(cylinder: CylinderElement, which: int, model: BuildingModel) -> tuple[FloatArray, Support | None]:
-    """Where (3,) the axis ends, and on what, if that shares a fold with the cylinder near its last cells."""
-    place, inwards = cylinder.ends[which], _direction(cylinder) * (1 - 2 * which)
-    planes = {plane.number: plane for plane in model.planes}
-    best, least = None, _NEAR_CELLS * float(cylinder.patch.grid.cell[1])
-    for fold in model.folds:
-        number = next((n for n in fold.surfaces if n in planes), None)
-        if number is None or cylinder.number not in fold.surfaces:
+@dataclass(frozen=True, slots=True, eq=False)
+class _End:
+    """Where an axis ends.
+
+    Attributes
+    ----------
+    place : (3,) float
+        Where it ends; its last cells reach over it by one where beams go by. World coordinates, metres.
+    on : tuple of Support
+        The plane that it ends on; none where beams went by its own end.
+    inwards_m, outwards_m : float
+        How far it may be off where that is hidden: back to where the cylinder was measured, on to what
+        encloses the room; 0 where it was measured up to the plane.
+    """
+
+    place: FloatArray
+    on: tuple[Support, ...]
+    inwards_m: float = 0.0
+    outwards_m: float = 0.0
+
+
+def _end(cylinder: CylinderElement, which: int, model: BuildingModel) -> _End | None:
+    """Where the axis ends; None where that is hidden, or behind a plate seen from its other side."""
+    outwards = _direction(cylinder) * (2 * which - 1)
+    start, last = (_measured_end(cylinder, which, share) for share in (_MOST, 1.0))
+    met = sorted(_meetings(start, outwards, model), key=lambda pair: pair[0])
+    reach = next((off for off, plane in met if plane.kind != "plane"), None)
+    cell = float(cylinder.patch.grid.cell[1])
+    near = _NEAR_CELLS * cell + float((last - start) @ outwards)
+    for off, plane in met[:1]:
+        at, slope = start + off * outwards, float(plane.normal @ outwards)
+        if off > near or not _is_solid(plane, at, cylinder):
             continue
-        slope = float(planes[number].normal @ inwards)
+        if slope > 0 and _is_plate(plane, at, cylinder):
+            return None
+        return _End(at, (Support(plane, at, -1.0 / slope),))
+    if _is_free(cylinder, which):
+        return _End(last - cell * outwards, ())
+    if reach is None:
+        return None
+    believed = float(np.clip((cylinder.ends[which] - start) @ outwards, 0.0, met[0][0]))
+    gap = float(np.maximum(believed - (last - start) @ outwards, 0.0))
+    return _End(start + believed * outwards, (), gap, max(reach - believed, 0.0))
+
+
+def _is_solid(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
+    """Whether a plane ends a cylinder at a place (3,): what encloses the room does, and what was measured.
+
+    It was measured around the cylinder, or where it faces outwards, within, as the lid of a drum is.
+    """
+    facing = float(plane.normal @ (place - cylinder.ends.mean(axis=0))) > 0
+    far = cylinder.radius_m * (_WITHIN if facing else _AROUND)
+    around = [place + far * way for way in _across(_direction(cylinder))]
+    return plane.kind != "plane" or sum(plane.provenance(one) == 0 for one in around) > len(around) / 2
+
+
+def _is_plate(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
+    """Whether a plane that faces outwards goes on around the cylinder, so that it is no lid."""
+    around = [place + _BEYOND * cylinder.radius_m * way for way in _across(_direction(cylinder))]
+    return any(plane.provenance(one) >= 0 for one in around)
+
+
+def _meetings(
+    start: FloatArray, outwards: FloatArray, model: BuildingModel
+) -> Iterator[tuple[float, PlaneElement]]:
+    """The planes that an axis comes to, and how far they are from a place (3,) on it."""
+    for plane in model.planes:
+        slope = float(plane.normal @ outwards)
         if abs(slope) < _ENDS_IT:
             continue
-        off = float((planes[number].point - place) @ planes[number].normal) / slope
-        if abs(off) < least:
-            at = place + off * inwards
-            best, least = (at, Support(planes[number], at, 1.0 / slope)), abs(off)
-    return best or (place, None)
+        off = float((plane.point - start) @ plane.normal) / slope
+        if off >= 0 and plane.covers(start + off * outwards):
+            yield off, plane
+
+
+def _measured_end(cylinder: CylinderElement, which: int, share: float = 1.0) -> FloatArray:
+    """The place (3,) on the axis up to which a share of the measured cells lie."""
+    grid, surface = cylinder.patch.grid, cylinder.patch.grid.surface
+    rows = np.nonzero(cylinder.patch.observed)[0]
+    row = np.quantile(rows, share) + 1 if which else np.quantile(rows, 1 - share)
+    along = grid.corner[1] + grid.cell[1] * row
+    assert isinstance(surface, Cylinder)
+    return np.asarray(cylinder.world.apply((surface.point + along * surface.direction)[None])[0])
+
+
+def _is_free(cylinder: CylinderElement, which: int) -> bool:
+    """Whether beams went through where the cylinder would go on, beyond most of its last measured cells."""
+    observed, went = cylinder.patch.observed, cylinder.patch.evidence.open
+    rows = np.flatnonzero(observed.any(axis=1))
+    last, step = (rows[-1], 1) if which else (rows[0], -1)
+    beyond = [row for row in (last + step, last + 2 * step, last + 3 * step) if 0 <= row < len(observed)]
+    if not beyond:
+        return False
+    passed = np.asarray(went[beyond].any(axis=0))
+    return float(np.mean(passed[observed[last]])) > _SHARE_FREE
 
 
 def _spacing(
@@ -112,22 +202,17 @@ def _spacing(
         for sign in (1.0, -1.0):  # an axis moves as half of what both sides of its cylinder do
             place = end + sign * column.radius_m * way
             supports.append(Support(column, place, 0.5 * sign))
+    value, half = float(np.linalg.norm(ends[1] - ends[0])), half_interval(supports, errors)
     return Dimension(
         kind="column spacing",
-        value=float(np.linalg.norm(ends[1] - ends[0])),
-        half=half_interval(supports, errors),
+        value=value,
+        low=value - half,
+        high=value + half,
         supports=tuple(supports),
         ends=ends,
         measured_share=1.0,
         existence=1.0,
     )
-
-
-def _end_confidence(cylinder: CylinderElement) -> float:
-    """Probability that the less certain end of a cylinder is there: the surest cell of its last row."""
-    cells = cylinder.patch.observed | cylinder.patch.hypothesised
-    rows = np.flatnonzero(cells.any(axis=1))
-    return float(min(cylinder.patch.confidence[row][cells[row]].max() for row in (rows[0], rows[-1])))
 
 
 def _direction(cylinder: CylinderElement) -> FloatArray:

@@ -52,8 +52,8 @@ class Dimension:
         What it is of.
     value : float
         In `unit`.
-    half : float
-        Half its 95 % interval, in `unit`.
+    low, high : float
+        Its 95 % interval, in `unit`.
     supports : tuple of Support
         What it rests on.
     ends : (2, 3) float
@@ -71,7 +71,8 @@ class Dimension:
 
     kind: Kind
     value: float
-    half: float
+    low: float
+    high: float
     supports: tuple[Support, ...]
     ends: FloatArray
     measured_share: float
@@ -80,9 +81,9 @@ class Dimension:
     across_m: float = 1.0
 
     @property
-    def interval(self) -> tuple[float, float]:
-        """Where it lies with a probability of 95 %."""
-        return self.value - self.half, self.value + self.half
+    def half(self) -> float:
+        """Half its interval, in `unit`."""
+        return (self.high - self.low) / 2
 
     @property
     def surfaces(self) -> tuple[int, ...]:
@@ -126,10 +127,12 @@ def between(
         Support(element, end, 1.0 / float(element.normal @ inwards))
         for element, end, inwards in zip(elements, ends, (along, -along), strict=True)
     )
+    value, half = float(np.linalg.norm(ends[1] - ends[0])), half_interval(supports, errors)
     return Dimension(
         kind=kind,
-        value=float(np.linalg.norm(ends[1] - ends[0])),
-        half=half_interval(supports, errors),
+        value=value,
+        low=value - half,
+        high=value + half,
         supports=supports,
         ends=ends,
         measured_share=float(np.mean([one.element.provenance(one.place) == 0 for one in supports])),

@@ -10,6 +10,7 @@ from completion.exchange.building.elements import PlaneElement
 from completion.exchange.dimensions.dimension import Dimension, Kind, Support, half_interval
 from scenes.checks import FloatArray
 
+_OF_SIDES = ("sd_m", "inwards_m", "outwards_m")
 _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
 
 
@@ -17,8 +18,8 @@ def opening_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
     """Return width and height of each opening in a wall, from side to side where both are straight.
 
     A size is taken between the two sides that end the opening in its direction. An opening that has not two
-    such sides, as a round one, has its extent, and the interval of its worst side on either end. What is
-    measured of it is the share that beams went through.
+    such sides, as a round one, has its extent, and the interval of its worst side on either end. A side that
+    is hidden may be anywhere between where beams went through and where the wall was measured.
     """
     walls = {wall.number: wall for wall in model.walls}
     found = []
@@ -43,24 +44,29 @@ def _size(
     is_end = np.abs(side @ along) <= np.sqrt(1 - _SQUARE**2) * length
     centre = middle[int(np.argmax(length))] if not len(points) else points.mean(axis=0)
     at, reach = middle @ along, points @ along
-    ends, sd = [], []
+    ends, sides = [], []
     for sign in (-1.0, 1.0):
-        beyond = is_end & (sign * (at - centre @ along) > 0)
-        if beyond.any():
-            share = length[beyond] / length[beyond].sum()
-            ends.append(float(share @ at[beyond]))
-            sd.append(float(opening.side_sd_m[beyond].max()))
+        beyond = np.flatnonzero(is_end & (sign * (at - centre @ along) > 0))
+        if len(beyond):
+            ends.append(float(length[beyond] @ at[beyond] / length[beyond].sum()))
         else:
             ends.append(float(reach.max() if sign > 0 else reach.min()))
-            sd.append(float(opening.side_sd_m.max()))
+            beyond = np.arange(len(points))
+        some = [opening.sides[k] for k in beyond.tolist()]
+        sides.append({name: max(one[name] for one in some) for name in _OF_SIDES})
+        sides[-1]["measured_share"] = min(one["measured_share"] for one in some)
     places = centre + (np.array(ends) - centre @ along)[:, None] * along
     supports = tuple(Support(wall, place, 0.0) for place in places)
+    sd = float(np.hypot(sides[0]["sd_m"], sides[1]["sd_m"]))
+    half = half_interval(supports, model.errors, more_sd=sd)
+    value = ends[1] - ends[0]
     return Dimension(
         kind=kind,
-        value=ends[1] - ends[0],
-        half=half_interval(supports, model.errors, more_sd=float(np.hypot(sd[0], sd[1]))),
+        value=value,
+        low=max(value - half - sum(one["inwards_m"] for one in sides), 0.0),
+        high=value + half + sum(one["outwards_m"] for one in sides),
         supports=supports,
         ends=places,
-        measured_share=opening.seen_share,
+        measured_share=float(np.mean([one["measured_share"] for one in sides])),
         existence=1.0,
     )

@@ -51,7 +51,7 @@ class DecisionSheet:
         rows = csv.writer(text, lineterminator="\n")
         rows.writerow(COLUMNS)
         for one, word in zip(self.dimensions, self.advice, strict=True):
-            numbers = [f"{number:.4f}" for number in (one.value, *one.interval)]
+            numbers = [f"{number:.4f}" for number in (one.value, one.low, one.high)]
             rows.writerow([one.name, one.kind, *numbers, f"{one.measured_share:.2f}", word, one.unit])
         return text.getvalue()
 

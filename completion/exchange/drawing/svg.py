@@ -127,11 +127,10 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             continue
         lettering.keep([ends])
         slant = _TICK_MM * (along + across) / np.sqrt(2)
-        low, high = one.interval
         state = "" if one.measured_share == 1 else " on-inferred"
         found += [
             f'<g class="dimension{state}" data-surfaces="{one.surfaces[0]} {one.surfaces[1]}" '
-            f'data-value-m="{one.value:.6f}" data-low-m="{low:.6f}" data-high-m="{high:.6f}">',
+            f'data-value-m="{one.value:.6f}" data-low-m="{one.low:.6f}" data-high-m="{one.high:.6f}">',
             _line(ends, "thin"),
             *(f'<path d="M{_xy(end - slant)}L{_xy(end + slant)}"/>' for end in ends),
             _text(*put, text),

@@ -37,9 +37,8 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
 
 
 def _row(one: Dimension, word: Advice) -> tuple[Cell, ...]:
-    low, high = one.interval
     digits = int(np.clip(np.ceil(-np.log10(max(one.half, 1e-12))) + 1, 2, 4))
-    numbers = [f"{number:.{digits}f}" for number in (one.value, low, high)]
+    numbers = [f"{number:.{digits}f}" for number in (one.value, one.low, one.high)]
     return (
         Cell(one.kind),
         Cell(" ".join(map(str, one.surfaces)), swatch=surface_colour(one.surfaces[0])),
