@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Completion: a completed model that writes itself: GLB, OBJ, PLY with provenance, DXF, SVG, E57, JSON."""
+"""Completion: a completed model that writes itself: GLB, OBJ, PLY, DXF, SVG, IFC, E57, JSON."""
 
 from __future__ import annotations
 
@@ -13,8 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.exchange.building.beams import Beams
 from completion.exchange.building.building_model import BuildingModel, building_model
+from completion.exchange.building.parts import BuildingParts, building_parts
 from completion.exchange.drawing.svg import svg_of
+from completion.exchange.ifc.pipeline import ifc_of
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.panel_files import write_panels_ply
@@ -104,9 +108,9 @@ class Completion(CompletedModel):
 
         `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
         `hypothesised ...`. `.dxf` is a drawing for CAD: facets, folds, a plan and sections; `.svg` a floor
-        plan to scale with dimensions. `.e57` holds the scans as they are, with the poses used, and a cloud
-        `inferred ...` for each surface, whose points say surface, provenance, confidence and deviation.
-        `.json` holds the polygons.
+        plan to scale with dimensions; `.ifc` walls, slabs, openings, rooms and columns for BIM (IFC4).
+        `.e57` holds the scans as they are, with the poses used, and a cloud `inferred ...` for each surface,
+        whose points say surface, provenance, confidence and deviation. `.json` holds the polygons.
 
         Raises
         ------
@@ -115,10 +119,11 @@ class Completion(CompletedModel):
         """
         target = Path(path)
         suffix = target.suffix.lower()
-        if suffix not in (".glb", ".obj", ".dxf", ".svg", ".e57", ".json"):
+        if suffix not in (".glb", ".obj", ".dxf", ".svg", ".ifc", ".e57", ".json"):
             raise InputError(
                 f"{target}: cannot export a completion to {suffix or 'a name without suffix'}; known: .glb, "
-                ".obj, .dxf, .svg, .e57, .json (polygons); observed and inferred .ply are written by save"
+                ".obj, .dxf, .svg, .ifc, .e57, .json (polygons); observed and inferred .ply are written by "
+                "save"
             )
         return _export(_Content.of(self, [suffix]), target)
 
@@ -139,7 +144,7 @@ def write_model(
         Made if it is not there.
     record : dict
         What completion.json holds (`completion_record`).
-    exports : sequence of "glb", "obj", "dxf", "svg", "e57" or "json"
+    exports : sequence of "glb", "obj", "dxf", "svg", "ifc", "e57" or "json"
         Formats of further files, called completed.
 
     Raises
@@ -188,6 +193,7 @@ class _Content:
     scans: Sequence[RangeImage]
     clouds: Sequence[InferredPoints]
     drawing: BuildingModel | None
+    building: BuildingParts | None
 
     @classmethod
     def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
@@ -196,6 +202,7 @@ class _Content:
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
             drawing=_drawing(completion) if {".dxf", ".svg"} & {*suffixes} else None,
+            building=_building(completion) if ".ifc" in suffixes else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
@@ -207,6 +214,16 @@ def _drawing(completion: CompletedModel) -> BuildingModel:
     return building_model(completion.panels(), completion.patches, polygons, world)
 
 
+def _building(completion: CompletedModel) -> BuildingParts:
+    """What a building consists of."""
+    seen, several = completion.observations, len(completion.observations) > 1
+    tolerance = EvidenceOptions().tolerance(
+        flatness_m=completion.flatness_m, registration_m=REGISTRATION_M if several else 0.0
+    )
+    beams = Beams.of(seen, completion.world_from_reference, tolerance)
+    return building_parts(_drawing(completion), beams)
+
+
 def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
@@ -216,6 +233,8 @@ def _export(content: _Content, path: Path) -> list[Path]:
             write_bytes(path, dxf_of(content.drawing))
         case ".svg" if content.drawing is not None:
             write_text(path, svg_of(content.drawing))
+        case ".ifc" if content.building is not None:
+            write_text(path, ifc_of(content.building, path.name))
         case ".obj":
             return write_obj(content.parts, path, _COMMENTS)
         case ".glb":

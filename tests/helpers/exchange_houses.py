@@ -8,7 +8,7 @@ import numpy as np
 from completion import Completion, CompletionOptions, complete
 from completion.exchange.building.beams import Beams
 from completion.exchange.building.parts import BuildingParts, building_parts
-from completion.observe.tolerance import EvidenceOptions
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.pose import Pose
@@ -59,7 +59,9 @@ def completed_house(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1
 
 def parts_of(done: Completion) -> BuildingParts:
     """The parts of a completed building."""
-    beams = Beams.of(done.observations, done.world_from_reference, EvidenceOptions().tolerance())
+    registration_m = REGISTRATION_M if len(done.observations) > 1 else 0.0
+    tolerance = EvidenceOptions().tolerance(flatness_m=done.flatness_m, registration_m=registration_m)
+    beams = Beams.of(done.observations, done.world_from_reference, tolerance)
     return building_parts(drawn(done), beams)
 
 

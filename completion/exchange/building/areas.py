@@ -13,6 +13,7 @@ from scenes.checks import FloatArray
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
 _MITRE = 1.5
+_STRAIGHT_M = 5e-4
 
 
 def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
@@ -48,6 +49,11 @@ def wide(area: Any, least_m: float) -> Any:
 def filled(area: Any) -> Any:
     """An area without its holes."""
     return joined(shapely.Polygon(one.exterior) for one in polygons(area))
+
+
+def straightened(area: Any) -> Any:
+    """An area without the corners that are within half a millimetre of a straight side."""
+    return _clean(shapely.simplify(area, _STRAIGHT_M))
 
 
 def inside(area: Any) -> FloatArray:

@@ -123,7 +123,7 @@ def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
             measured, inferred, area = (
                 _covered(model, frame, own & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
             )
-            found.append(PlaneFace(element, frame, measured, inferred, area, openings))
+            found.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
     return tuple(found)
 
 

@@ -45,6 +45,8 @@ class Room:
         Share of floor, ceiling and walls around it that was measured; openings count as neither.
     closed : bool
         Whether walls stand all around it.
+    by_facets : bool
+        Whether its volume is that within its facets, which close.
     told : str
         How the volume was found, or why there is none.
     """
@@ -57,6 +59,7 @@ class Room:
     volume_m3: float | None
     measured_share: float
     closed: bool
+    by_facets: bool
     told: str
 
     @property
@@ -169,8 +172,18 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
         told += ", since its facets do not close"
     else:
         told = "no volume: a ceiling was not found over most of it"
-    share = _measured_share(storey, sides, (*floors, *ceilings))
-    return Room(number, cell, numbers, floor_m, height, volume, share, closed=True, told=told)
+    return Room(
+        storey=number,
+        outline=cell,
+        surfaces=numbers,
+        floor_m=floor_m,
+        height_m=height,
+        volume_m3=volume,
+        measured_share=_measured_share(storey, sides, (*floors, *ceilings)),
+        closed=True,
+        by_facets=shut is not None,
+        told=told,
+    )
 
 
 def _over(faces: Sequence[PlaneFace], cell: Any) -> list[tuple[PlaneFace, Any]]:
@@ -230,6 +243,7 @@ def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator
             volume_m3=None,
             measured_share=_measured_share(storey, (), (*floors, *ceilings)),
             closed=False,
+            by_facets=False,
             told="no volume: walls were not found all around it",
         )
 
