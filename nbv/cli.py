@@ -226,8 +226,8 @@ def complete(
         list[str] | None,
         typer.Option(
             "--export",
-            metavar="obj|e57|dxf|svg",
-            help="Also completed.obj, .e57, or drawings as .dxf, .svg; repeat it.",
+            metavar="obj|e57|dxf|svg|ifc",
+            help="Also completed.obj, .e57, drawings as .dxf, .svg, BIM as .ifc; repeat it.",
             show_default=False,
         ),
     ] = None,
@@ -248,7 +248,7 @@ def complete(
 ) -> None:
     """Continue surfaces behind occluders: completed.glb, .ply files, decisions.csv, report.html."""
     request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units, up=up)
-    wanted = parse_choices(export or (), ("obj", "e57", "dxf", "svg"), "--export")
+    wanted = parse_choices(export or (), ("obj", "e57", "dxf", "svg", "ifc"), "--export")
     named = [kind.strip() for some in only or () for kind in some.split(",")]
     kinds = parse_choices(named, _KINDS, "--only")
     if texture is not None and no_texture:

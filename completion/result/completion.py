@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Completion: a completed model that writes itself: GLB, OBJ, PLY with provenance, DXF, SVG, E57, JSON."""
+"""Completion: a completed model that writes itself: GLB, OBJ, PLY, DXF, SVG, IFC, E57, JSON."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.exchange.building.building_model import BuildingModel, building_model
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.advice import TOLERANCE_M
 from completion.exchange.dimensions.pipeline import DecisionSheet, decision_sheet
 from completion.exchange.drawing.svg import svg_of
+from completion.exchange.ifc.pipeline import ifc_of
+from completion.result.building import building_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.panel_files import write_panels_ply
@@ -104,11 +106,9 @@ class Completion(CompletedModel):
         record = completion_record(self, verification, observed=observed)
         write_model(self, folder, record, self.decisions())
 
-    def building(self) -> BuildingModel:
-        """Return the light model in world coordinates with its elements, which drawings are made of."""
-        return building_model(
-            self.panels(), self.patches, polygons_record(self), self.errors, world=self.world_from_reference
-        )
+    def building(self) -> BuildingParts:
+        """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
+        return building_of(self)
 
     def decisions(self, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
         """Return the dimensions that people order by, each with its interval and a word on relying on it.
@@ -129,9 +129,9 @@ class Completion(CompletedModel):
 
         `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
         `hypothesised ...`. `.dxf` is a drawing for CAD: facets, folds, a plan and sections; `.svg` a floor
-        plan to scale with dimensions. `.e57` holds the scans as they are, with the poses used, and a cloud
-        `inferred ...` for each surface, whose points say surface, provenance, confidence and deviation.
-        `.json` holds the polygons.
+        plan to scale with dimensions; `.ifc` walls, slabs, openings, rooms and columns for BIM (IFC4).
+        `.e57` holds the scans as they are, with the poses used, and a cloud `inferred ...` for each surface,
+        whose points say surface, provenance, confidence and deviation. `.json` holds the polygons.
 
         Raises
         ------
@@ -140,10 +140,11 @@ class Completion(CompletedModel):
         """
         target = Path(path)
         suffix = target.suffix.lower()
-        if suffix not in (".glb", ".obj", ".dxf", ".svg", ".e57", ".json"):
+        if suffix not in (".glb", ".obj", ".dxf", ".svg", ".ifc", ".e57", ".json"):
             raise InputError(
                 f"{target}: cannot export a completion to {suffix or 'a name without suffix'}; known: .glb, "
-                ".obj, .dxf, .svg, .e57, .json (polygons); observed and inferred .ply are written by save"
+                ".obj, .dxf, .svg, .ifc, .e57, .json (polygons); observed and inferred .ply are written by "
+                "save"
             )
         return _export(_Content.of(self, [suffix]), target)
 
@@ -167,7 +168,7 @@ def write_model(
         What completion.json holds (`completion_record`).
     decisions : DecisionSheet
         What decisions.csv holds.
-    exports : sequence of "glb", "obj", "dxf", "svg", "e57" or "json"
+    exports : sequence of "glb", "obj", "dxf", "svg", "ifc", "e57" or "json"
         Formats of further files, called completed.
 
     Raises
@@ -216,7 +217,7 @@ class _Content:
     polygons: Mapping[str, Any]
     scans: Sequence[RangeImage]
     clouds: Sequence[InferredPoints]
-    drawing: BuildingModel | None
+    building: BuildingParts | None
 
     @classmethod
     def of(cls, completion: Completion, suffixes: Collection[str]) -> _Content:
@@ -224,7 +225,7 @@ class _Content:
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
-            drawing=completion.building() if {".dxf", ".svg"} & {*suffixes} else None,
+            building=completion.building() if {".dxf", ".svg", ".ifc"} & {*suffixes} else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
@@ -233,12 +234,14 @@ class _Content:
 def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
-        case ".dxf" if content.drawing is not None:
+        case ".dxf" if content.building is not None:
             from completion.exchange.drawing.dxf import dxf_of  # its library is loaded where it is asked for
 
-            write_bytes(path, dxf_of(content.drawing))
-        case ".svg" if content.drawing is not None:
-            write_text(path, svg_of(content.drawing))
+            write_bytes(path, dxf_of(content.building.model))
+        case ".svg" if content.building is not None:
+            write_text(path, svg_of(content.building))
+        case ".ifc" if content.building is not None:
+            write_text(path, ifc_of(content.building, path.name))
         case ".obj":
             return write_obj(content.parts, path, _COMMENTS)
         case ".glb":

@@ -40,7 +40,7 @@ class CompleteRequest:
     """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
     `search` is that of textures, `edits` a file, `relations` "auto", "off" or a file, `exports` the formats
-    ("obj", "e57", "dxf", "svg") beside those that are always written, `observed` how many points
+    ("obj", "e57", "dxf", "svg", "ifc") beside those that are always written, `observed` how many points
     observed.ply holds, `scheduler` who works; results do not depend on it.
     """
 

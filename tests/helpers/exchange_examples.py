@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.building_model import BuildingModel, building_model
+from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.dimensions.dimension import Dimension
-from completion.result.polygons import polygons_record
 from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
@@ -30,8 +29,7 @@ def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Comple
 
 def drawn(done: Completion) -> BuildingModel:
     """What drawings show of a completion."""
-    polygons, world = polygons_record(done), done.world_from_reference
-    return building_model(done.panels(), done.patches, polygons, done.errors, world=world)
+    return done.building().model
 
 
 def box() -> BuildingModel:

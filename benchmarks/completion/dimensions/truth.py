@@ -34,7 +34,9 @@ class SceneTruth:
         kind = dimension.kind
         if kind.startswith("opening"):
             return self._opening(dimension)
-        if kind in ("room width", "room height", "wall thickness"):
+        if kind in ("room area", "room volume"):
+            return self._room(dimension)
+        if kind in ("room width", "room height", "wall thickness", "slab thickness"):
             return self._between(dimension)
         return self._cylinder(dimension)
 
@@ -64,6 +66,15 @@ class SceneTruth:
             return None
         best = there[int(np.argmin(np.abs(off[there])))]
         return float(off[best] / slope[best])
+
+    def _room(self, dimension: Dimension) -> float:
+        """Area or volume by moving each side to where it truly is."""
+        total = dimension.value
+        for support in dimension.supports:
+            normal = support.element.normal_at(support.place)
+            shift = self._shift(support.place, normal, normal)
+            total -= support.weight * (0.0 if shift is None else shift)
+        return float(total)
 
     def _opening(self, dimension: Dimension) -> float | None:
         middle = dimension.ends.mean(axis=0)

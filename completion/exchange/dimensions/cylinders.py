@@ -137,7 +137,7 @@ def _end(cylinder: CylinderElement, which: int, model: BuildingModel) -> _End | 
         return None
     believed = float(np.clip((cylinder.ends[which] - start) @ outwards, 0.0, met[0][0]))
     gap = float(np.maximum(believed - (last - start) @ outwards, 0.0))
-    return _End(start + believed * outwards, (), gap, max(reach - believed, 0.0))
+    return _End(start + believed * outwards, (), gap + 2 * cell, max(reach - believed, 0.0))
 
 
 def _is_solid(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:

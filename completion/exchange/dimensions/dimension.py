@@ -14,8 +14,9 @@ from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
 Kind = Literal[
-    "room width", "room height", "room area", "room volume", "wall thickness", "opening width",
-    "opening height", "pipe radius", "pipe length", "column radius", "column height", "column spacing",
+    "room width", "room height", "room area", "room volume", "wall thickness", "slab thickness",
+    "opening width", "opening height", "pipe radius", "pipe length",
+    "column radius", "column height", "column spacing",
 ]  # fmt: skip
 
 LEVEL = 0.95

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from completion.exchange.building.elements import PlaneElement
+from completion.exchange.building.storeys import Storey
 from completion.exchange.dimensions.dimension import Dimension, between
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
@@ -19,14 +20,13 @@ _PER_SIDE = 12  # places along each side of what they share, at which a height m
 _APART_M = 0.3  # from floor to ceiling at least
 
 
-def room_heights(planes: Sequence[PlaneElement], errors: JointErrors) -> tuple[Dimension, ...]:
+def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
     """Return the height of each ceiling above the floor below it, with no floor or ceiling in between.
 
     It is taken upright, near the middle of what both share, where both were measured if there is such a
     place. The greatest come first.
     """
-    floors = [one for one in planes if one.kind == "floor"]
-    ceilings = [one for one in planes if one.kind == "ceiling"]
+    floors, ceilings = ([face.element for face in some] for some in (storey.floors, storey.ceilings))
     level = {one.number: plan_area(one) for one in (*floors, *ceilings)}
     found = []
     for floor, ceiling in product(floors, ceilings):

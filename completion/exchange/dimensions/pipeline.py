@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Dimensions on one page: from a building model to a sheet of numbers that people order by."""
+"""Dimensions on one page: from a building to a sheet of numbers that people order by."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import io
 from collections import Counter
 from dataclasses import dataclass
 
-from completion.exchange.building.building_model import BuildingModel
-from completion.exchange.building.cut import plan_of
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.advice import TOLERANCE_M, Advice, advice
 from completion.exchange.dimensions.cylinders import cylinder_sizes
 from completion.exchange.dimensions.dimension import Dimension
 from completion.exchange.dimensions.heights import room_heights
 from completion.exchange.dimensions.openings import opening_sizes
-from completion.exchange.dimensions.widths import room_widths
+from completion.exchange.dimensions.rooms import room_sizes, thicknesses
+from completion.exchange.dimensions.widths import widths_of
 
 COLUMNS = ("dimension", "kind", "value_m", "low_m", "high_m", "measured_share", "advice", "unit")
 
@@ -56,23 +56,28 @@ class DecisionSheet:
         return text.getvalue()
 
 
-def decision_sheet(model: BuildingModel, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
+def decision_sheet(building: BuildingParts, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
     """Return what people order by, each with the interval in which it lies and a word on relying on it.
 
     Parameters
     ----------
-    model : BuildingModel
+    building : BuildingParts
         What was completed.
     tolerance_m : float
         Half an interval up to which a dimension may be relied on, metres.
     """
-    # 1. Rooms: widths between walls, heights between floors and ceilings.
-    widths = room_widths(model.walls, plan_of(model), model.errors)
-    heights = room_heights(model.planes, model.errors)
+    model = building.model
 
-    # 2. Openings in walls.
+    # 1. Rooms: widths between walls, heights between floors and ceilings; areas and volumes of closed ones.
+    heights = [one for storey in building.storeys for one in room_heights(storey, model.errors)]
+    rooms = (*widths_of(building), *heights, *room_sizes(building))
+
+    # 2. Walls and slabs that were seen from both sides.
+    bodies = thicknesses(building)
+
+    # 3. Openings in walls.
     openings = opening_sizes(model)
 
-    # 3. Pipes and columns.
+    # 4. Pipes and columns.
     cylinders = cylinder_sizes(model)
-    return DecisionSheet((*widths, *heights, *openings, *cylinders), tolerance_m)
+    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m)

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import shapely
 
 from completion.exchange.building.building_model import REST
-from completion.exchange.building.cut import CutLine, Plan
+from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.elements import PlaneElement
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension, between
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
@@ -22,16 +24,43 @@ _PLACES = np.linspace(0.1, 0.9, 17)[np.argsort(np.abs(np.linspace(0.1, 0.9, 17) 
 _AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
 
 
-def room_widths(walls: Sequence[PlaneElement], plan: Plan, errors: JointErrors) -> tuple[Dimension, ...]:
+def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
+    """Return the widths of all storeys, each by a plan 1.1 m above its floor; see `room_widths`."""
+    found: list[Dimension] = []
+    model = building.model
+    for number, storey in enumerate(building.storeys):
+        plan = plan_of(model if number == 0 else replace(model, floor_m=storey.elevation_m))
+        rooms = [room.outline for room in building.rooms if room.storey == number and room.closed]
+        walls = sorted((face.element for face in storey.walls), key=lambda wall: wall.number)
+        found += room_widths(walls, plan, model.errors, rooms)
+    return tuple(found)
+
+
+def room_widths(
+    walls: Sequence[PlaneElement],
+    plan: Plan,
+    errors: JointErrors,
+    rooms: Sequence[shapely.Geometry] = (),
+) -> tuple[Dimension, ...]:
     """Return the widths between walls that face each other in a plan, with nothing of a wall between them.
 
     They are taken square to the first wall, where that is measured on both sides if there is such a place,
-    and else as near the middle as walls let. The greatest come first.
+    and else as near the middle as walls let. One whose middle lies in one of the outlines of `rooms` ends in
+    that room, and does not go through its door. The greatest come first.
     """
     own = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
-    solid = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind == "wall"]
-    rest = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind not in ("wall", REST)]
-    obstacles = shapely.union_all(solid), shapely.union_all(rest)
+    solid = [
+        shapely.LineString(line.points[:, :2])
+        for line in plan.lines
+        if line.surface in own or line.kind == "wall"
+    ]
+    rest = [
+        shapely.LineString(line.points[:, :2])
+        for line in plan.lines
+        if line.surface not in own and line.kind not in ("wall", REST)
+    ]
+    borders = shapely.union_all([room.exterior for room in rooms])
+    obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
     found = []
     for one, other in combinations([wall for wall in walls if own[wall.number]], 2):
         facing = (

@@ -11,8 +11,9 @@ import numpy as np
 from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.outlines import opening_at, seen_below
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension
-from completion.exchange.dimensions.widths import room_widths
+from completion.exchange.dimensions.widths import widths_of
 from completion.exchange.drawing.paper import Lettering, Paper
 from scenes.checks import FloatArray
 
@@ -38,15 +39,17 @@ _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
+_SAME_M = 1e-6  # height of the plan's own widths
 
-def svg_of(model: BuildingModel) -> str:
-    """Return the floor plan of a model as SVG: a sheet of A4 in millimetres; the same model, the same text.
+
+def svg_of(building: BuildingParts) -> str:
+    """Return the floor plan of a building as SVG: a sheet of A4 in millimetres; the same one, the same text.
 
     Lines are `measured` (solid), `inferred` (dashed, blue) or `rest` (of no surface, thin); thin grey ones
     lie below the cut. Each group `dimension` has the width of a room between two walls as `data-value-m`,
     the ends of its 95 % interval as `data-low-m` and `data-high-m`, and the walls as `data-surfaces`.
     """
-    plan = plan_of(model)
+    model, plan = building.model, plan_of(building.model)
     below = seen_below(model, plan.height_m)
     own = [line.points[:, :2] for line in plan.lines if line.surface] + below
     places = own or [line.points[:, :2] for line in plan.lines]
@@ -54,7 +57,8 @@ def svg_of(model: BuildingModel) -> str:
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
     drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
     lettering = Lettering()
-    widths = _dimensions(room_widths(model.walls, plan, model.errors), paper, lettering)
+    drawn_widths = [one for one in widths_of(building) if abs(one.ends[0, 2] - plan.height_m) < _SAME_M]
+    widths = _dimensions(drawn_widths, paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'

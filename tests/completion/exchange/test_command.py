@@ -1,26 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""`unseen complete --export dxf --export svg`: drawings beside the other files, or one line that says why."""
+"""`unseen complete --export dxf|svg|ifc`: drawings and BIM beside the other files, or the reason."""
 
 from typer.testing import CliRunner
 
 from completion.exchange.drawing.svg import svg_of
+from completion.exchange.ifc.pipeline import ifc_of
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example
-from tests.helpers.exchange_examples import drawn
+from tests.helpers.exchange_houses import parts_of
 
 
 def test_the_command_writes_what_python_exports(tmp_path):
     write_scan(example("two_occluders", pixels=120), tmp_path / "scan.npz")
     words = ["complete", str(tmp_path / "scan.npz"), "--no-texture", "-o", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*words, "--export", "dxf", "--export", "svg"])
+    done = CliRunner().invoke(app, [*words, "--export", "dxf", "--export", "svg", "--export", "ifc"])
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out/completed.dxf").read_text("utf-8").startswith("  0\nSECTION\n")
+    text = (tmp_path / "out/completed.ifc").read_text("utf-8")
+    assert text == ifc_of(parts_of(completed("two_occluders", pixels=120)))
     text = (tmp_path / "out/completed.svg").read_text("utf-8")
-    assert text == svg_of(drawn(completed("two_occluders", pixels=120)))
+    assert text == svg_of(completed("two_occluders", pixels=120).building())
 
 
 def test_other_formats_are_told_the_known_ones():
     done = CliRunner().invoke(app, ["complete", "scan.npz", "--export", "dwg"])
     assert done.exit_code == 2
-    assert "'dwg' is none of obj, e57, dxf, svg" in done.stderr
+    assert "'dwg' is none of obj, e57, dxf, svg, ifc" in done.stderr

@@ -61,11 +61,11 @@ def test_inferred_lines_are_dashed(text):
 
 
 def test_the_same_model_gives_the_same_text(text):
-    assert svg_of(drawn(panorama())) == text
+    assert svg_of(panorama().building()) == text
 
 
 def test_openings_are_told():
-    text = svg_of(drawn(panorama("office", "none")))
+    text = svg_of(panorama("office", "none").building())
     assert re.search(r"window \d\.\d\d \u00d7 \d\.\d\d", text)
 
 

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: MIT
+"""Walls, slabs and ceilings: bodies where both sides were seen, and sheets without thickness elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from completion.exchange.building.areas import common, inside, joined, less, polygons, straightened, wide
+from completion.exchange.building.bodies import Body
+from completion.exchange.building.building_model import OpeningOutline
+from completion.exchange.building.faces import Frame, PlaneFace, moved
+from completion.exchange.building.parts import BuildingParts
+from completion.exchange.ifc.evidence import Evidence, Quantity, deviation_at, mean_confidence
+from completion.exchange.ifc.products import Hole, Piece, Product
+from completion.exchange.ifc.shapes import Shapes
+
+_REACH_M = 0.01  # by which an opening's solid reaches beyond both faces
+_BESIDE_M = 0.05  # width of what is left of a face beside a body and is no wall of its own
+_SAME = 0.5  # of an opening that lies within another outline
+_SETS = {
+    "IfcWall": ("Qto_WallBaseQuantities", "NetSideArea", "Width"),
+    "IfcSlab": ("Qto_SlabBaseQuantities", "NetArea", "Width"),
+    "IfcCovering": ("Qto_CoveringBaseQuantities", "NetArea", "Width"),
+    "IfcBuildingElementProxy": ("Qto_BuildingElementProxyQuantities", "NetSurfaceArea", "Width"),
+}
+
+
+def body_product(shapes: Shapes, parts: BuildingParts, body: Body) -> Product:
+    """Return a wall or a slab with its thickness; openings of either face go through it."""
+    face, other = (next(one for one in parts.faces if one.number == number) for number in body.surfaces)
+    holes = list(_through(body, face, other))
+    open_area = joined(area for _, area in holes)
+    inferred = straightened(less(body.inferred, [open_area]))
+    measured = less(straightened(joined((body.measured, open_area))), [inferred])
+    net = less(joined((measured, inferred)), [open_area])
+    depth = body.thickness_m
+    entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
+    pieces = (
+        Piece(shapes.extruded(measured, body.frame, depth), "measured"),
+        Piece(shapes.extruded(inferred, body.frame, depth), "inferred"),
+    )
+    evidence = Evidence(
+        surfaces=body.surfaces,
+        measured_share=body.measured_share,
+        sd_m=body.thickness_sd_m if np.isfinite(body.thickness_sd_m) else None,
+        confidence=min(mean_confidence(face.element), mean_confidence(other.element)),
+        more={
+            "Thickness": "between both faces, where both were measured",
+            "Thickness_mm": 1e3 * depth,
+            "Angle_deg": body.angle_deg,
+        },
+    )
+    name, net_name, depth_name = _SETS[entity]
+    gross = joined((measured, inferred)).area
+    quantities = [
+        *_lengths(entity, joined((measured, inferred))),
+        Quantity(depth_name, "Length", depth),
+        Quantity(net_name.replace("Net", "Gross"), "Area", gross),
+        Quantity(net_name, "Area", net.area),
+        Quantity("GrossVolume", "Volume", gross * depth),
+        Quantity("NetVolume", "Volume", net.area * depth),
+    ]
+    voids = [
+        Hole(outline, solids, "SweptSolid", depth)
+        for outline, area in holes
+        if (solids := shapes.extruded(area, body.frame, depth + _REACH_M, -_REACH_M))
+    ]
+    return Product(
+        key=f"{'Wall' if entity == 'IfcWall' else 'Slab'} {body.surfaces[0]}-{body.surfaces[1]}",
+        entity=entity,
+        predefined="NOTDEFINED" if entity == "IfcWall" else "FLOOR",
+        described="seen from both sides",
+        representation="SweptSolid",
+        pieces=pieces,
+        evidence=evidence,
+        quantities_of=name,
+        quantities=tuple(quantities),
+        holes=tuple(voids),
+    )
+
+
+def sheet_product(shapes: Shapes, parts: BuildingParts, face: PlaneFace, entity: str) -> Product | None:
+    """Return what of a face is in no body, as a surface without thickness; None where nothing is left."""
+    rest = _rest(parts, face)
+    if not polygons(rest, 1e-4):
+        return None
+    measured = straightened(common(rest, face.measured))
+    inferred = less(straightened(less(rest, [face.measured])), [measured])
+    area = float(measured.area + inferred.area)
+    place = face.frame.place(inside(rest))
+    evidence = Evidence(
+        surfaces=(face.number,),
+        measured_share=float(measured.area) / area,
+        sd_m=deviation_at(face.element, place),
+        confidence=mean_confidence(face.element),
+        more={"Thickness": "unknown: seen from one side"},
+    )
+    pieces = (
+        Piece(shapes.sheet(measured, face.frame), "measured"),
+        Piece(shapes.sheet(inferred, face.frame), "inferred"),
+    )
+    name, net_name, _ = _SETS[entity]
+    words = {"IfcSlab": "FLOOR", "IfcCovering": "CEILING"}
+    names = {"IfcWall": "Wall", "IfcSlab": "Floor", "IfcCovering": "Ceiling"}
+    taken = joined(_laid_on(parts, face))
+    holes = [
+        Hole(one, [shapes.world_loop(one.points)], "Curve3D", None)
+        for one in face.openings
+        if entity != "IfcBuildingElementProxy"
+        and not _is_within(shapely.Polygon(face.frame.flat(one.points)), taken)
+    ]
+    return Product(
+        key=f"{names.get(entity, 'Plane')} {face.number}",
+        entity=entity,
+        predefined=words.get(entity, "NOTDEFINED"),
+        described="a surface seen from one side; its thickness is not known",
+        representation="SurfaceModel",
+        pieces=pieces,
+        evidence=evidence,
+        quantities_of=name,
+        quantities=(*_lengths(entity, rest), Quantity(net_name, "Area", area)),
+        holes=tuple(holes),
+    )
+
+
+def _rest(parts: BuildingParts, face: PlaneFace) -> Any:
+    """What of a face is in no body."""
+    taken = list(_laid_on(parts, face))
+    return wide(less(face.area, taken), _BESIDE_M) if taken else face.area
+
+
+def _laid_on(parts: BuildingParts, face: PlaneFace) -> Iterator[Any]:
+    """The areas that bodies take of a face, with the openings through them."""
+    for body in parts.bodies:
+        if face.number in body.surfaces:
+            one, other = (next(f for f in parts.faces if f.number == number) for number in body.surfaces)
+            through = joined((body.area, *(area for _, area in _through(body, one, other))))
+            yield moved(through, body.frame, face.frame)
+
+
+def _through(body: Body, face: PlaneFace, other: PlaneFace) -> Iterator[tuple[OpeningOutline, Any]]:
+    """The openings in a body and their outlines on its first face; of two that are one, the first."""
+    around = shapely.buffer(body.area, 0.0).convex_hull
+    known: list[Any] = []
+    for one in (*face.openings, *other.openings):
+        area = _outline(one, body.frame)
+        if area.area and not _is_within(area, joined(known)) and _is_within(area, around):
+            known.append(area)
+            yield one, less(common(area, around), known[:-1])
+
+
+def _outline(opening: OpeningOutline, frame: Frame) -> Any:
+    return joined([shapely.Polygon(frame.flat(opening.points))])
+
+
+def _is_within(area: Any, other: Any) -> bool:
+    return bool(common(area, other).area > _SAME * area.area)
+
+
+def _lengths(entity: str, area: Any) -> Sequence[Quantity]:
+    """Length and height of an upright element."""
+    if entity != "IfcWall":
+        return ()
+    left, low, right, high = area.bounds
+    return Quantity("Length", "Length", right - left), Quantity("Height", "Length", high - low)
