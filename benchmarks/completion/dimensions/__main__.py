@@ -35,6 +35,7 @@ class Found:
     low: float
     high: float
     share: float
+    across: float
     word: str
     truth: float | None
 
@@ -71,7 +72,9 @@ def _of_room(seed: int, scanner: str, tolerance: float) -> Iterator[Found]:
     truth = SceneTruth(scene)
     for one in done.decisions(tolerance).dimensions:
         known = one.kind, one.value, one.low, one.high
-        yield Found(*known, one.measured_share, word=advice(one, tolerance), truth=truth.of(one))
+        yield Found(
+            *known, one.measured_share, across=one.across_m, word=advice(one, tolerance), truth=truth.of(one)
+        )
 
 
 def station(scene: Scene, seed: int) -> Pose:
@@ -107,7 +110,9 @@ def table(found: list[Found], tolerance: float) -> Iterator[str]:
     for word in ("rely", "check", "do not build"):
         own = [one for one in found if one.word == word]
         gone = sum(one.truth is None for one in own)
-        wrong = sum(one.truth is not None and abs(one.value - one.truth) > tolerance for one in own)
+        wrong = sum(
+            one.truth is not None and abs(one.value - one.truth) > tolerance * one.across for one in own
+        )
         yield f"| {word} | {len(own)} | {gone} | {wrong} |"
 
 
