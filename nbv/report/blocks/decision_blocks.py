@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.exchange.dimensions.advice import Advice, told_rule
+from completion.exchange.dimensions.advice import MESH_DOUBT, Advice, told_rule
 from completion.exchange.dimensions.dimension import Dimension
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from nbv.report.page.page import Cell, Section, State, Table, Text
@@ -24,7 +24,8 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
     told = list(zip(sheet.dimensions, sheet.advice, strict=True))
     rows = tuple(_row(one, word) for one, word in told[:_MOST_ROWS])
     said = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
-    blocks = [Text(f"{count(len(told), 'dimension')}: {said}. {told_rule(sheet.tolerance_m)}")]
+    doubt = f" {MESH_DOUBT}" if sheet.is_exact_unknown else ""
+    blocks = [Text(f"{count(len(told), 'dimension')}: {said}.{doubt} {told_rule(sheet.tolerance_m)}")]
     columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
     table = Table(columns, rows)
     note = (
