@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from completion.exchange.building.areas import polygons, rings
@@ -53,11 +54,13 @@ class Shapes:
 
     def extruded(self, area: Any, frame: Frame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
         """Solids that reach from `depth_m` behind the plane of a frame to `low_m` behind it, by polygon."""
-        place = frame.place(np.zeros(2), -depth_m) - self.origin
-        axes, along = self.axes(place, frame.normal, frame.right), self.direction(np.array([0, 0, 1.0]))
+        corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
+        axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
+        along = self.direction(np.array([0, 0, 1.0]))
+        own = shapely.transform(area, lambda uv: uv - corner)
         return [
             self.file.add("IfcExtrudedAreaSolid", [self.profile(one), axes, along, depth_m - low_m])
-            for one in polygons(area, _OPEN_M2)
+            for one in polygons(own, _OPEN_M2)
         ]
 
     def profile(self, polygon: Any) -> Ref:

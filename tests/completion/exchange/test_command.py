@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`unseen complete --export dxf --export svg --export ifc`: drawings and BIM beside the other files, or one line that says why."""
+"""`unseen complete --export dxf|svg|ifc`: files beside the others, or one line that says why not."""
 
 from typer.testing import CliRunner
 
