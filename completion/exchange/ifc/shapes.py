@@ -43,7 +43,7 @@ class Shapes:
         return self.file.add("IfcDirection", [np.asarray(vector, dtype=np.float64).tolist()])
 
     def axes(self, place: FloatArray, axis: FloatArray, right: FloatArray) -> Ref:
-        """Axes at a place of the file: z along `axis`, x along `right`."""
+        """Axes at a place (3,) of the file: z along `axis` (3,), x along `right` (3,)."""
         values = [self.point(place), self.direction(axis), self.direction(right)]
         return self.file.add("IfcAxis2Placement3D", values)
 
