@@ -16,8 +16,6 @@ from completion.exchange.building.faces import Frame
 from completion.exchange.ifc.step_text import Ref, StepText, Word
 from scenes.checks import FloatArray
 
-_OPEN_M2 = 1e-4  # of a polygon that is written
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shapes:
@@ -60,7 +58,7 @@ class Shapes:
         own = shapely.transform(area, lambda uv: uv - corner)
         return [
             self.file.add("IfcExtrudedAreaSolid", [self.profile(one), axes, along, depth_m - low_m])
-            for one in polygons(own, _OPEN_M2)
+            for one in polygons(own)
         ]
 
     def profile(self, polygon: Any) -> Ref:
@@ -82,7 +80,7 @@ class Shapes:
     def sheet(self, area: Any, frame: Frame) -> list[Ref]:
         """Flat faces with their holes, without thickness; none of an area that is empty."""
         faces = []
-        for polygon in polygons(area, _OPEN_M2):
+        for polygon in polygons(area):
             bounds = []
             for k, ring in enumerate(rings(polygon)):
                 points = [self.point(place) for place in frame.place(ring) - self.origin]
@@ -127,4 +125,4 @@ class Shapes:
 
 def outlines(area: Any) -> Sequence[FloatArray]:
     """Outer rings (n, 2) of an area's polygons."""
-    return [rings(one)[0] for one in polygons(area, _OPEN_M2)]
+    return [rings(one)[0] for one in polygons(area)]
