@@ -39,10 +39,9 @@ def house() -> Scene:
     for low in (0, _HIGH + _SLAB):
         for y, z in (((0, 1), (0, _HIGH)), ((1.9, 3), (0, _HIGH)), ((1, 1.9), (2, _HIGH))):
             boxes.append(((left, y[0], low + z[0]), (left + _PARTITION, y[1], low + z[1])))
-        for x in (outside, end):
-            boxes.append(((x, 0, low), (x + _OUTER, 3, low + _HIGH)))
-        for y in (outside, 3.0):
-            boxes.append(((outside, y, low), (end + _OUTER, y + _OUTER, low + _HIGH)))
+        top = low + _HIGH
+        boxes += [((x, 0, low), (x + _OUTER, 3, top)) for x in (outside, end)]
+        boxes += [((outside, y, low), (end + _OUTER, y + _OUTER, top)) for y in (outside, 3.0)]
     boxes.append(((1.2, 0, 0), (2.4, 0.5, 1.8)))  # a cupboard
     corners, faces = [], []
     side = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
