@@ -202,7 +202,7 @@ class _Content:
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
             drawing=_drawing(completion) if {".dxf", ".svg"} & {*suffixes} else None,
-            building=_building(completion) if ".ifc" in suffixes else None,
+            building=parts_of(completion) if ".ifc" in suffixes else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
@@ -214,8 +214,8 @@ def _drawing(completion: CompletedModel) -> BuildingModel:
     return building_model(completion.panels(), completion.patches, polygons, world)
 
 
-def _building(completion: CompletedModel) -> BuildingParts:
-    """What a building consists of."""
+def parts_of(completion: CompletedModel) -> BuildingParts:
+    """Return the walls, slabs, storeys, rooms, columns and pipes of a completed building."""
     seen, several = completion.observations, len(completion.observations) > 1
     tolerance = EvidenceOptions().tolerance(
         flatness_m=completion.flatness_m, registration_m=REGISTRATION_M if several else 0.0

@@ -6,15 +6,14 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.beams import Beams
-from completion.exchange.building.parts import BuildingParts, building_parts
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
+from completion.exchange.building.parts import BuildingParts
+from completion.result.completion import parts_of
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.pose import Pose
 from scenes.world.scene import Scene
 from tests.helpers.buildings import Building
-from tests.helpers.exchange_examples import UTM, drawn
+from tests.helpers.exchange_examples import UTM
 
 PARTITION_M, SLAB_M, HIGH_M = 0.15, 0.3, 2.5
 ROOMS = ((4.0, 3.0), (3.0, 3.0), (4.0, 3.0))  # in the lower storey left and right, above the left one
@@ -55,14 +54,6 @@ def completed_house(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1
         pose = Pose.looking_at(eye, eye + (1.0, 0.3, 0.0))
         scans.append(scan_scene(scene, pose, SENSOR, noise=noise, rng=k).transformed(UTM))
     return complete(scans, CompletionOptions(texture=False), rng=0)
-
-
-def parts_of(done: Completion) -> BuildingParts:
-    """The parts of a completed building."""
-    registration_m = REGISTRATION_M if len(done.observations) > 1 else 0.0
-    tolerance = EvidenceOptions().tolerance(flatness_m=done.flatness_m, registration_m=registration_m)
-    beams = Beams.of(done.observations, done.world_from_reference, tolerance)
-    return building_parts(drawn(done), beams)
 
 
 @cache

@@ -5,11 +5,11 @@ from typer.testing import CliRunner
 
 from completion.exchange.drawing.svg import svg_of
 from completion.exchange.ifc.pipeline import ifc_of
+from completion.result.completion import parts_of
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example
 from tests.helpers.exchange_examples import drawn
-from tests.helpers.exchange_houses import parts_of
 
 
 def test_the_command_writes_what_python_exports(tmp_path):

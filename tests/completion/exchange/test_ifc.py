@@ -11,6 +11,7 @@ import pytest
 from completion.exchange.ifc.pipeline import ifc_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from completion.result.completion import parts_of
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -22,7 +23,6 @@ from tests.helpers.exchange_houses import (
     SLAB_M,
     completed_house,
     house_parts,
-    parts_of,
 )
 
 

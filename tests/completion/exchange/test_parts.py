@@ -16,6 +16,7 @@ from completion.exchange.building.parts import building_parts
 from completion.exchange.building.rooms import shut_volume
 from completion.exchange.building.storeys import find_storeys, storey_at
 from completion.observe.tolerance import EvidenceOptions
+from completion.result.completion import parts_of
 from scenes.pose import Pose
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
 from tests.helpers.exchange_houses import (
@@ -26,7 +27,6 @@ from tests.helpers.exchange_houses import (
     SLAB_M,
     completed_house,
     house_parts,
-    parts_of,
 )
 
 NO_BEAMS = Beams((), (), Pose.identity())
