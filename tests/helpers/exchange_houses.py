@@ -6,15 +6,13 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.beams import Beams
-from completion.exchange.building.parts import BuildingParts, building_parts
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
+from completion.exchange.building.parts import BuildingParts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.pose import Pose
 from scenes.world.scene import Scene
 from tests.helpers.buildings import Building
-from tests.helpers.exchange_examples import UTM, drawn
+from tests.helpers.exchange_examples import UTM
 
 PARTITION_M, SLAB_M, HIGH_M = 0.15, 0.3, 2.5
 ROOMS = ((4.0, 3.0), (3.0, 3.0), (4.0, 3.0))  # in the lower storey left and right, above the left one
@@ -57,15 +55,7 @@ def completed_house(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1
     return complete(scans, CompletionOptions(texture=False), rng=0)
 
 
-def parts_of(done: Completion) -> BuildingParts:
-    """The parts of a completed building."""
-    registration_m = REGISTRATION_M if len(done.observations) > 1 else 0.0
-    tolerance = EvidenceOptions().tolerance(flatness_m=done.flatness_m, registration_m=registration_m)
-    beams = Beams.of(done.observations, done.world_from_reference, tolerance)
-    return building_parts(drawn(done), beams)
-
-
 @cache
 def house_parts(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1, 2)) -> BuildingParts:
     """The parts of the completed house."""
-    return parts_of(completed_house(noise, places))
+    return completed_house(noise, places).building()

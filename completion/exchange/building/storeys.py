@@ -5,18 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 
 from completion.exchange.building.areas import common
 from completion.exchange.building.bodies import Body
-from completion.exchange.building.faces import PlaneFace
+from completion.exchange.building.faces import Frame, PlaneFace
 
 _HEADROOM_M = 1.8  # that people need above a floor, and from one storey to the next
 _LEAST_M2 = 1.0  # of a floor, and of a ceiling
+_LARGE_M2 = 0.25  # of what was measured below a level plane, which is no floor then
 _COVERED = 0.5  # of a level plane that another one lies below, which makes it a table top
 _SAME_M = 0.2  # by which floors of one storey may differ and be none on another
+_LEAST_HIGH_M = 0.5  # of the part of a wall in a storey
 _AT_MOST_M = 0.3  # between a wall and the floor or the ceiling that it ends at
 
 
@@ -82,8 +85,36 @@ def storey_at(storeys: Sequence[Storey], height_m: float) -> int:
     return max(0, *(k for k, one in enumerate(storeys) if one.elevation_m <= height_m), 0)
 
 
+def bands(storeys: Sequence[Storey], area: Any, frame: Frame, begin_m: float) -> Sequence[tuple[int, Any]]:
+    """Return an upright area by storeys: the number of each, and its part, coordinates of the frame.
+
+    It is cut at the floors of storeys in which it is at least half a metre high. What is so in none of them
+    is one part, of the storey at the height `begin_m`.
+    """
+    heights = frame.place(shapely.get_coordinates(area))[:, 2]
+    tops = [*(one.elevation_m for one in storeys[1:]), np.inf]
+    own = [
+        k
+        for k, (one, top) in enumerate(zip(storeys, tops, strict=True))
+        if min(top, heights.max()) - max(one.elevation_m, heights.min()) >= _LEAST_HIGH_M
+    ]
+    if len(own) < 2:
+        return [(own[0] if own else storey_at(storeys, begin_m), area)]
+    left, low, right, high = area.bounds
+    cuts = [(storeys[k].elevation_m - frame.origin[2]) / frame.up[2] for k in own[1:]]
+    edges = zip((low - 1, *cuts), (*cuts, high + 1), strict=True)
+    return [
+        (k, common(area, shapely.box(left - 1, bottom, right + 1, top)))
+        for k, (bottom, top) in zip(own, edges, strict=True)
+    ]
+
+
 def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
-    """Whether people may stand on a face: large, and no other one lies close below."""
+    """Whether people may stand on a face: large, and no other one lies close below.
+
+    What does not enclose the room, as the floor of a house of several rooms, is no floor where anything large
+    was measured further down, unless that is another storey: seats and tables are level, too.
+    """
     if face.frame.normal[2] < 0 or not face.is_level or face.area.area < _LEAST_M2:
         return False
     if face.element.kind == "floor":
@@ -96,7 +127,17 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         and other.frame.normal[2] > 0
         and level - _HEADROOM_M < level_of(other) < level - _SAME_M
     ]
-    return all(common(own, other.plan()).area < _COVERED * own.area for other in below)
+    if any(common(own, other.plan()).area >= _COVERED * own.area for other in below):
+        return False
+    lower = [one for one in faces if one.lowest_m < level - _SAME_M and one.measured.area >= _LARGE_M2]
+    storey_below = any(
+        one.is_level
+        and one.frame.normal[2] > 0
+        and level_of(one) <= level - _HEADROOM_M
+        and one.area.area >= _LEAST_M2
+        for one in lower
+    )
+    return storey_below or not lower
 
 
 def _is_ceiling(face: PlaneFace, level: float, above: float, *, has_floor: bool) -> bool:

@@ -6,27 +6,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
 from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.building.elements import CylinderElement, PlaneElement
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension, Support, half_interval
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 
-_UPRIGHT = float(np.cos(np.radians(5.0)))
 _ENDS_IT = 0.5  # cosine between a plane's normal and an axis, from which on the plane ends a cylinder
 _MOST = 0.95  # of a cylinder's measured cells, beyond which the plane that ends it may cut off some
 _NEAR_CELLS = 3.0  # between measured cells and the plane that they were measured up to
 _AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that
 _SHARE_FREE = 0.5  # of the last measured cells, beyond which beams went by
-_COLUMN_M = 0.06  # radius from which on an upright cylinder is a column, not a pipe
+_LEAST_ARC = np.pi / 2  # of a cylinder, measured
 
 
-def cylinder_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
-    """Return radius and length of each solid cylinder, and the distances between neighbouring columns.
+def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
+    """Return radius and length of round columns and of pipes, and how far neighbouring columns are apart.
+
+    Those are pipes and columns of which a quarter of a turn was measured: cushions and pots are round, too.
 
     A cylinder ends on the first plane that it comes to beyond what was measured of it, or where beams went by
     its own end. A hidden end may be anywhere between where the cylinder was measured and what encloses the
@@ -34,12 +37,13 @@ def cylinder_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
     table's leg is ended. Columns are upright; their distance is
     taken between their axes, level, halfway up.
     """
-    errors = model.errors
-    solid = [one for one in model.cylinders if one.is_solid and one.length_m > 0]
-    found = []
-    for one in solid:
-        found += _own(one, model)
-    columns = [one for one in solid if is_column(one)]
+    model = building.model
+    columns = [
+        one.cylinder for one in building.columns if one.cylinder is not None and _is_round(one.cylinder)
+    ]
+    pipes = [one for one in building.pipes if _is_round(one)]
+    found = [one for column in columns for one in _own(column, model, "column")]
+    found += [one for pipe in pipes for one in _own(pipe, model, "pipe")]
     middles = [one.ends.mean(axis=0) for one in columns]
     for k, m in combinations(range(len(columns)), 2):
         ends = np.stack([middles[k], middles[m]])
@@ -48,25 +52,26 @@ def cylinder_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
         apart = np.linalg.norm(ends[1] - ends[0])
         between = [n for n in range(len(columns)) if n not in (k, m)]
         if all(np.linalg.norm(middles[n][:2] - ends.mean(axis=0)[:2]) >= apart / 2 for n in between):
-            found.append(_spacing((columns[k], columns[m]), ends, errors))
+            found.append(_spacing((columns[k], columns[m]), ends, model.errors))
     return tuple(found)
 
 
-def is_column(cylinder: CylinderElement) -> bool:
-    """Whether a cylinder is taken for a column: upright, and thicker than pipes are."""
-    along = cylinder.ends[1] - cylinder.ends[0]
-    return bool(abs(along[2]) >= _UPRIGHT * np.linalg.norm(along) and cylinder.radius_m >= _COLUMN_M)
+def _is_round(cylinder: CylinderElement) -> bool:
+    """Whether enough of its turn was measured to tell that it is round."""
+    seen = cylinder.patch.observed.any(axis=0)
+    arc = float(seen.sum() * cylinder.patch.grid.cell[0]) / cylinder.radius_m
+    return arc >= _LEAST_ARC
 
 
-def _own(cylinder: CylinderElement, model: BuildingModel) -> list[Dimension]:
+def _own(cylinder: CylinderElement, model: BuildingModel, what: Literal["column", "pipe"]) -> list[Dimension]:
     """Radius and length of a cylinder."""
-    is_upright = is_column(cylinder)
+    is_column = what == "column"
     middle, along = cylinder.ends.mean(axis=0), _direction(cylinder)
     sides = [middle + cylinder.radius_m * way for way in _across(along)]
     around = tuple(Support(cylinder, side, -1.0 / len(sides)) for side in sides)
     half = half_interval(around, model.errors)
     radius = Dimension(
-        kind="column radius" if is_upright else "pipe radius",
+        kind="column radius" if is_column else "pipe radius",
         value=cylinder.radius_m,
         low=cylinder.radius_m - half,
         high=cylinder.radius_m + half,
@@ -83,7 +88,7 @@ def _own(cylinder: CylinderElement, model: BuildingModel) -> list[Dimension]:
     step = float(cylinder.patch.grid.cell[1])
     half = half_interval(planes, model.errors, more_sd=step * np.sqrt((2 - len(planes)) / 12))
     length = Dimension(
-        kind="column height" if is_upright else "pipe length",
+        kind="column height" if is_column else "pipe length",
         value=value,
         low=max(value - half - caps[0].inwards_m - caps[1].inwards_m, 0.0),
         high=value + half + caps[0].outwards_m + caps[1].outwards_m,

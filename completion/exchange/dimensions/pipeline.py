@@ -86,6 +86,6 @@ def decision_sheet(
     # 3. Openings in walls.
     openings = opening_sizes(model)
 
-    # 4. Pipes and columns.
-    cylinders = cylinder_sizes(model)
+    # 4. Columns and pipes.
+    cylinders = cylinder_sizes(building)
     return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m, is_exact_unknown)

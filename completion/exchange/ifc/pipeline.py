@@ -5,22 +5,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from completion.exchange.building.areas import polygons
 from completion.exchange.building.faces import PlaneFace
 from completion.exchange.building.parts import BuildingParts
-from completion.exchange.building.storeys import storey_at
+from completion.exchange.building.storeys import bands, storey_at
 from completion.exchange.ifc.evidence import mean_confidence
 from completion.exchange.ifc.others import column_product, cylinder_product, pipe_product, write_space
 from completion.exchange.ifc.products import Contexts, Product, write_product
 from completion.exchange.ifc.shapes import Shapes
 from completion.exchange.ifc.step_text import Ref, StepText, Word
-from completion.exchange.ifc.walls import body_product, sheet_product
+from completion.exchange.ifc.walls import body_product, rest_of, sheet_product
 from scenes.checks import FloatArray
 
 _FAR_M = 1000.0  # coordinates beyond which the file has an origin of its own
 _PRECISION_M = 1e-5
+_LEAST_M2 = 1e-3  # of an element
+_NAMES = {"IfcWall": "Wall", "IfcSlab": "Floor", "IfcCovering": "Ceiling", "IfcBuildingElementProxy": "Plane"}
 _STANDING_M = 0.5  # by which an element may begin below the floor of its storey
 
 
@@ -89,15 +93,21 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
     storeys, model = parts.storeys, parts.model
     face_of = {face.number: face for face in parts.faces}
     for body in parts.bodies:
-        k = storey_at(storeys, _begin(face_of[body.surfaces[0]]))
-        yield k, body_product(levels[k].shapes, parts, body)
+        begin, kind = _begin(face_of[body.surfaces[0]]), "Wall" if body.kind == "wall" else "Slab"
+        split: Sequence[tuple[int, Any]] = [(storey_at(storeys, begin), body.area)]
+        if body.kind == "wall":
+            split = bands(storeys, body.area, body.frame, begin)
+        for k, part, key in _keyed(split, f"{kind} {body.surfaces[0]}-{body.surfaces[1]}"):
+            yield k, body_product(levels[k].shapes, parts, body, part=part, key=key)
     posts = {number for column in parts.columns for number in column.surfaces}
     for face in parts.faces:
-        if face.number not in posts:
-            k, entity = _place_and_class(parts, face)
-            product = sheet_product(levels[k].shapes, parts, face, entity)
-            if product is not None:
-                yield k, product
+        rest = rest_of(parts, face)
+        if face.number in posts or not polygons(rest, _LEAST_M2):
+            continue
+        k, entity = _place_and_class(parts, face)
+        split = bands(storeys, rest, face.frame, _begin(face)) if entity == "IfcWall" else [(k, rest)]
+        for k, part, key in _keyed(split, f"{_NAMES[entity]} {face.number}"):
+            yield k, sheet_product(levels[k].shapes, parts, face, rest=part, named=(entity, key))
     cylinders = {one.number: one for one in model.cylinders}
     for column in parts.columns:
         known = [cylinders.get(number) or face_of[number].element for number in column.surfaces]
@@ -111,6 +121,13 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
             yield k, pipe_product(levels[k].shapes, cylinder)
         elif (other := cylinder_product(levels[k].shapes, model, cylinder)) is not None:
             yield k, other
+
+
+def _keyed(split: Sequence[tuple[int, Any]], key: str) -> Iterator[tuple[int, Any, str]]:
+    """Parts by storey, each with a key of its own; what is too small to be written is left out."""
+    for k, part in split:
+        if polygons(part, _LEAST_M2):
+            yield k, part, key if len(split) == 1 else f"{key} storey {k}"
 
 
 def _place_and_class(parts: BuildingParts, face: PlaneFace) -> tuple[int, str]:

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from completion.exchange.building.areas import polygons, rings
 from completion.exchange.building.faces import Frame
 from completion.exchange.ifc.step_text import Ref, StepText, Word
 from scenes.checks import FloatArray
-
-_OPEN_M2 = 1e-4  # of a polygon that is written
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +41,7 @@ class Shapes:
         return self.file.add("IfcDirection", [np.asarray(vector, dtype=np.float64).tolist()])
 
     def axes(self, place: FloatArray, axis: FloatArray, right: FloatArray) -> Ref:
-        """Axes at a place of the file: z along `axis`, x along `right`."""
+        """Axes at a place (3,) of the file: z along `axis` (3,), x along `right` (3,)."""
         values = [self.point(place), self.direction(axis), self.direction(right)]
         return self.file.add("IfcAxis2Placement3D", values)
 
@@ -53,11 +52,13 @@ class Shapes:
 
     def extruded(self, area: Any, frame: Frame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
         """Solids that reach from `depth_m` behind the plane of a frame to `low_m` behind it, by polygon."""
-        place = frame.place(np.zeros(2), -depth_m) - self.origin
-        axes, along = self.axes(place, frame.normal, frame.right), self.direction(np.array([0, 0, 1.0]))
+        corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
+        axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
+        along = self.direction(np.array([0, 0, 1.0]))
+        own = shapely.transform(area, lambda uv: uv - corner)
         return [
             self.file.add("IfcExtrudedAreaSolid", [self.profile(one), axes, along, depth_m - low_m])
-            for one in polygons(area, _OPEN_M2)
+            for one in polygons(own)
         ]
 
     def profile(self, polygon: Any) -> Ref:
@@ -79,7 +80,7 @@ class Shapes:
     def sheet(self, area: Any, frame: Frame) -> list[Ref]:
         """Flat faces with their holes, without thickness; none of an area that is empty."""
         faces = []
-        for polygon in polygons(area, _OPEN_M2):
+        for polygon in polygons(area):
             bounds = []
             for k, ring in enumerate(rings(polygon)):
                 points = [self.point(place) for place in frame.place(ring) - self.origin]
@@ -124,4 +125,4 @@ class Shapes:
 
 def outlines(area: Any) -> Sequence[FloatArray]:
     """Outer rings (n, 2) of an area's polygons."""
-    return [rings(one)[0] for one in polygons(area, _OPEN_M2)]
+    return [rings(one)[0] for one in polygons(area)]

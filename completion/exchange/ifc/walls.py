@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.exchange.building.areas import common, inside, joined, less, polygons, straightened, wide
+from completion.exchange.building.areas import common, inside, joined, less, straightened, wide
 from completion.exchange.building.bodies import Body
 from completion.exchange.building.building_model import OpeningOutline
 from completion.exchange.building.faces import Frame, PlaneFace, moved
@@ -29,13 +29,13 @@ _SETS = {
 }
 
 
-def body_product(shapes: Shapes, parts: BuildingParts, body: Body) -> Product:
-    """Return a wall or a slab with its thickness; openings of either face go through it."""
+def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, key: str) -> Product:
+    """Return part of a wall or a slab with its thickness; openings of either face go through it."""
     face, other = (next(one for one in parts.faces if one.number == number) for number in body.surfaces)
-    holes = list(_through(body, face, other))
+    holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = joined(area for _, area in holes)
-    inferred = straightened(less(body.inferred, [open_area]))
-    measured = less(straightened(joined((body.measured, open_area))), [inferred])
+    inferred = straightened(less(common(body.inferred, part), [open_area]))
+    measured = less(straightened(joined((common(body.measured, part), open_area))), [inferred])
     net = less(joined((measured, inferred)), [open_area])
     depth = body.thickness_m
     entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
@@ -45,7 +45,7 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body) -> Product:
     )
     evidence = Evidence(
         surfaces=body.surfaces,
-        measured_share=body.measured_share,
+        measured_share=float(common(body.measured, part).area / part.area),
         sd_m=body.thickness_sd_m if np.isfinite(body.thickness_sd_m) else None,
         confidence=min(mean_confidence(face.element), mean_confidence(other.element)),
         more={
@@ -70,7 +70,7 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body) -> Product:
         if (solids := shapes.extruded(area, body.frame, depth + _REACH_M, -_REACH_M))
     ]
     return Product(
-        key=f"{'Wall' if entity == 'IfcWall' else 'Slab'} {body.surfaces[0]}-{body.surfaces[1]}",
+        key=key,
         entity=entity,
         predefined="NOTDEFINED" if entity == "IfcWall" else "FLOOR",
         described="seen from both sides",
@@ -83,11 +83,11 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body) -> Product:
     )
 
 
-def sheet_product(shapes: Shapes, parts: BuildingParts, face: PlaneFace, entity: str) -> Product | None:
-    """Return what of a face is in no body, as a surface without thickness; None where nothing is left."""
-    rest = _rest(parts, face)
-    if not polygons(rest, 1e-4):
-        return None
+def sheet_product(
+    shapes: Shapes, parts: BuildingParts, face: PlaneFace, rest: Any, named: tuple[str, str]
+) -> Product:
+    """Return part of a face that is in no body, as a surface without thickness; `named` is class and key."""
+    entity, key = named
     measured = straightened(common(rest, face.measured))
     inferred = less(straightened(less(rest, [face.measured])), [measured])
     area = float(measured.area + inferred.area)
@@ -105,7 +105,6 @@ def sheet_product(shapes: Shapes, parts: BuildingParts, face: PlaneFace, entity:
     )
     name, net_name, _ = _SETS[entity]
     words = {"IfcSlab": "FLOOR", "IfcCovering": "CEILING"}
-    names = {"IfcWall": "Wall", "IfcSlab": "Floor", "IfcCovering": "Ceiling"}
     taken = joined(_laid_on(parts, face))
     holes = [
         Hole(one, [shapes.world_loop(one.points)], "Curve3D", None)
@@ -114,7 +113,7 @@ def sheet_product(shapes: Shapes, parts: BuildingParts, face: PlaneFace, entity:
         and not _is_within(shapely.Polygon(face.frame.flat(one.points)), taken)
     ]
     return Product(
-        key=f"{names.get(entity, 'Plane')} {face.number}",
+        key=key,
         entity=entity,
         predefined=words.get(entity, "NOTDEFINED"),
         described="a surface seen from one side; its thickness is not known",
@@ -127,7 +126,7 @@ def sheet_product(shapes: Shapes, parts: BuildingParts, face: PlaneFace, entity:
     )
 
 
-def _rest(parts: BuildingParts, face: PlaneFace) -> Any:
+def rest_of(parts: BuildingParts, face: PlaneFace) -> Any:
     """What of a face is in no body."""
     taken = list(_laid_on(parts, face))
     return wide(less(face.area, taken), _BESIDE_M) if taken else face.area
@@ -155,6 +154,12 @@ def _through(body: Body, face: PlaneFace, other: PlaneFace) -> Iterator[tuple[Op
 
 def _outline(opening: OpeningOutline, frame: Frame) -> Any:
     return joined([shapely.Polygon(frame.flat(opening.points))])
+
+
+def _is_beside(opening: Any, part: Any) -> bool:
+    """Whether an opening is in a part of a wall, rather than in that of another storey."""
+    around = shapely.box(*part.bounds)
+    return not opening.is_empty and bool(shapely.contains(around.buffer(_BESIDE_M), opening.centroid))
 
 
 def _is_within(area: Any, other: Any) -> bool:

@@ -8,7 +8,6 @@ from completion.exchange.ifc.pipeline import ifc_of
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example
-from tests.helpers.exchange_houses import parts_of
 
 
 def test_the_command_writes_what_python_exports(tmp_path):
@@ -18,7 +17,7 @@ def test_the_command_writes_what_python_exports(tmp_path):
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out/completed.dxf").read_text("utf-8").startswith("  0\nSECTION\n")
     text = (tmp_path / "out/completed.ifc").read_text("utf-8")
-    assert text == ifc_of(parts_of(completed("two_occluders", pixels=120)))
+    assert text == ifc_of(completed("two_occluders", pixels=120).building())
     text = (tmp_path / "out/completed.svg").read_text("utf-8")
     assert text == svg_of(completed("two_occluders", pixels=120).building())
 

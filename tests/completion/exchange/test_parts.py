@@ -26,7 +26,6 @@ from tests.helpers.exchange_houses import (
     SLAB_M,
     completed_house,
     house_parts,
-    parts_of,
 )
 
 NO_BEAMS = Beams((), (), Pose.identity())
@@ -119,7 +118,7 @@ def test_rooms_have_their_area_height_and_volume(parts):
 
 
 def test_a_room_without_all_walls_is_open_and_has_no_volume():
-    room = next(one for one in parts_of(panorama("office")).rooms)
+    room = next(one for one in panorama("office").building().rooms)
     assert (room.closed, room.volume_m3) == (False, None)
     assert room.told == "no volume: walls were not found all around it"
 
@@ -153,7 +152,7 @@ def test_a_room_whose_facets_close_has_their_volume():
 
 
 def test_columns_stand_on_floors_and_pipes_do_not():
-    office = parts_of(panorama("office"))
+    office = panorama("office").building()
     (column,) = office.columns
     assert column.cylinder.radius_m == pytest.approx(0.15, abs=0.002)
     assert column.top_m - column.bottom_m == pytest.approx(2.6, abs=0.05)
