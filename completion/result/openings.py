@@ -33,7 +33,7 @@ class Sides:
     Attributes
     ----------
     sd_m : (n,) float
-        Standard deviation across the side, metres: that of a cell, and of the edge that it follows.
+        Standard deviation across the side, metres: of the edge that it follows, else of a cell.
     inwards_m, outwards_m : (n,) float
         How far it may be off where it is hidden: inwards to where beams went through, outwards to where the
         surface was measured; 0 where it was seen.
@@ -194,13 +194,12 @@ def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequenc
     """The line of an edge that the stretch of outline follows, else the line through its points."""
     stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
     near = _NEAR * float(grid.cell.max())
-    cell_sd = float(grid.cell.max()) / np.sqrt(12.0)  # pixels along an edge are off it alike
-    share, line, sd = 0.0, None, cell_sd
+    share, line, sd = 0.0, None, float(grid.cell.max())
     for edge in edges:
         if isinstance(edge.curve, Line):
             follows = float(np.mean(np.abs(edge.curve.across(stretch)) <= near))
             if follows > max(share, _FOLLOWS):
-                share, line, sd = follows, edge.curve, float(np.hypot(edge.deviation, cell_sd))
+                share, line, sd = follows, edge.curve, float(np.hypot(edge.deviation, edge.common))
     if line is None:
         middle = stretch.mean(axis=0)
         vectors = np.linalg.svd(stretch - middle)[2]

@@ -11,15 +11,16 @@ from completion.exchange.dimensions.dimension import Dimension, Kind, Support, h
 from scenes.checks import FloatArray
 
 _OF_SIDES = ("sd_m", "inwards_m", "outwards_m")
+_SAME_SIDE = 0.05  # of the extent, within which short sides are parts of the longest one there
 _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
 
 
 def opening_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
     """Return width and height of each opening in a wall, from side to side where both are straight.
 
-    A size is taken between the two sides that end the opening in its direction. An opening that has not two
-    such sides, as a round one, has its extent, and the interval of its worst side on either end. A side that
-    is hidden may be anywhere between where beams went through and where the wall was measured.
+    A size is taken between the two longest sides that end the opening in its direction. An opening that has
+    not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
+    side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
     walls = {wall.number: wall for wall in model.walls}
     found = []
@@ -48,6 +49,8 @@ def _size(
     for sign in (-1.0, 1.0):
         beyond = np.flatnonzero(is_end & (sign * (at - centre @ along) > 0))
         if len(beyond):
+            main = at[beyond[int(np.argmax(length[beyond]))]]
+            beyond = beyond[np.abs(at[beyond] - main) <= _SAME_SIDE * np.ptp(reach)]
             ends.append(float(length[beyond] @ at[beyond] / length[beyond].sum()))
         else:
             ends.append(float(reach.max() if sign > 0 else reach.min()))
