@@ -50,7 +50,7 @@ def quantities(
     parts = done.building()
     print(f"{len(scans)} scans, {len(parts.faces)} planes, {time.process_time() - start:.0f} s of processors")
     measured = np.concatenate([scan.points()[scan.valid][::4] for scan in scans])
-    print("| | within 5 % | of | found | error, median | 90 % |")
+    print("| | within 5 % | of | told | off, median | 90 % |")
     print("|---|---|---|---|---|---|")
     for name, pairs in _groups(truth, parts, measured):
         print(_row(name, pairs), flush=True)
@@ -63,14 +63,18 @@ def _groups(
 ) -> Iterator[tuple[str, list[Pair]]]:
     sides = list(truth.sides())
     found = list(areas(sides, parts, measured))
-    for kind in ("wall", "floor", "ceiling"):
-        own = [pair for pair in found if pair.kind == kind]
-        yield f"{kind} areas, at least half seen", [pair for pair in own if pair.seen >= _SEEN]
-        yield f"{kind} areas, less seen", [pair for pair in own if 0 < pair.seen < _SEEN]
-    yield "opening areas", list(openings(truth, parts))
-    yield "thickness of true walls, both sides seen", list(walls(truth, sides, parts, measured))
-    yield "thickness told", list(thicknesses(truth, parts.bodies, np.random.default_rng(0)))
-    yield "room volumes", list(rooms(truth, parts))
+    yield "sides of walls, at least half seen, area", [pair for pair in found if pair.seen >= _SEEN]
+    yield "sides of walls, less seen, area", [pair for pair in found if 0 < pair.seen < _SEEN]
+    holes = list(openings(truth, parts))
+    yield "openings between rooms, area", [pair for pair in holes if pair.kind == "inner"]
+    yield "openings to the outside, area", [pair for pair in holes if pair.kind == "outer"]
+    yield "walls seen from both sides, thickness", list(walls(truth, sides, parts, measured))
+    told = list(thicknesses(truth, parts.bodies, np.random.default_rng(0)))
+    yield "thicknesses told, of walls", [pair for pair in told if pair.kind == "wall"]
+    yield "thicknesses told, of slabs", [pair for pair in told if pair.kind == "slab"]
+    levels, volumes = zip(*rooms(truth, parts), strict=True)
+    yield "rooms, floor area", list(levels)
+    yield "rooms, volume", list(volumes)
 
 
 def _row(name: str, pairs: Sequence[Pair]) -> str:

@@ -8,20 +8,27 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy import ndimage
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from benchmarks.completion.quantities.elements import LEAVES, STEP_M, Side, TrueBuilding
 from completion.exchange.building.bodies import Body
 from completion.exchange.building.faces import PlaneFace
 from completion.exchange.building.parts import BuildingParts
+from completion.exchange.building.rooms import Room
 from scenes.checks import FloatArray
 
 _NEAR_M = 0.02  # between a true side and a face that is its model
 _SEEN_M = 0.06  # between a place and the nearest measured point, where it counts as seen
-_WALL_HIGH_M = 2.0
-_PLAN_M, _PLAN_ABOVE_M = 0.02, 2.35  # step of the plan of rooms, and its height above the floor: above doors
-_HOLE_M, _AROUND_M, _THROUGH_M = 0.01, 0.1, 0.45
+_WALL_HIGH_M, _LEAST_SEEN = 2.0, 0.1  # of walls whose thickness could be told
+_PLAN_M, _PLAN_ABOVE_M = 0.02, 2.54  # step of the plan of rooms; its height above floors, above windows
+_HOLE_M, _AROUND_M, _THROUGH_M, _BESIDE_M = 0.01, 0.1, 0.45, 0.1
+_ANOTHER_M, _ROOFED = (
+    0.3,
+    0.5,
+)  # from the plan up to what is no ceiling of the storey; share of a room with one
 _LEAST_HOLE_M2, _LEAST_ROOM_M2 = 0.3, 1.0
 _SAMPLES = 400
 
@@ -50,13 +57,17 @@ def areas(sides: Sequence[Side], parts: BuildingParts, measured: FloatArray) -> 
     """Areas of true sides; the model's are those of its faces in the same plane within their rectangle."""
     tree = cKDTree(measured)
     for side in sides:
-        shown = side.places[side.is_shown]
-        near, _ = tree.query(shown, distance_upper_bound=_SEEN_M)
         covered = np.zeros(len(side.places), dtype=np.bool_)
         for face in parts.faces:
             covered |= _is_on(face, side)
         said = float(covered.sum()) * STEP_M**2
-        yield Pair(side.kind, side.area_m2, said, float(np.isfinite(near).mean()))
+        yield Pair("wall", side.area_m2, said, _seen(tree, side))
+
+
+def _seen(tree: cKDTree, side: Side) -> float:
+    """Share of what rooms show of a side that has a measured point near it."""
+    near, _ = tree.query(side.places[side.is_shown], distance_upper_bound=_SEEN_M)
+    return float(np.isfinite(near).mean())
 
 
 def _is_on(face: PlaneFace, side: Side) -> np.ndarray:
@@ -90,22 +101,19 @@ def walls(
 ) -> Iterator[Pair]:
     """True walls of which both sides were seen, with the thickness that is said of most of them."""
     tree = cKDTree(measured)
-    for number in sorted({side.element for side in sides if side.kind == "wall"}):
+    for number in sorted({side.element for side in sides}):
         own = [side for side in sides if side.element == number]
         box = truth.box(number)
         if len(own) < 2 or box[1, 2] - box[0, 2] < _WALL_HIGH_M:
             continue
-        seen = [
-            np.isfinite(tree.query(one.places[one.is_shown], distance_upper_bound=_SEEN_M)[0]) for one in own
-        ]
+        seen = [_seen(tree, one) for one in own]
         said, best = 0.0, 0
-        for body in parts.bodies:
+        for body in (one for one in parts.bodies if one.kind == "wall"):
             inside = sum(int(_is_in(body, side).sum()) for side in own)
             if inside > best:
                 said, best = body.thickness_m, inside
-        if min(one.mean() for one in seen) >= 0.1:
-            share = float(min(one.mean() for one in seen))
-            yield Pair("wall", float(np.ptp(box, axis=0)[:2].min()), said, share)
+        if min(seen) >= _LEAST_SEEN:
+            yield Pair("wall", float(np.ptp(box, axis=0)[:2].min()), said, min(seen))
 
 
 def _is_in(body: Body, side: Side) -> np.ndarray:
@@ -117,26 +125,46 @@ def _is_in(body: Body, side: Side) -> np.ndarray:
 
 
 def openings(truth: TrueBuilding, parts: BuildingParts) -> Iterator[Pair]:
-    """Holes that doors and windows leave in walls; the model's area is the median of those that are there."""
+    """Holes that doors and windows leave in walls; the model's area is the median of those that are there.
+
+    Doors and windows that touch leave one hole.
+    """
+    for axis, box in _groups(truth):
+        area = _hole(truth, box, axis)
+        if area < _LEAST_HOLE_M2:
+            continue
+        other, said = 1 - axis, []
+        for one in (opening for face in parts.faces for opening in face.openings):
+            middle = one.points.mean(axis=0)
+            is_flat = np.ptp(one.points[:, axis]) < 0.05 and abs(middle - box.mean(axis=0))[axis] < _THROUGH_M
+            if is_flat and (np.abs(middle - box.mean(axis=0))[[other, 2]] < 0.3).all():
+                said.append(float(shapely.Polygon(one.points[:, [other, 2]]).area))
+        before = np.tile(box.mean(axis=0), (2, 1)) + np.outer([-0.6, 0.6], np.eye(3)[axis])
+        is_inner = (truth.class_hit(before, np.array([0.0, 0.0, 1.0])) == "IfcCovering").all()
+        yield Pair("inner" if is_inner else "outer", area, float(np.median(said)) if said else 0.0)
+
+
+def _groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:
+    """Boxes (2, 3) around doors and windows that touch, with the axis across their wall; no skylights."""
+    found: list[tuple[int, FloatArray]] = []
     for number, name in enumerate(truth.classes):
         if not name.startswith(LEAVES) or not (truth.element == number).any():
             continue
         box = truth.box(number)
         axis = int(np.argmin(np.ptp(box, axis=0)))
         if axis == 2:
-            continue  # a skylight
-        area = _hole(truth, box, axis)
-        if area < _LEAST_HOLE_M2:
             continue
-        other, middle = 1 - axis, box.mean(axis=0)
-        said = []
-        for one in parts.model.openings:
-            off = np.abs(one.points.mean(axis=0) - middle)
-            flat = np.ptp(one.points[:, axis]) < 0.05
-            if flat and off[axis] < _THROUGH_M and off[other] < 0.3 and off[2] < 0.3:
-                uv = one.points[:, [other, 2]]
-                said.append(float(shapely.Polygon(uv).area))
-        yield Pair(name, area, float(np.median(said)) if said else 0.0)
+        beside = [
+            k
+            for k, (along, other) in enumerate(found)
+            if along == axis
+            and (box[0] - _BESIDE_M < other[1]).all()
+            and (other[0] - _BESIDE_M < box[1]).all()
+        ]
+        boxes = [box, *(found[k][1] for k in beside)]
+        found = [one for k, one in enumerate(found) if k not in beside]
+        found.append((axis, np.stack([np.min(boxes, axis=(0, 1)), np.max(boxes, axis=(0, 1))])))
+    return found
 
 
 def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> float:
@@ -151,55 +179,65 @@ def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> float:
         hits = truth.shell.first_hit(places, np.tile(sign * np.eye(3)[axis], (len(places), 1)))
         free &= ~hits.hit | (hits.ranges > _THROUGH_M)
     up = truth.shell.first_hit(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
-    free &= ~(
-        up.hit
-        & (up.ranges < 0.15)
-        & np.char.startswith(np.array(truth.classes)[truth.shell_element[up.face]], "IfcSlab")
-    )
+    is_slab = np.array([one == "IfcSlab" for one in truth.classes])[truth.shell_element[up.face]]
+    free &= ~(up.hit & (up.ranges < 0.15) & is_slab)  # within the slab, below the door
     return float(free.sum()) * _HOLE_M**2
 
 
-def rooms(truth: TrueBuilding, parts: BuildingParts) -> Iterator[Pair]:
-    """Volumes of true rooms: what is connected in the plan above the doors, by rays up and down."""
+def rooms(truth: TrueBuilding, parts: BuildingParts) -> Iterator[tuple[Pair, Pair]]:
+    """Floor areas and volumes of true rooms: what is connected in the plan above doors and windows.
+
+    Heights are those of rays up and down. A stairwell belongs to each storey between its floor and its
+    ceiling, and what is below a skylight ends at the ceiling.
+    """
     low, high = truth.vertices.min(axis=0), truth.vertices.max(axis=0)
     steps = [np.arange(low[k], high[k], _PLAN_M) for k in (0, 1)]
     for k, storey in enumerate(parts.storeys):
         places = np.empty((len(steps[0]), len(steps[1]), 3))
         places[:, :, :2] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         places[:, :, 2] = storey.elevation_m + _PLAN_ABOVE_M
-        label, n = ndimage.label(_free(truth, places))
+        label = _connected(truth, places)
         flat = places.reshape(-1, 3)
         up, down = (
             truth.shell.first_hit(flat, np.tile([0.0, 0.0, sign], (len(flat), 1))) for sign in (1.0, -1.0)
         )
-        height = np.where(up.hit & down.hit, up.ranges + down.ranges, 0.0)
-        roofed = np.char.startswith(np.array(truth.classes)[truth.shell_element[up.face]], "IfcCovering")
-        number = np.where(up.hit & down.hit & roofed, label.ravel(), 0)
-        for one in range(1, n + 1):
-            own = number == one
-            if own.sum() * _PLAN_M**2 < _LEAST_ROOM_M2:
+        above = (storey.ceiling_m if storey.ceiling_m is not None else np.inf) - flat[:, 2]
+        rise = np.where(up.hit & (up.ranges < _ANOTHER_M), up.ranges, above)
+        height = rise + np.minimum(down.ranges, _PLAN_ABOVE_M)
+        roofed = (
+            np.array([one == "IfcCovering" for one in truth.classes])[truth.shell_element[up.face]] & up.hit
+        )
+        for one in np.flatnonzero(np.bincount(label) * _PLAN_M**2 >= _LEAST_ROOM_M2).tolist():
+            own = label == one
+            area = float(own.sum()) * _PLAN_M**2
+            if roofed[own].mean() < _ROOFED:
                 continue
+            said = _said_of(parts, k, flat[own])
+            area_said, volume_said = (said.area_m2, said.volume_m3 or 0.0) if said else (0.0, 0.0)
             volume = float(height[own].sum()) * _PLAN_M**2
-            yield Pair("room", volume, _said_of(parts, k, flat[own]))
+            yield Pair("floor", area, area_said), Pair("room", volume, volume_said)
 
 
-def _free(truth: TrueBuilding, places: FloatArray) -> np.ndarray:
-    """Which cells of a plan are not within a wall and have none through them."""
-    free = np.ones(places.shape[:2], dtype=np.bool_)
-    flat = places.reshape(-1, 3)
-    for axis in (0, 1):
-        for sign in (-1.0, 1.0):
-            hits = truth.closed.first_hit(flat, np.tile(sign * np.eye(3)[axis], (len(flat), 1)))
-            free &= ~(hits.hit & (hits.ranges < _PLAN_M / 2)).reshape(free.shape)
-    return free
+def _connected(truth: TrueBuilding, places: FloatArray) -> NDArray[np.int32]:
+    """Numbers (n,) of the parts of a plan (rows, columns, 3) between whose cells no wall lies, from 0."""
+    index = np.arange(places.shape[0] * places.shape[1]).reshape(places.shape[:2])
+    links = []
+    for axis, (near, far) in enumerate(((index[:-1], index[1:]), (index[:, :-1], index[:, 1:]))):
+        starts = places.reshape(-1, 3)[near.ravel()]
+        hits = truth.closed.first_hit(starts, np.tile(np.eye(3)[axis], (len(starts), 1)))
+        free = ~(hits.hit & (hits.ranges < _PLAN_M))
+        links.append(np.column_stack([near.ravel()[free], far.ravel()[free]]))
+    pairs = np.concatenate(links)
+    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(index.size,) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _said_of(parts: BuildingParts, storey: int, places: FloatArray) -> float:
-    """Volume of the model's room that most of some places lie in; 0 of none, and where there is no volume."""
-    best, said = 0, 0.0
+def _said_of(parts: BuildingParts, storey: int, places: FloatArray) -> Room | None:
+    """The model's closed room that most of some places lie in; None of none."""
+    best, said = len(places) // 2, None
     for room in parts.rooms:
-        if room.storey == storey and room.volume_m3 is not None:
+        if room.storey == storey and room.closed:
             inside = int(shapely.contains_xy(room.outline, places[:, :2]).sum())
-            if inside > max(best, len(places) // 2):
-                best, said = inside, room.volume_m3
+            if inside > best:
+                best, said = inside, room
     return said

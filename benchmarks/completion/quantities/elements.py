@@ -23,24 +23,21 @@ _LEAST_M2 = 1.0  # of what rooms show of a side
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
-    """A side of an element.
+    """A side of a wall.
 
     Attributes
     ----------
     element : int
         Its number.
-    kind : str
-        "wall", "floor" or "ceiling".
     normal : (3,) float
         Outwards, along an axis.
     places : (n, 3) float
         On it, all over its rectangle, each for `STEP_M` squared.
     is_shown : (n,) bool
-        Where the element is and a room is before it.
+        Where the wall is and a room is before it.
     """
 
     element: int
-    kind: str
     normal: FloatArray
     places: FloatArray
     is_shown: BoolArray
@@ -113,22 +110,16 @@ class TrueBuilding:
         return names[np.where(hits.hit, self.shell_element[hits.face], len(self.classes))]
 
     def sides(self) -> Iterator[Side]:
-        """The sides of walls, floors and ceilings that rooms show at least a square metre of."""
+        """The sides of walls that rooms show at least a square metre of."""
         for number, name in enumerate(self.classes):
-            if not name.startswith(SHELL) or not (self.element == number).any():
-                continue
-            box = self.box(number)
-            if name.startswith("IfcWall"):
-                axis = int(np.argmin(np.ptp(box, axis=0)[:2]))
-                wanted = [("wall", axis, -1.0), ("wall", axis, 1.0)]
-            else:
-                wanted = [("floor", 2, 1.0)] if name == "IfcSlab" else [("ceiling", 2, -1.0)]
-            for kind, axis, sign in wanted:
-                side = self._side(number, kind, axis, sign)
-                if side.area_m2 >= _LEAST_M2:
-                    yield side
+            if name.startswith("IfcWall") and (self.element == number).any():
+                axis = int(np.argmin(np.ptp(self.box(number), axis=0)[:2]))
+                for sign in (-1.0, 1.0):
+                    side = self._side(number, axis, sign)
+                    if side.area_m2 >= _LEAST_M2:
+                        yield side
 
-    def _side(self, number: int, kind: str, axis: int, sign: float) -> Side:
+    def _side(self, number: int, axis: int, sign: float) -> Side:
         box = self.box(number)
         normal = sign * np.eye(3)[axis]
         across = [k for k in range(3) if k != axis]
@@ -139,6 +130,5 @@ class TrueBuilding:
         before = places + _OFF_M * normal
         hits = self.shell.first_hit(before, np.tile(-normal, (len(places), 1)))
         is_own = hits.hit & (self.shell_element[hits.face] == number) & (np.abs(hits.ranges - _OFF_M) < 1e-3)
-        below = self.class_hit(before, np.array([0.0, 0.0, 1.0])) == "IfcCovering"
-        above = self.class_hit(before, np.array([0.0, 0.0, -1.0])) == "IfcSlab"
-        return Side(number, kind, normal, places, is_own & below & (above | (kind == "wall")))
+        is_below_ceiling = self.class_hit(before, np.array([0.0, 0.0, 1.0])) == "IfcCovering"
+        return Side(number, normal, places, is_own & is_below_ceiling)

@@ -13,7 +13,7 @@ from scenes.checks import FloatArray
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
 _MITRE = 1.5
-_STRAIGHT_M = 5e-4
+_STRAIGHT_M, _SLIT_M = 5e-4, 0.02
 
 
 def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
@@ -54,6 +54,13 @@ def filled(area: Any) -> Any:
 def straightened(area: Any) -> Any:
     """An area without the corners that are within half a millimetre of a straight side."""
     return _clean(shapely.simplify(area, _STRAIGHT_M))
+
+
+def smoothed(area: Any) -> Any:
+    """An area without slits and splinters narrower than 2 cm."""
+    for step in (_SLIT_M / 2, -_SLIT_M, _SLIT_M / 2):
+        area = shapely.buffer(area, step, join_style="mitre")
+    return straightened(area)
 
 
 def inside(area: Any) -> FloatArray:

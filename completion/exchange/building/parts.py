@@ -11,6 +11,7 @@ from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.building.columns import Column, find_columns, find_pipes
 from completion.exchange.building.elements import CylinderElement
 from completion.exchange.building.faces import PlaneFace, faces_of
+from completion.exchange.building.gaps import trimmed_bodies, with_gaps, within_rooms
 from completion.exchange.building.rooms import Room, find_rooms
 from completion.exchange.building.storeys import Storey, find_storeys
 
@@ -24,7 +25,7 @@ class BuildingParts:
     model : BuildingModel
         Where it comes from.
     faces : tuple of PlaneFace
-        Its planes as areas.
+        Its planes as areas, of those that bound rooms what these show, with all openings.
     bodies : tuple of Body
         Walls and slabs that were seen from both sides.
     storeys : tuple of Storey
@@ -50,19 +51,23 @@ def building_parts(model: BuildingModel, beams: Beams) -> BuildingParts:
     """Return the parts of a building; `beams` say where there can be no wall.
 
     Planes that are back to back are bodies where nothing speaks against it; level planes give storeys; the
-    walls of a storey enclose rooms. Posts of four planes are no walls.
+    walls of a storey enclose rooms. What was inferred beyond the rooms is left out, and doorways and windows
+    are found where a room's wall is not. Posts of four planes are no walls.
     """
     faces = faces_of(model)
     bodies = find_bodies(faces, beams)
     storeys = find_storeys(faces, bodies)
     columns = find_columns(model.cylinders, bodies, storeys)
     posts = {number for column in columns if column.cylinder is None for number in column.surfaces}
+    rooms = find_rooms(model, storeys)
+    shown = with_gaps(within_rooms(faces, storeys, rooms), rooms, beams)
+    new = {face.number: face for face in shown}
     return BuildingParts(
         model=model,
-        faces=faces,
-        bodies=tuple(body for body in bodies if not posts & {*body.surfaces}),
-        storeys=storeys,
-        rooms=find_rooms(model, storeys),
+        faces=shown,
+        bodies=trimmed_bodies([body for body in bodies if not posts & {*body.surfaces}], shown),
+        storeys=tuple(storey.with_faces(new) for storey in storeys),
+        rooms=rooms,
         columns=columns,
         pipes=find_pipes(model.cylinders, columns),
     )

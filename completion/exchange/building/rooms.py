@@ -24,6 +24,27 @@ _MOST = 0.5  # of an outline whose walls must face inwards, else it is the insid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RoomSide:
+    """A side of a room's outline, (2, 2) world x and y, and the wall on whose line it is."""
+
+    ends: FloatArray
+    face: PlaneFace
+    faces_in: bool
+
+    @property
+    def length_m(self) -> float:
+        """Its length."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+    def band(self, bottom_m: float, top_m: float) -> Any:
+        """What of the wall is between two heights along this side, coordinates of its frame."""
+        frame = self.face.frame
+        u = frame.flat(np.column_stack([self.ends, np.full(2, bottom_m)]))[:, 0]
+        low, high = ((height - frame.origin[2]) / frame.up[2] for height in (bottom_m, top_m))
+        return shapely.box(float(u.min()), low, float(u.max()), high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Room:
     """A room.
 
@@ -33,6 +54,8 @@ class Room:
         Which one, from 0.
     outline : shapely polygon
         World x and y, metres; of an open one that of its floor.
+    sides : tuple of RoomSide
+        Of its outline, where a wall is; none of an open room.
     surfaces : tuple of int
         The walls around it, then its floors and ceilings.
     floor_m : float
@@ -53,6 +76,7 @@ class Room:
 
     storey: int
     outline: Any
+    sides: tuple[RoomSide, ...]
     surfaces: tuple[int, ...]
     floor_m: float
     height_m: float | None
@@ -83,19 +107,6 @@ class _Line:
         return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    """A side of an outline, (2, 2), and the wall on whose line it is."""
-
-    ends: FloatArray
-    face: PlaneFace
-    faces_in: bool
-
-    @property
-    def length_m(self) -> float:
-        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
-
-
 def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[Room, ...]:
     """Return the rooms of all storeys, in each first those that are closed, largest first.
 
@@ -109,7 +120,7 @@ def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[Room, .
     return tuple(found)
 
 
-def _cells(storey: Storey) -> Iterator[tuple[Any, list[_Side]]]:
+def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
     """Closed outlines in the plan of a storey, and their sides."""
     lines = [line for face in storey.walls for line in _lines(face, storey)]
     if not lines or not storey.floors:
@@ -138,7 +149,7 @@ def _lines(face: PlaneFace, storey: Storey) -> Iterator[_Line]:
         yield _Line(face, face.frame.place(ends)[:, :2])
 
 
-def _sides(cell: Any, lines: Sequence[_Line]) -> Iterator[_Side]:
+def _sides(cell: Any, lines: Sequence[_Line]) -> Iterator[RoomSide]:
     corners = shapely.get_coordinates(cell.exterior)
     drawn = np.array([line.extended for line in lines])
     for begin, end in pairwise(corners):
@@ -147,7 +158,7 @@ def _sides(cell: Any, lines: Sequence[_Line]) -> Iterator[_Side]:
         towards = {k: _is_inward(lines[k].face, middle, cell) for k in on}
         if on:
             best = max(on, key=lambda k: (towards[k], -lines[k].face.number))
-            yield _Side(np.array([begin, end]), lines[best].face, towards[best])
+            yield RoomSide(np.array([begin, end]), lines[best].face, towards[best])
 
 
 def _is_inward(face: PlaneFace, place: FloatArray, cell: Any) -> bool:
@@ -155,7 +166,7 @@ def _is_inward(face: PlaneFace, place: FloatArray, cell: Any) -> bool:
     return bool(shapely.contains_xy(cell, *(place + 1e-3 * normal)))
 
 
-def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: Sequence[_Side]) -> Room:
+def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: Sequence[RoomSide]) -> Room:
     floors, ceilings = (_over(faces, cell) for faces in (storey.floors, storey.ceilings))
     roof = joined(part for _, part in ceilings)
     has_roof = roof.area >= _MOST * cell.area
@@ -175,6 +186,7 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
     return Room(
         storey=number,
         outline=cell,
+        sides=tuple(sides),
         surfaces=numbers,
         floor_m=floor_m,
         height_m=height,
@@ -205,20 +217,18 @@ def _height_at(face: PlaneFace, place: FloatArray) -> float:
     return float(frame.origin[2] - off / frame.normal[2])
 
 
-def _measured_share(storey: Storey, sides: Sequence[_Side], level: Sequence[tuple[PlaneFace, Any]]) -> float:
+def _measured_share(
+    storey: Storey, sides: Sequence[RoomSide], level: Sequence[tuple[PlaneFace, Any]]
+) -> float:
     """Share of what bounds a room that was measured, openings left out."""
     measured = whole = 0.0
     for face, part in level:
         seen = shapely.transform(face.measured, lambda uv, face=face: face.frame.place(uv)[:, :2])
         measured += common(joined([seen]), part).area
         whole += part.area
-    top = storey.ceiling_m
     for side in sides:
-        face = side.face
-        u = face.frame.flat(np.column_stack([side.ends, np.full(2, storey.elevation_m)]))[:, 0]
-        low = (storey.elevation_m - face.frame.origin[2]) / face.frame.up[2]
-        high = low + (top - storey.elevation_m if top is not None else face.highest_m - storey.elevation_m)
-        band = shapely.box(min(u), low, max(u), max(high, low + _ON_LINE_M))
+        face, top = side.face, storey.ceiling_m
+        band = side.band(storey.elevation_m, side.face.highest_m if top is None else top)
         open_area = joined(shapely.Polygon(face.frame.flat(one.points)) for one in face.openings)
         measured += common(face.measured, band).area
         whole += less(band, [open_area]).area
@@ -237,6 +247,7 @@ def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator
         yield Room(
             storey=number,
             outline=part,
+            sides=(),
             surfaces=tuple(face.number for face, _ in (*floors, *ceilings)),
             floor_m=floor_m,
             height_m=height,

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,13 @@ class Storey:
     floors: tuple[PlaneFace, ...]
     ceilings: tuple[PlaneFace, ...]
     walls: tuple[PlaneFace, ...]
+
+    def with_faces(self, faces: Mapping[int, PlaneFace]) -> Storey:
+        """Return the storey with other faces of the same numbers."""
+        floors, ceilings, walls = (
+            tuple(faces[one.number] for one in own) for own in (self.floors, self.ceilings, self.walls)
+        )
+        return replace(self, floors=floors, ceilings=ceilings, walls=walls)
 
     @property
     def ceiling_m(self) -> float | None:

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.exchange.building.areas import common, inside, joined, less, straightened, wide
+from completion.exchange.building.areas import (
+    common,
+    inside,
+    joined,
+    less,
+    smoothed,
+    straightened,
+    wide,
+)
 from completion.exchange.building.bodies import Body
 from completion.exchange.building.building_model import OpeningOutline
 from completion.exchange.building.faces import Frame, PlaneFace, moved
@@ -34,9 +42,10 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
     face, other = (next(one for one in parts.faces if one.number == number) for number in body.surfaces)
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = joined(area for _, area in holes)
-    inferred = straightened(less(common(body.inferred, part), [open_area]))
-    measured = less(straightened(joined((common(body.measured, part), open_area))), [inferred])
-    net = less(joined((measured, inferred)), [open_area])
+    whole = smoothed(joined((common(body.area, part), open_area)))
+    inferred = common(smoothed(less(common(body.inferred, part), [open_area])), whole)
+    measured = less(whole, [inferred])
+    net = less(whole, [open_area])
     depth = body.thickness_m
     entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
     pieces = (
@@ -55,9 +64,9 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
         },
     )
     name, net_name, depth_name = _SETS[entity]
-    gross = joined((measured, inferred)).area
+    gross = float(measured.area + inferred.area)
     quantities = [
-        *_lengths(entity, joined((measured, inferred))),
+        *_lengths(entity, whole),
         Quantity(depth_name, "Length", depth),
         Quantity(net_name.replace("Net", "Gross"), "Area", gross),
         Quantity(net_name, "Area", net.area),

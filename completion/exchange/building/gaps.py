@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""Gaps: doorways and windows in the walls of closed rooms, and what of surfaces lies beyond the rooms.
+
+Openings are found on single surfaces where these go on all around. In a building a doorway reaches down to a
+floor that other rooms share, and windows to the ceiling; there the outline of the room says where the wall
+should be, and beams say where it is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from completion.exchange.building.areas import common, joined, less, polygons, wide
+from completion.exchange.building.beams import Beams
+from completion.exchange.building.bodies import Body
+from completion.exchange.building.building_model import OpeningOutline
+from completion.exchange.building.faces import Frame, PlaneFace
+from completion.exchange.building.rooms import Room, RoomSide
+from completion.exchange.building.storeys import Storey
+
+_LEAST_WIDE_M, _LEAST_M2 = 0.2, 0.2  # of an opening
+_THROUGH = 0.5  # share of it that beams must have gone through
+_BEHIND_M = 0.05  # a wall's face, where they are looked for
+_RECTANGLE = 0.85  # of the rectangle around it that it must fill to be one
+_LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
+_DOOR_M = 0.1  # how far above the floor a door may begin
+_MARGIN_M = 0.01  # by which surfaces may go on beyond a room: its outline is that of fitted planes
+
+
+def with_gaps(faces: Sequence[PlaneFace], rooms: Sequence[Room], beams: Beams) -> tuple[PlaneFace, ...]:
+    """Return the faces with the doorways and windows that rooms' walls have beside those found before."""
+    found: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
+    for room in rooms:
+        for side in room.sides:
+            known = joined(
+                shapely.Polygon(side.face.frame.flat(one.points)) for one in found[side.face.number]
+            )
+            found[side.face.number] += _gaps(side, room, known, beams)
+    return tuple(replace(face, openings=tuple(found[face.number])) for face in faces)
+
+
+def _gaps(side: RoomSide, room: Room, known: Any, beams: Beams) -> Iterator[OpeningOutline]:
+    """Openings along a side of a room."""
+    if room.height_m is None or not side.faces_in:
+        return
+    face, frame = side.face, side.face.frame
+    band = side.band(room.floor_m, room.floor_m + room.height_m)
+    gap = wide(less(band, [face.area, known]), _LEAST_WIDE_M)
+    for part in polygons(gap, _LEAST_M2):
+        if beams.free(part, frame, _BEHIND_M).area < _THROUGH * part.area:
+            continue
+        around = _rectangle(part)
+        ring = around if part.area >= _RECTANGLE * around.area else part
+        left, low, right, high = ring.bounds
+        points = frame.place(shapely.get_coordinates(ring.exterior)[:-1])
+        kind = "door" if points[:, 2].min() < room.floor_m + _DOOR_M else "window"
+        yield OpeningOutline(face.number, kind, points, float(right - left), float(high - low))
+
+
+def _rectangle(part: Any) -> Any:
+    """The rectangle whose sides are the medians of where an area ends along lines through it."""
+    left, low, right, high = part.bounds
+    shares = np.linspace(*_LINES)
+    level = [shapely.LineString([(left, v), (right, v)]) for v in low + shares * (high - low)]
+    upright = [shapely.LineString([(u, low), (u, high)]) for u in left + shares * (right - left)]
+    (near, _, far, _), (_, bottom, _, top) = (
+        np.median(shapely.bounds(met[~shapely.is_empty(met)]), axis=0)
+        for met in (shapely.intersection(lines, part) for lines in (level, upright))
+    )
+    return shapely.box(near, bottom, far, top)
+
+
+def within_rooms(
+    faces: Sequence[PlaneFace], storeys: Sequence[Storey], rooms: Sequence[Room]
+) -> tuple[PlaneFace, ...]:
+    """Return faces without what was inferred of them where no room is before it, if they bound one.
+
+    Surfaces are continued through the walls and slabs that they meet, where nothing speaks against it. A
+    building's walls, floors and ceilings are wanted as far as rooms show them. What was measured stays.
+    """
+    found = []
+    for face in faces:
+        shown = list(_shown(face, storeys, rooms))
+        if shown:
+            inferred = common(face.inferred, joined(shown))
+            area = joined((face.measured, inferred))
+            found.append(replace(face, inferred=inferred, area=area))
+        else:
+            found.append(face)
+    return tuple(found)
+
+
+def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) -> Iterator[Any]:
+    """Where closed rooms lie before a face, and open ones of level faces; none of faces that bound none."""
+    level = any(face in storey.floors or face in storey.ceilings for storey in storeys)
+    for room in rooms:
+        if level and face.number in room.surfaces:
+            outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
+            yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
+        for side in room.sides if not level else ():
+            if side.face.number == face.number and side.faces_in:
+                top = face.highest_m if room.height_m is None else room.floor_m + room.height_m
+                yield shapely.buffer(side.band(room.floor_m, top), _MARGIN_M, join_style="mitre")
+
+
+def _on(frame: Frame, xy: Any) -> Any:
+    """Points (n, 3) of a level plane above places (n, 2) of the plan."""
+    rise = -((xy - frame.origin[:2]) @ frame.normal[:2]) / frame.normal[2]
+    return np.column_stack([xy, frame.origin[2] + rise])
+
+
+def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[Body, ...]:
+    """Return walls without what is no longer inferred of either face; slabs go on below walls."""
+    by_number = {face.number: face for face in faces}
+    found = []
+    for body in bodies:
+        if body.kind == "wall":
+            one, other = (by_number[number] for number in body.surfaces)
+            left = common(one.area, joined(other.laid_on(one.frame)))
+            body = replace(body, inferred=common(body.inferred, left))
+        found.append(body)
+    return tuple(found)
