@@ -7,6 +7,7 @@ import numpy as np
 
 from completion.exchange.building.building_model import BuildingModel, OpeningOutline
 from completion.exchange.building.elements import PlaneElement
+from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension, Kind, Support, half_interval
 from scenes.checks import FloatArray
 
@@ -15,19 +16,17 @@ _SAME_SIDE = 0.05  # of the extent, within which short sides are parts of the lo
 _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
 
 
-def opening_sizes(model: BuildingModel) -> tuple[Dimension, ...]:
+def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return width and height of each opening in a wall, from side to side where both are straight.
 
     A size is taken between the two longest sides that end the opening in its direction. An opening that has
     not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
     side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
-    walls = {wall.number: wall for wall in model.walls}
-    found = []
-    for one in model.openings:
-        wall = walls.get(one.surface)
-        if wall is None:
-            continue
+    model, found = building.model, []
+    upright = [face for face in building.faces if face.is_upright]
+    for face, one in [(face, one) for face in upright for one in face.openings]:
+        wall = face.element
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
         found.append(_size("opening width", one, wall, level, model))

@@ -84,7 +84,7 @@ def decision_sheet(
     bodies = thicknesses(building)
 
     # 3. Openings in walls.
-    openings = opening_sizes(model)
+    openings = opening_sizes(building)
 
     # 4. Columns and pipes.
     cylinders = cylinder_sizes(building)
