@@ -24,9 +24,8 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
     model, found = building.model, []
-    upright = [face for face in building.faces if face.is_upright]
-    for face, one in [(face, one) for face in upright for one in face.openings]:
-        wall = face.element
+    within = [(face.element, one) for face in building.faces if face.is_upright for one in face.openings]
+    for wall, one in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
         found.append(_size("opening width", one, wall, level, model))
