@@ -12,13 +12,7 @@ from completion.exchange.building.parts import BuildingParts
 from tests.helpers.exchange_examples import UTM, box
 from tests.helpers.exchange_houses import HIGH_M, PARTITION_M, completed_house, house, house_parts
 
-CLASS = {
-    "wall": "IfcWall",
-    "partition": "IfcWall",
-    "floor": "IfcSlab",
-    "slab": "IfcSlab",
-    "roof": "IfcCovering",
-}
+CLASS = {"wall": "IfcWall", "partition": "IfcWall", "floor": "IfcSlab"}  # else a ceiling
 
 
 @pytest.fixture(scope="module")
