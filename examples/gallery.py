@@ -35,6 +35,7 @@ SMALL = {
     "plot_panels": ["-o", "{out}"],
     "plot_exchange": ["-o", "{out}"],
     "plot_decisions": ["-o", "{out}"],
+    "plot_ifc": ["-o", "{out}"],
     "plot_flattening": ["--docs", "{out}", "--seeds", "0"],
     "plot_simulated_against_real": ["--docs", "{out}"],
     "plot_report": ["--docs", "{out}"],

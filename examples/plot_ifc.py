@@ -4,18 +4,17 @@
 Run it with `python examples/plot_ifc.py [FILE.ifc] [-o FOLDER]`: it draws the elements of a file, or of two
 storeys of two rooms (a scan in each, 2 mm of noise) when none is given, without ceilings and spaces, and
 writes `ifc.png` into FOLDER/pictures (default: docs). Walls and slabs that were seen from
-both sides are bodies; blue was inferred. It needs `pip install ifcopenshell`.
+both sides are bodies; blue was inferred. It needs `pip install ifcopenshell`, and does nothing without it.
 """
 
 import argparse
+import importlib.util
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
-import ifcopenshell
-import ifcopenshell.geom
 import numpy as np
 
 from completion import CompletionOptions, complete
@@ -67,6 +66,9 @@ def export(path: Path) -> None:
 
 def triangles(path: Path, hidden: Sequence[str]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the corners (n, 3, 3) and colours (n, 3) of the elements of a file, by ifcopenshell."""
+    import ifcopenshell  # only this example needs it
+    import ifcopenshell.geom
+
     model = ifcopenshell.open(path)
     print(dict(Counter(one.is_a() for one in model.by_type("IfcElement"))), flush=True)
     settings = ifcopenshell.geom.settings()
@@ -122,6 +124,9 @@ def main(given: Sequence[str] | None = None) -> None:
     parser.add_argument("--elevation", type=float, default=50.0, help="of the viewer, degrees")
     parser.add_argument("--hide", action="append", default=[], help="a further class that is left out")
     asked = parser.parse_args(given)
+    if importlib.util.find_spec("ifcopenshell") is None:
+        print("ifcopenshell is not installed, nothing was drawn: pip install ifcopenshell")
+        return
     pictures = asked.out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -25,10 +25,8 @@ _SEEN_M = 0.06  # between a place and the nearest measured point, where it count
 _WALL_HIGH_M, _LEAST_SEEN = 2.0, 0.1  # of walls whose thickness could be told
 _PLAN_M, _PLAN_ABOVE_M = 0.02, 2.54  # step of the plan of rooms; its height above floors, above windows
 _HOLE_M, _AROUND_M, _THROUGH_M, _BESIDE_M = 0.01, 0.1, 0.45, 0.1
-_ANOTHER_M, _ROOFED = (
-    0.3,
-    0.5,
-)  # from the plan up to what is no ceiling of the storey; share of a room with one
+_ANOTHER_M = 0.3  # from the plan up to what is no ceiling of the storey
+_ROOFED = 0.5  # share of a room that has a ceiling
 _LEAST_HOLE_M2, _LEAST_ROOM_M2 = 0.3, 1.0
 _SAMPLES = 400
 
@@ -139,9 +137,16 @@ def openings(truth: TrueBuilding, parts: BuildingParts) -> Iterator[Pair]:
             is_flat = np.ptp(one.points[:, axis]) < 0.05 and abs(middle - box.mean(axis=0))[axis] < _THROUGH_M
             if is_flat and (np.abs(middle - box.mean(axis=0))[[other, 2]] < 0.3).all():
                 said.append(float(shapely.Polygon(one.points[:, [other, 2]]).area))
-        before = np.tile(box.mean(axis=0), (2, 1)) + np.outer([-0.6, 0.6], np.eye(3)[axis])
-        is_inner = (truth.class_hit(before, np.array([0.0, 0.0, 1.0])) == "IfcCovering").all()
-        yield Pair("inner" if is_inner else "outer", area, float(np.median(said)) if said else 0.0)
+        kind = "inner" if _has_rooms_on_both_sides(truth, box, axis) else "outer"
+        yield Pair(kind, area, float(np.median(said)) if said else 0.0)
+
+
+def _has_rooms_on_both_sides(truth: TrueBuilding, box: FloatArray, axis: int) -> bool:
+    """Whether there are walls all around both places before a hole."""
+    places = np.tile(box.mean(axis=0), (2, 1)) + np.outer([-0.6, 0.6], np.eye(3)[axis])
+    ways = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    hits = truth.closed.first_hit(np.repeat(places, len(ways), axis=0), np.tile(ways, (2, 1)))
+    return bool(hits.hit.all())
 
 
 def _groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:

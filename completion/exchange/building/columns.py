@@ -19,7 +19,7 @@ from completion.exchange.building.storeys import Storey
 
 _LEAST_RADIUS_M, _LEAST_HIGH_M = 0.05, 1.5  # of a column
 _FOOT_M = 0.15  # between a column and the floor that it stands on
-_PIPE_RADIUS_M, _SLENDER = 0.3, 2.0  # of a pipe at most; its length is at least so many diameters
+_PIPE_RADIUS_M, _PIPE_LONG_M, _SLENDER = 0.3, 0.3, 2.0  # of a pipe at most, at least; diameters in its length
 _SAME = 0.7  # of the footprint of two walls across each other, which are the sides of one post then
 
 
@@ -84,7 +84,7 @@ def find_pipes(
         if one.number not in taken
         and one.is_solid
         and one.radius_m <= _PIPE_RADIUS_M
-        and one.length_m >= 2 * _SLENDER * one.radius_m
+        and one.length_m >= max(_PIPE_LONG_M, 2 * _SLENDER * one.radius_m)
     )
 
 

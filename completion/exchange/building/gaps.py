@@ -32,7 +32,7 @@ _RECTANGLE = 0.85  # of the rectangle around it that it must fill to be one
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
 _BESIDE_CELLS = 2.0  # between a side and what was measured of its wall
 _DOOR_M = 0.1  # how far above the floor a door may begin
-_MARGIN_M = 0.01  # by which surfaces may go on beyond a room: its outline is that of fitted planes
+_MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is that of fitted planes
 
 
 def with_gaps(faces: Sequence[PlaneFace], rooms: Sequence[Room], beams: Beams) -> tuple[PlaneFace, ...]:

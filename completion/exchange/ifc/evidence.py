@@ -14,6 +14,7 @@ from completion.exchange.ifc.step_text import Ref, StepText, Typed
 from scenes.checks import FloatArray
 
 State = Literal["measured", "inferred", "partly"]
+_RATIO = "IfcNormalisedRatioMeasure"
 _ALL = 0.999  # share from which on something is called measured
 MEASURES = {"Length": "IfcQuantityLength", "Area": "IfcQuantityArea", "Volume": "IfcQuantityVolume"}
 
@@ -26,27 +27,22 @@ class Evidence:
     ----------
     surfaces : tuple of int
         Numbers of the surfaces that it consists of, as in completion.json.
-    measured_share : float
-        Of its area.
+    measured_share : float or None
+        Of its area; None of what is no surface.
     sd_m : float or None
         Standard deviation of what it says most about: a thickness, a radius, or the place of a surface along
         its normal; None where it is not known.
-    confidence : float
-        Probability that it is there, by area; 1 where it was measured.
+    confidence : float or None
+        Probability that it is there, by area; 1 where it was measured. None where nobody reckoned it.
     more : mapping
         Further properties: texts and numbers by name.
     """
 
     surfaces: tuple[int, ...]
-    measured_share: float
+    measured_share: float | None
     sd_m: float | None
-    confidence: float
+    confidence: float | None
     more: Mapping[str, str | float] = field(default_factory=dict)
-
-    @property
-    def state(self) -> State:
-        """Whether it was measured: all of it, nothing of it, or part."""
-        return state_of(self.measured_share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +74,12 @@ def deviation_at(element: Element, place: FloatArray) -> float | None:
 
 def property_set(file: StepText, key: str, known: Evidence) -> Ref:
     """Return the property set of what is known of an element."""
-    values = [
-        ("State", Typed("IfcLabel", known.state)),
-        ("MeasuredShare", Typed("IfcNormalisedRatioMeasure", _ratio(known.measured_share))),
-        ("Confidence", Typed("IfcNormalisedRatioMeasure", _ratio(known.confidence))),
-        ("Surfaces", Typed("IfcText", ", ".join(map(str, known.surfaces)))),
-    ]
+    values = [("Surfaces", Typed("IfcText", ", ".join(map(str, known.surfaces))))]
+    if known.measured_share is not None:
+        values.append(("State", Typed("IfcLabel", state_of(known.measured_share))))
+        values.append(("MeasuredShare", Typed(_RATIO, _ratio(known.measured_share))))
+    if known.confidence is not None:
+        values.append(("Confidence", Typed(_RATIO, _ratio(known.confidence))))
     if known.sd_m is not None and np.isfinite(known.sd_m):
         values.append(("StandardDeviation_mm", Typed("IfcReal", 1e3 * known.sd_m)))
     for name, value in known.more.items():

@@ -121,11 +121,12 @@ def write_space(
     told = "closed" if room.closed else "open: walls were not found all around it"
     values = [file.guid(key), None, key, told, None, shapes.placement(above), shape, None, Word("ELEMENT")]
     space = file.add("IfcSpace", [*values, Word("INTERNAL" if room.closed else "NOTDEFINED"), None])
+    around = [one for one in model.planes if one.number in room.surfaces]
     evidence = Evidence(
         surfaces=room.surfaces,
         measured_share=room.measured_share,
         sd_m=None,
-        confidence=1.0,
+        confidence=min((mean_confidence(one) for one in around), default=None),
         more={"Boundary": told, "Volume": room.told},
     )
     quantities = [Quantity("NetFloorArea", "Area", room.area_m2)]

@@ -140,7 +140,7 @@ def define(
 def _write_hole(
     shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Product, Ref, Hole], key: str
 ) -> None:
-    product, element, hole = of
+    _, element, hole = of
     file, outline = shapes.file, hole.outline
     is_body = hole.representation == "SweptSolid"
     shape = represented(
@@ -157,9 +157,9 @@ def _write_hole(
     file.add("IfcRelVoidsElement", [identifier, None, None, None, element, opening])
     evidence = Evidence(
         surfaces=(outline.surface,),
-        measured_share=0.0,
+        measured_share=None,
         sd_m=None,
-        confidence=product.evidence.confidence,
+        confidence=None,
         more={"Guess": outline.kind},
     )
     lengths = [("Width", outline.width_m), ("Height", outline.height_m)]

@@ -11,10 +11,11 @@ from completion.exchange.building.areas import common, inside, joined, less, pol
 from completion.exchange.building.beams import Beams
 from completion.exchange.building.bodies import MOST_M, find_bodies
 from completion.exchange.building.columns import find_columns, find_pipes
-from completion.exchange.building.faces import Frame
+from completion.exchange.building.faces import Frame, faces_of
+from completion.exchange.building.gaps import with_gaps, within_rooms
 from completion.exchange.building.parts import building_parts
 from completion.exchange.building.rooms import shut_volume
-from completion.exchange.building.storeys import find_storeys, storey_at
+from completion.exchange.building.storeys import bands, find_storeys, storey_at
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
@@ -92,6 +93,46 @@ def test_faces_too_far_apart_or_face_to_face_are_no_wall(parts, apart):
     one, other = (next(face for face in parts.faces if face.number == k) for k in wall.surfaces)
     moved = Frame(one.frame.place(np.zeros(2), -apart), *_axes(other.frame))
     assert find_bodies((one, replace(other, frame=moved)), NO_BEAMS) == ()
+
+
+def test_the_doorway_is_found_on_both_sides_of_the_partition(parts):
+    wall = next(body for body in parts.bodies if body.kind == "wall")
+    for number in wall.surfaces:
+        face = next(face for face in parts.faces if face.number == number)
+        (door,) = [one for one in face.openings if one.kind == "door"]
+        assert (door.width_m, door.height_m) == pytest.approx(DOOR, abs=0.03)
+        assert np.ptp((door.points - UTM.translation)[:, 0]) < 1e-3
+        assert (door.points - UTM.translation)[:, 1].min() == pytest.approx(1.0, abs=0.02)
+
+
+def test_without_beams_a_gap_is_no_opening(parts):
+    known = sum(len(face.openings) for face in parts.faces)
+    bare = [replace(face, openings=()) for face in parts.faces]
+    assert sum(len(face.openings) for face in with_gaps(bare, parts.rooms, NO_BEAMS)) == 0 < known
+
+
+def test_what_was_inferred_beyond_rooms_is_left_out_and_what_was_measured_stays():
+    parts, model = house_parts(), drawn(completed_house())
+    before = {face.number: face for face in faces_of(model)}
+    shorter = 0
+    for face in parts.faces:
+        assert face.measured.equals(before[face.number].measured)
+        assert less(face.inferred, [before[face.number].inferred]).area < 1e-3
+        shorter += face.area.area < before[face.number].area.area - 0.1
+    assert shorter >= 3
+    wall = next(body for body in parts.bodies if body.kind == "wall")
+    heights = wall.frame.place(shapely.get_coordinates(wall.area))[:, 2] - UTM.translation[2]
+    assert heights.max() < HIGH_M + 0.02
+    assert within_rooms(parts.faces, parts.storeys, ())[0].area.equals(parts.faces[0].area)
+
+
+def test_walls_are_cut_at_the_floors_of_storeys_that_they_go_through(parts):
+    tall = max(parts.faces, key=lambda face: face.highest_m - face.lowest_m)
+    pieces = bands(parts.storeys, tall.area, tall.frame, tall.lowest_m)
+    assert [k for k, _ in pieces] == [0, 1]
+    assert sum(part.area for _, part in pieces) == pytest.approx(tall.area.area)
+    low = shapely.box(*(tall.frame.flat(np.array([tall.frame.origin]))[0] + 0.01), 0.2, 0.2)
+    assert len(bands(parts.storeys, low, tall.frame, tall.lowest_m)) == 1
 
 
 def test_storeys_have_their_floors_ceilings_and_walls(parts):
