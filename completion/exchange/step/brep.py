@@ -120,6 +120,7 @@ def trimmed_face(shape: Any, loops: Sequence[Sequence[Side]], make: EdgeMaker) -
     result = fix.Face()
     if result.IsNull():
         return TrimmedFace(None, "the kernel could not trim it")
+    modules.BRepLib.BRepLib.SameParameter_s(result, 1e-6, True)
     return TrimmedFace(result)
 
 

@@ -17,6 +17,8 @@ from scenes.surfaces.catalogue import Surface
 _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
 _CLOSED = ("Geom_Circle", "Geom_Ellipse")
 _NEAR = 1.6  # sampling distances between a contact and its curve
+_FAR = 3.0  # the same where surfaces part so slowly that noise blurs the fold
+_SAME = 0.5  # sampling distances between curves that are one
 _MOST_CURVES = 12
 _SMOOTH = np.radians(30.0)  # below which surfaces may be meant to touch
 _EXACT = 2e-6  # mm that splines may be off
@@ -43,17 +45,23 @@ class FoldFinder:
             if near.sum() < 2:
                 continue
             touching = self._instead(curve, left[near])
-            found.append(touching or curve)
-            left = left[found[-1].tree.query(left)[0] >= _NEAR * self.spacing]
+            left = self._add(found, touching or curve, left)
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
             curve = self._followed(pair, left)
             if curve is None:
                 break
-            found.append(curve)
-            left = left[curve.tree.query(left)[0] >= _NEAR * self.spacing]
+            left = self._add(found, curve, left)
         return found
+
+    def _add(self, found: list[FoldCurve], curve: FoldCurve, left: FloatArray) -> FloatArray:
+        """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
+        same = [one for one in found if np.median(one.tree.query(curve.points)[0]) < _SAME * self.spacing]
+        if not same:
+            found.append(curve)
+        reach = _FAR if same or curve.is_tangent else _NEAR
+        return left[curve.tree.query(left)[0] >= reach * self.spacing]
 
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""

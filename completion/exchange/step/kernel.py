@@ -11,7 +11,7 @@ import numpy as np
 from scenes.checks import FloatArray, InputError
 from scenes.formats.guard import import_extra
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
-from scenes.surfaces.surface import cross
+from scenes.surfaces.surface import perpendicular
 
 _MODULES = (
     "Bnd", "BRep", "BRepBndLib", "BRepBuilderAPI", "BRepCheck", "BRepClass3d", "BRepGProp", "BRepLib", "BRepMesh", "BRepTools",
@@ -47,72 +47,31 @@ def _axes(place: FloatArray, axis: FloatArray, zero: FloatArray) -> Any:
     return gp.gp_Ax3(kernel_point(place), gp.gp_Dir(x, y, z), gp.gp_Dir(a, b, c))
 
 
-def kernel_surface(surface: Surface, points: FloatArray) -> Any:
-    """The kernel's surface, its seam where none of the region's points (n, 3) are, if there is such a place.
+def kernel_surface(surface: Surface, zero: FloatArray | None = None, axis: FloatArray | None = None) -> Any:
+    """The kernel's surface; lengths are those of the surface.
 
-    Lengths are those of the surface.
+    `zero` (3,) is the direction from its axis to its seam; a sphere's axis (3,) may be given as well.
     """
     geom = kernel().Geom
     if isinstance(surface, Plane):
         return geom.Geom_Plane(_axes(surface.point, surface.normal_direction, surface.u_direction))
     if isinstance(surface, Sphere):
-        axis, zero = _free_meridian(surface.centre, points)
-        return geom.Geom_SphericalSurface(_axes(surface.centre, axis, zero), surface.radius)
-    if isinstance(surface, Cylinder):
-        zero = _free_side(surface.point, surface.direction, points)
-        return geom.Geom_CylindricalSurface(_axes(surface.point, surface.direction, zero), surface.radius)
-    if isinstance(surface, Cone):
-        zero = _free_side(surface.point, surface.direction, points)
-        place = _axes(surface.point, surface.direction, zero)
-        return geom.Geom_ConicalSurface(place, surface.half_angle, surface.radius)
+        up = np.array([0.0, 0.0, 1.0]) if axis is None else axis
+        place = _axes(surface.centre, up, plain_zero(up) if zero is None else zero)
+        return geom.Geom_SphericalSurface(place, surface.radius)
+    if not isinstance(surface, Cylinder | Cone | Torus):
+        raise InputError(f"STEP export has no {surface.kind}")
+    side = plain_zero(surface.direction) if zero is None else zero
     if isinstance(surface, Torus):
-        zero = _free_side(surface.centre, surface.direction, points)
-        place = _axes(surface.centre, surface.direction, zero)
+        place = _axes(surface.centre, surface.direction, side)
         return geom.Geom_ToroidalSurface(place, surface.radius, surface.tube_radius)
-    raise InputError(f"STEP export has no {surface.kind}")
+    place = _axes(surface.point, surface.direction, side)
+    if isinstance(surface, Cylinder):
+        return geom.Geom_CylindricalSurface(place, surface.radius)
+    return geom.Geom_ConicalSurface(place, surface.half_angle, surface.radius)
 
 
-def _free_side(place: FloatArray, axis: FloatArray, points: FloatArray) -> FloatArray:
-    """The direction (3,) across the axis, in the middle of the widest sector without points."""
-    least = int(np.argmin(np.abs(axis)))
-    first = cross(axis, np.eye(3)[least])
-    first /= np.linalg.norm(first)
-    second = cross(axis, first)
-    if not len(points):
-        return first
-    offset = points - place
-    angle = np.sort(np.arctan2(offset @ second, offset @ first))
-    gap = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    widest = int(gap.argmax())
-    if gap[widest] < np.radians(4.0):
-        return first
-    middle = angle[widest] + gap[widest] / 2
-    return np.asarray(np.cos(middle) * first + np.sin(middle) * second)
-
-
-def _free_meridian(centre: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Axis (3,) and zero direction (3,) of a sphere whose seam, half a great circle, is far from the points."""
-    if not len(points):
-        return np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-    unit = points - centre
-    unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
-    mean = unit.mean(axis=0)
-    size = float(np.linalg.norm(mean))
-    if size < 1e-3:
-        return np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
-    zero = -mean / size
-    least = int(np.argmin(np.abs(zero)))
-    first = cross(zero, np.eye(3)[least])
-    first /= np.linalg.norm(first)
-    second = cross(zero, first)
-    best, chosen = -1.0, first
-    for angle in np.arange(12) * np.pi / 12:
-        axis = np.cos(angle) * first + np.sin(angle) * second
-        side = cross(axis, zero)
-        ahead, across, along = unit @ zero, unit @ side, unit @ axis
-        in_plane = np.hypot(ahead, along)
-        near = np.where(ahead > 0, in_plane, np.abs(along))
-        clear = float(np.arccos(np.clip(near, -1, 1)).min()) + 0 * float(across[0])
-        if clear > best + 1e-9:
-            best, chosen = clear, axis
-    return chosen, zero
+def plain_zero(axis: FloatArray) -> FloatArray:
+    """A direction (3,) across an axis, the same one for both ways of the axis."""
+    largest = int(np.argmax(np.abs(np.round(axis, 9))))
+    return perpendicular(axis if axis[largest] > 0 else -axis)

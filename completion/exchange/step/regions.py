@@ -121,7 +121,8 @@ def _contacts(points: FloatArray, own: IntArray, spacing_m: float) -> tuple[Floa
     """Middles (m, 3) of near points of two regions, and these regions (m, 2)."""
     if len(points) < _LEAST:
         return np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
-    apart, near = cKDTree(points).query(points, k=min(_N_LINKED + 1, len(points)))
+    tree = cKDTree(points)
+    apart, near = tree.query(points, k=min(_N_LINKED + 1, len(points)))
     one = np.repeat(np.arange(len(points)), near.shape[1])
     two, length = near.ravel(), apart.ravel()
     kept = (own[one] != own[two]) & (length <= _APART * spacing_m)
@@ -129,6 +130,9 @@ def _contacts(points: FloatArray, own: IntArray, spacing_m: float) -> tuple[Floa
     pairs = np.unique(np.sort(np.column_stack([one, two]), axis=1), axis=0)
     between = own[pairs]
     middle = points[pairs].mean(axis=1)
+    nearest = own[tree.query(middle)[1]]  # of a third region where that lies between
+    kept = (between == nearest[:, None]).any(axis=1)
+    between, middle = between[kept], middle[kept]
     order = np.argsort(between, axis=1)
     return middle, np.take_along_axis(between, order, axis=1)
 
