@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""STEP on one page: from fitted regions to trimmed faces, and to a solid where they close."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from completion.exchange.step.brep import EdgeMaker, is_valid, trimmed_face
+from completion.exchange.step.corners import corners_of
+from completion.exchange.step.fold_curve import FoldCurve
+from completion.exchange.step.folds import FoldFinder
+from completion.exchange.step.kernel import kernel, kernel_surface
+from completion.exchange.step.loops import Nearby, RegionLoops, loops_of
+from completion.exchange.step.measured import shares_of
+from completion.exchange.step.model import FaceOutcome, StepModel
+from completion.exchange.step.nesting import nested
+from completion.exchange.step.pieces import Piece, chosen, pieces_of
+from completion.exchange.step.regions import MM, FittedRegion, PartRegions, in_millimetres, joined
+from completion.exchange.step.seams import Seams
+from completion.exchange.step.shells import sewn
+from completion.exchange.step.step_file import NamedFace, step_bytes
+from scenes.checks import FloatArray, InputError
+from scenes.scan.palette import surface_bytes
+from scenes.surfaces.catalogue import Sphere, Surface, Torus
+
+_HELD = 0.5  # share of a region's points that its face must hold
+_MEASURED = 0.95  # share of a face from which on it counts as measured
+_MOST_TOLD = 3
+
+
+def step_of(parts: PartRegions, name: str = "part") -> StepModel:
+    """Return a part as STEP: analytic faces trimmed where their surfaces meet, sewn, a solid if they close.
+
+    After Benko, Martin & Varady (2001), Algorithms for reverse engineering boundary representation models,
+    section 7: surfaces are trimmed by their intersections with their neighbours in the region adjacency.
+    What no region measured is not closed.
+
+    Parameters
+    ----------
+    parts : PartRegions
+        Surfaces where their relations hold, their points and contacts; metres.
+    name : str
+        What the part is called in the file.
+
+    Returns
+    -------
+    StepModel
+        The file in millimetres, and what is to be known of it.
+
+    Raises
+    ------
+    InputError
+        OCP is not installed (the message names the cure), or no region can be trimmed.
+    """
+    kernel()
+
+    # 1. Regions: those that lie on one surface and touch are one; all in millimetres from here on.
+    parts = joined(parts)
+    surfaces = [in_millimetres(one.surface) for one in parts.regions]
+    points = [parts.points[parts.region == k] * MM for k in range(len(surfaces))]
+    spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
+
+    # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
+    finder = FoldFinder(surfaces, [kernel_surface(one) for one in surfaces], spacing, parts.noise_m * MM)
+    curves = [
+        curve
+        for pair in np.unique(parts.between, axis=0).tolist()
+        for curve in finder.between((pair[0], pair[1]), contacts[(parts.between == pair).all(axis=1)])
+    ]
+
+    # 3. Corners: where the folds of one surface meet.
+    corners = corners_of(curves, spacing)
+
+    # 4. Pieces between corners, and the choice of those that close around regions along their contacts.
+    pieces = pieces_of(curves, corners, contacts, parts.between, spacing)
+    kept, open_at = chosen(pieces, curves, spacing)
+
+    # 5. Loops: pieces in order around each region, which lies on their left.
+    near = [Nearby(own, spacing) for own in points]
+    loops = [loops_of(k, kept, curves, one, near[k]) for k, one in enumerate(surfaces)]
+
+    # 6. Seams: where surfaces that return to themselves are cut open.
+    seams = Seams(kept, curves, surfaces)
+    for surface, own in zip(surfaces, loops, strict=True):
+        seams.begin_on_tubes(surface, own.closed)
+    shapes = [
+        seams.shape(one, own, found.closed) for one, own, found in zip(surfaces, points, loops, strict=True)
+    ]
+
+    # 7. Faces: each surface within its loops; what does not hold its region's points is none.
+    make = EdgeMaker(seams.pieces, curves, corners, surfaces)
+    made = [
+        _faces(surface, shape, found, own, make)
+        for surface, shape, found, own in zip(surfaces, shapes, loops, points, strict=True)
+    ]
+    trimmed = [_checked(one, own, spacing) for one, own in zip(made, points, strict=True)]
+    outcomes = tuple(
+        FaceOutcome(
+            region.number, region.surface.kind, one.reason or "", one.measured, region.sd_m
+        )
+        for region, one in zip(parts.regions, trimmed, strict=True)
+    )
+    faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
+    if not faces:
+        raise InputError(f"no surface could be trimmed for STEP: {_told(outcomes, len(surfaces))}")
+
+    # 8. Shells and solids, and the file.
+    whole = sewn([face for face, _ in faces], spacing)
+    named = [
+        NamedFace(face, _name(outcomes[k]), _layer(outcomes[k]), _colour(k))
+        for face, (_, k) in zip(whole.faces, faces, strict=True)
+    ]
+    reason = _told(outcomes, len(surfaces))
+    if not reason and whole.n_open:
+        reason = "the faces do not meet along all of their edges"
+    gap = max((make.off(one) for one in seams.pieces), default=0.0)
+    return StepModel(
+        data=step_bytes(whole.shape, named, name),
+        shape=whole.shape,
+        faces=outcomes,
+        n_solids=whole.n_solids,
+        n_open=whole.n_open,
+        volume_m3=whole.volume_mm3 / MM**3,
+        is_valid=whole.is_valid,
+        gap_m=gap / MM,
+        reason=reason,
+    )
+
+
+class _Trimmed(NamedTuple):
+    """The faces of a region, the share of them that was measured, and why there are none."""
+
+    faces: list[Any]
+    measured: float
+    reason: str
+
+
+def _faces(
+    surface: Surface, shape: Any, found: RegionLoops, points: FloatArray, make: EdgeMaker
+) -> _Trimmed:
+    """The faces of a region by its loops."""
+    if found.rest:
+        others = sorted(
+            {k for chain in found.rest for side in (chain[0], chain[-1]) for k in make.curves[make.pieces[side.piece].curve].pair}
+        )
+        return _Trimmed([], 0.0, f"open {others}")
+    if not found.closed and not isinstance(surface, Sphere | Torus):
+        return _Trimmed([], 0.0, "no fold with a neighbour bounds it")
+    groups = nested(surface, found.closed, make.pieces, make.curves, points) if found.closed else [[]]
+    faces = [trimmed_face(shape, loops, make) for loops in groups]
+    failed = [one.reason for one in faces if one.face is None]
+    if failed or not faces:
+        return _Trimmed([], 0.0, failed[0] if failed else "its loops enclose none of its points")
+    return _Trimmed([one.face for one in faces], 0.0, "")
+
+
+def _checked(one: _Trimmed, points: FloatArray, spacing: float) -> _Trimmed:
+    """The faces, if they hold their points."""
+    if one.reason:
+        return one
+    if not all(is_valid(face) for face in one.faces):
+        return _Trimmed([], 0.0, "the kernel finds its trimmed face invalid")
+    shares = [shares_of(face, points, spacing) for face in one.faces]
+    held = sum(share.held for share in shares)
+    if held < _HELD:
+        return _Trimmed([], 0.0, f"its loops enclose only {100 * held:.0f} % of its points")
+    return _Trimmed(one.faces, float(np.mean([share.measured for share in shares])), "")
+
+
+def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
+    """Which surfaces have no face, and why, in one sentence."""
+    failed = [one for one in outcomes if one.reason]
+    if not failed:
+        return ""
+    told = "; ".join(f"surface {one.number} ({one.kind}): {one.reason}" for one in failed[:_MOST_TOLD])
+    more = f"; and {len(failed) - _MOST_TOLD} more" if len(failed) > _MOST_TOLD else ""
+    return f"{len(failed)} of {n} surfaces could not be trimmed: {told}{more}"
+
+
+def _name(one: FaceOutcome) -> str:
+    sd = f"sd {1e6 * one.sd_m:.3g} um"
+    return f"surface {one.number} {one.kind}, {100 * one.measured_share:.0f} % measured, {sd}"
+
+
+def _layer(one: FaceOutcome) -> str:
+    return "MEASURED" if one.measured_share >= _MEASURED else "PARTLY-INFERRED"
+
+
+def _colour(place: int) -> tuple[int, int, int]:
+    red, green, blue = surface_bytes(np.array([place + 1]))[0].tolist()
+    return red, green, blue
