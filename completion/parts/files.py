@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.exchange.step.model import StepModel
 from completion.flattening.record import flat_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
@@ -18,7 +19,7 @@ from completion.relations.record import FORMAT as RELATIONS_FORMAT
 from completion.relations.record import freedom_record, relation_records, surface_record
 from scenes.checks import IntArray
 from scenes.formats.meshes.ply import write_mesh_ply
-from scenes.run.atomic import make_folder, write_json
+from scenes.run.atomic import make_folder, write_bytes, write_json
 from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.palette import surface_bytes
 
@@ -33,6 +34,7 @@ def write_part(
     rows: IntArray | None = None,
     n_rows: int | None = None,
     flat: FlatPart | None = None,
+    step: StepModel | None = None,
 ) -> None:
     """Write part.json, relations.json (where relations were looked for) and part.ply, all or none.
 
@@ -50,6 +52,8 @@ def write_part(
     flat : FlatPart, optional
         The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
         same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
+    step : StepModel, optional
+        The same part as STEP (`completion.parts.step_export.step_model`): part.step.
 
     Raises
     ------
@@ -58,7 +62,11 @@ def write_part(
     """
     target = make_folder(folder)
     with locked(target), Stage(target) as stage:
-        write_json(stage.path("part.json"), part_record(part, flat))
+        record = part_record(part, flat)
+        if step is not None:
+            write_bytes(stage.path("part.step"), step.data)
+            record["step"] = step.record()
+        write_json(stage.path("part.json"), record)
         if part.relations is not None:
             write_json(stage.path("relations.json"), relations_record(part))
         every = _Places(rows, n_rows)

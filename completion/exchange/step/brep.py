@@ -14,7 +14,7 @@ from completion.exchange.step.kernel import kernel, kernel_point
 from completion.exchange.step.loops import Side
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.catalogue import Cone, Surface
 
 _LEAST_TOLERANCE = 1e-6  # mm
 _N_CHECKED = 23  # points of an edge at which its distance from the surfaces is taken
@@ -122,6 +122,15 @@ def trimmed_face(shape: Any, loops: Sequence[Sequence[Side]], make: EdgeMaker) -
         return TrimmedFace(None, "the kernel could not trim it")
     modules.BRepLib.BRepLib.SameParameter_s(result, 1e-6, True)
     return TrimmedFace(result)
+
+
+def tipped_face(cone: Cone, shape: Any, rim: FloatArray) -> Any:
+    """The face of a cone from its tip to a circle about its axis, on which a point (3,) is given."""
+    up = cone.direction / np.cos(cone.half_angle)
+    tip, ring = float((cone.apex - cone.point) @ up), float((rim - cone.point) @ up)
+    low, high = min(tip, ring), max(tip, ring)
+    made = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(shape, 0.0, 2 * np.pi, low, high, 1e-6)
+    return made.Face()
 
 
 def area_of(shape: Any) -> float:

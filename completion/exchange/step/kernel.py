@@ -30,6 +30,8 @@ def kernel() -> SimpleNamespace:
     if "kernel" not in _loaded:
         import_extra("OCP", "step")
         found = {name: import_extra(f"OCP.{name}", "step") for name in _MODULES}
+        printer = found["Message"].Message_Printer.get_type_descriptor_s()
+        found["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
         _loaded["kernel"] = SimpleNamespace(**found)
     return _loaded["kernel"]
 

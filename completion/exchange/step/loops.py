@@ -98,6 +98,18 @@ def _chain(
         unused.discard(best)
 
 
+def loop_points(
+    loop: Sequence[Side], pieces: Sequence[Piece], curves: Sequence[FoldCurve], n: int = 48
+) -> FloatArray:
+    """Points (k, 3) along a loop, in order, n of each piece."""
+    parts = list[FloatArray]()
+    for side in loop:
+        one = pieces[side.piece]
+        t = np.linspace(one.low, one.high, n, endpoint=False)
+        parts.append(curves[one.curve].at(t if side.is_forward else one.high + one.low - t))
+    return np.concatenate(parts)
+
+
 class Nearby:
     """The points of a region, by which it is told on which side of a piece it lies."""
 

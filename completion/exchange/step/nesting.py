@@ -9,7 +9,7 @@ import numpy as np
 from shapely import Point, Polygon
 
 from completion.exchange.step.fold_curve import FoldCurve
-from completion.exchange.step.loops import Side
+from completion.exchange.step.loops import Side, loop_points
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane, Surface
@@ -31,7 +31,7 @@ def nested(
     """
     if not isinstance(surface, Plane) or not loops:
         return [list(loops)] if loops else []
-    rings = [surface.to_uv(_points(loop, pieces, curves)) for loop in loops]
+    rings = [surface.to_uv(loop_points(loop, pieces, curves, _N_SAMPLES)) for loop in loops]
     areas = [_area(ring) for ring in rings]
     shapes = [Polygon(ring).buffer(0) for ring in rings]
     inside = [
@@ -60,12 +60,3 @@ def _turned(loop: list[Side], is_wrong: bool) -> list[Side]:
 def _area(ring: FloatArray) -> float:
     x, y = ring.T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
-
-
-def _points(loop: Sequence[Side], pieces: Sequence[Piece], curves: Sequence[FoldCurve]) -> FloatArray:
-    parts = list[FloatArray]()
-    for side in loop:
-        one = pieces[side.piece]
-        t = np.linspace(one.low, one.high, _N_SAMPLES, endpoint=False)
-        parts.append(curves[one.curve].at(t if side.is_forward else one.high + one.low - t))
-    return np.concatenate(parts)

@@ -44,7 +44,11 @@ class Piece:
 
 
 def pieces_of(
-    curves: Sequence[FoldCurve], corners: Sequence[Corner], contacts: FloatArray, between: IntArray, step: float
+    curves: Sequence[FoldCurve],
+    corners: Sequence[Corner],
+    contacts: FloatArray,
+    between: IntArray,
+    step: float,
 ) -> list[Piece]:
     """Return all pieces of the curves between their corners; ends beyond the last corner as far as measured."""
     found = list[Piece]()

@@ -3,28 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from completion.exchange.step.brep import EdgeMaker, is_valid, trimmed_face
+from completion.exchange.step.brep import EdgeMaker, is_valid, tipped_face, trimmed_face
 from completion.exchange.step.corners import corners_of
-from completion.exchange.step.fold_curve import FoldCurve
 from completion.exchange.step.folds import FoldFinder
 from completion.exchange.step.kernel import kernel, kernel_surface
-from completion.exchange.step.loops import Nearby, RegionLoops, loops_of
+from completion.exchange.step.loops import Nearby, RegionLoops, Side, loop_points, loops_of
 from completion.exchange.step.measured import shares_of
 from completion.exchange.step.model import FaceOutcome, StepModel
 from completion.exchange.step.nesting import nested
-from completion.exchange.step.pieces import Piece, chosen, pieces_of
-from completion.exchange.step.regions import MM, FittedRegion, PartRegions, in_millimetres, joined
-from completion.exchange.step.seams import Seams
+from completion.exchange.step.pieces import chosen, pieces_of
+from completion.exchange.step.regions import MM, PartRegions, in_millimetres, joined
+from completion.exchange.step.seams import Seams, winding
 from completion.exchange.step.shells import sewn
 from completion.exchange.step.step_file import NamedFace, step_bytes
 from scenes.checks import FloatArray, InputError
 from scenes.scan.palette import surface_bytes
-from scenes.surfaces.catalogue import Sphere, Surface, Torus
+from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 
 _HELD = 0.5  # share of a region's points that its face must hold
 _MEASURED = 0.95  # share of a face from which on it counts as measured
@@ -98,9 +97,7 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
     ]
     trimmed = [_checked(one, own, spacing) for one, own in zip(made, points, strict=True)]
     outcomes = tuple(
-        FaceOutcome(
-            region.number, region.surface.kind, one.reason or "", one.measured, region.sd_m
-        )
+        FaceOutcome(region.number, region.surface.kind, one.reason or "", one.measured, region.sd_m)
         for region, one in zip(parts.regions, trimmed, strict=True)
     )
     faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
@@ -138,23 +135,41 @@ class _Trimmed(NamedTuple):
     reason: str
 
 
-def _faces(
-    surface: Surface, shape: Any, found: RegionLoops, points: FloatArray, make: EdgeMaker
-) -> _Trimmed:
+def _faces(surface: Surface, shape: Any, found: RegionLoops, points: FloatArray, make: EdgeMaker) -> _Trimmed:
     """The faces of a region by its loops."""
     if found.rest:
         others = sorted(
-            {k for chain in found.rest for side in (chain[0], chain[-1]) for k in make.curves[make.pieces[side.piece].curve].pair}
+            {
+                k
+                for chain in found.rest
+                for side in (chain[0], chain[-1])
+                for k in make.curves[make.pieces[side.piece].curve].pair
+            }
         )
         return _Trimmed([], 0.0, f"open {others}")
     if not found.closed and not isinstance(surface, Sphere | Torus):
         return _Trimmed([], 0.0, "no fold with a neighbour bounds it")
+    if (
+        isinstance(surface, Cone)
+        and len(found.closed) == 1
+        and (rim := _rim(surface, found.closed[0], make)) is not None
+    ):
+        return _Trimmed([tipped_face(surface, shape, rim)], 0.0, "")
     groups = nested(surface, found.closed, make.pieces, make.curves, points) if found.closed else [[]]
     faces = [trimmed_face(shape, loops, make) for loops in groups]
     failed = [one.reason for one in faces if one.face is None]
     if failed or not faces:
         return _Trimmed([], 0.0, failed[0] if failed else "its loops enclose none of its points")
     return _Trimmed([one.face for one in faces], 0.0, "")
+
+
+def _rim(cone: Cone, loop: Sequence[Side], make: EdgeMaker) -> FloatArray | None:
+    """A point (3,) of a loop round the axis of a cone that all lies at one height; None of others."""
+    points = loop_points(loop, make.pieces, make.curves)
+    height = (points - cone.point) @ cone.direction
+    if np.ptp(height) > 1e-6 or not winding(cone.point, cone.direction, points):
+        return None
+    return points[0]
 
 
 def _checked(one: _Trimmed, points: FloatArray, spacing: float) -> _Trimmed:

@@ -15,7 +15,7 @@ import numpy as np
 
 from completion.exchange.step.fold_curve import FoldCurve
 from completion.exchange.step.kernel import kernel_surface, plain_zero
-from completion.exchange.step.loops import Side
+from completion.exchange.step.loops import Side, loop_points
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Sphere, Surface, Torus
@@ -45,10 +45,12 @@ class Seams:
         """Let closed edges round a torus's tube begin on its outer circle, where the kernel's seam is."""
         if isinstance(surface, Torus):
             for loop in loops:
-                points = self._points(loop)
+                points = loop_points(loop, self.pieces, self.curves)
                 level = _tube_angles(surface, points)
                 if _turns(level) and not winding(surface.centre, surface.direction, points):
-                    self._begin(loop, lambda x: float((x - surface.centre) @ surface.direction), np.abs(level))
+                    self._begin(
+                        loop, lambda x: float((x - surface.centre) @ surface.direction), np.abs(level)
+                    )
 
     def shape(self, surface: Surface, points: FloatArray, loops: Sequence[Sequence[Side]]) -> Any:
         """The kernel's surface of a region of points (n, 3) within loops, with a fitting seam."""
@@ -75,7 +77,7 @@ class Seams:
         """Let closed edges round an axis begin where it has its zero direction."""
         across = cross(axis, zero)
         for loop in loops:
-            points = self._points(loop)
+            points = loop_points(loop, self.pieces, self.curves)
             if winding(place, axis, points):
                 offset = points - place
                 angle = np.abs(np.arctan2(offset @ across, offset @ zero))
@@ -105,19 +107,15 @@ class Seams:
         t = np.linspace(one.low, one.high, _N_SAMPLES, endpoint=False)
         return t if side.is_forward else one.high + one.low - t
 
-    def _points(self, loop: Sequence[Side]) -> FloatArray:
-        """Points (n, 3) along a loop, in order."""
-        return np.concatenate(
-            [self.curves[self.pieces[side.piece].curve].at(self._parameters(side)) for side in loop]
-        )
-
-    def _corner_side(self, place: FloatArray, axis: FloatArray, loops: Sequence[Sequence[Side]]) -> FloatArray:
+    def _corner_side(
+        self, place: FloatArray, axis: FloatArray, loops: Sequence[Sequence[Side]]
+    ) -> FloatArray:
         """The direction (3,) across the axis of where a loop that goes round it begins; else a plain one."""
         for loop in loops:
             first = self.pieces[loop[0].piece]
             if first.is_loop and loop[0].piece not in self._begun:
                 continue
-            if winding(place, axis, self._points(loop)):
+            if winding(place, axis, loop_points(loop, self.pieces, self.curves)):
                 t = first.low if loop[0].is_forward else first.high
                 corner = self.curves[first.curve].at(np.array([t]))[0] - place
                 radial = corner - (corner @ axis) * axis
@@ -161,7 +159,9 @@ def _turns(angle: FloatArray) -> int:
     return round(float(((step + np.pi) % (2 * np.pi) - np.pi).sum()) / (2 * np.pi))
 
 
-def _meridian(centre: FloatArray, points: FloatArray, axis: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+def _meridian(
+    centre: FloatArray, points: FloatArray, axis: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
     """Axis (3,) and zero direction (3,) of a sphere whose seam, half a great circle, is far from the points.
 
     Where the points leave no room for one, it turns about `axis`.

@@ -59,7 +59,9 @@ def sewn(faces: Sequence[Any], spacing: float) -> Sewn:
     parts = [*solids, *still_open, *loose]
     shape = parts[0] if len(parts) == 1 else _compound(parts)
     volume = sum(volume_of(one) for one in solids)
-    return Sewn(shape, moved, len(solids), len(still_open) + len(loose), volume, bool(parts) and is_valid(shape))
+    return Sewn(
+        shape, moved, len(solids), len(still_open) + len(loose), volume, bool(parts) and is_valid(shape)
+    )
 
 
 def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:

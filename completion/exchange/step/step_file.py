@@ -63,7 +63,11 @@ def _colour(colour: tuple[int, int, int]) -> Any:
 def _written(document: Any, name: str) -> bytes:
     static = kernel().Interface.Interface_Static
     writer = kernel().STEPCAFControl.STEPCAFControl_Writer()
-    for key, value in (("write.step.schema", "AP214IS"), ("write.step.unit", "MM"), ("xstep.cascade.unit", "MM")):
+    for key, value in (
+        ("write.step.schema", "AP214IS"),
+        ("write.step.unit", "MM"),
+        ("xstep.cascade.unit", "MM"),
+    ):
         static.SetCVal_s(key, value)
     static.SetIVal_s("write.surfacecurve.mode", 0)
     static.SetIVal_s("write.stepcaf.subshapes.name", 1)
