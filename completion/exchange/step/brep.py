@@ -13,6 +13,7 @@ from completion.exchange.step.fold_curve import FoldCurve
 from completion.exchange.step.kernel import kernel, kernel_point
 from completion.exchange.step.loops import Side
 from completion.exchange.step.pieces import Piece
+from completion.exchange.step.seam_edges import plain_seams
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Surface
 
@@ -120,6 +121,7 @@ def trimmed_face(shape: Any, loops: Sequence[Sequence[Side]], make: EdgeMaker) -
     result = fix.Face()
     if result.IsNull():
         return TrimmedFace(None, "the kernel could not trim it")
+    plain_seams(result)
     modules.BRepLib.BRepLib.SameParameter_s(result, 1e-6, True)
     return TrimmedFace(result)
 

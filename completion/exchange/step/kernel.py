@@ -14,10 +14,10 @@ from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, To
 from scenes.surfaces.surface import perpendicular
 
 _MODULES = (
-    "Bnd", "BRep", "BRepBndLib", "BRepBuilderAPI", "BRepCheck", "BRepClass3d", "BRepGProp", "BRepLib", "BRepMesh", "BRepTools",
-    "GProp", "Geom", "GeomAPI", "IFSelect", "IntAna", "Interface", "Message", "Quantity", "STEPCAFControl",
-    "STEPControl", "ShapeAnalysis", "ShapeFix", "TCollection", "TDataStd", "TDocStd", "TopAbs", "TopExp",
-    "TopLoc", "TopoDS", "XCAFDoc", "collections", "gp",
+    "BRep", "BRepAdaptor", "BRepBuilderAPI", "BRepCheck", "BRepClass3d", "BRepGProp", "BRepLib", "BRepMesh",
+    "GProp", "Geom", "Geom2d", "GeomAPI", "IFSelect", "Interface", "Message", "Quantity", "STEPCAFControl",
+    "STEPControl", "ShapeFix", "TCollection", "TDataStd", "TDocStd", "TopAbs", "TopExp", "TopLoc", "TopoDS",
+    "XCAFDoc", "collections", "gp",
 )  # fmt: skip
 _loaded: dict[str, SimpleNamespace] = {}
 

@@ -105,7 +105,8 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         raise InputError(f"no surface could be trimmed for STEP: {_told(outcomes, len(surfaces))}")
 
     # 8. Shells and solids, and the file.
-    whole = sewn([face for face, _ in faces], spacing)
+    gap = max((make.off(one) for one in seams.pieces), default=0.0)
+    whole = sewn([face for face, _ in faces], spacing, gap)
     named = [
         NamedFace(face, _name(outcomes[k]), _layer(outcomes[k]), _colour(k))
         for face, (_, k) in zip(whole.faces, faces, strict=True)
@@ -113,7 +114,6 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
     reason = _told(outcomes, len(surfaces))
     if not reason and whole.n_open:
         reason = "the faces do not meet along all of their edges"
-    gap = max((make.off(one) for one in seams.pieces), default=0.0)
     return StepModel(
         data=step_bytes(whole.shape, named, name),
         shape=whole.shape,

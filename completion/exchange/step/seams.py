@@ -60,6 +60,7 @@ class Seams:
             axis = np.array(round_[0].Axis().Direction().Coord()) if round_ else None
             up, zero = _meridian(surface.centre, points, axis)
             if axis is not None and abs(float(up @ axis)) > 1 - 1e-12:
+                zero = self._corner_side(surface.centre, up, loops)
                 self._begin_on(surface.centre, up, zero, loops)
             return kernel_surface(surface, zero, up)
         if not isinstance(surface, Cylinder | Cone | Torus):

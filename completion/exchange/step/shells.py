@@ -39,29 +39,27 @@ class Sewn:
     is_valid: bool
 
 
-def sewn(faces: Sequence[Any], spacing: float) -> Sewn:
+def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     """Sew faces along the edges that they share, and make solids of the shells that close.
 
-    A shell within another one is a cavity of that.
+    Edges may be `gap` off their surfaces, mm. A shell within another one is a cavity of that.
     """
     modules = kernel()
-    sewing = modules.BRepBuilderAPI.BRepBuilderAPI_Sewing(_SEWN * spacing)
+    sewing = modules.BRepBuilderAPI.BRepBuilderAPI_Sewing(max(_SEWN * spacing, 4 * gap))
     for face in faces:
         sewing.Add(face)
     sewing.Perform()
     whole = sewing.SewedShape()
     moved = [sewing.ModifiedSubShape(face) if sewing.IsModifiedSubShape(face) else face for face in faces]
-    shells = _found(whole, "TopAbs_SHELL")
+    shells = [*_found(whole, "TopAbs_SHELL"), *map(_shell, _found(whole, "TopAbs_FACE", "TopAbs_SHELL"))]
     closed = [one for one in shells if modules.BRep.BRep_Tool.IsClosed_s(one)]
     still_open = [one for one in shells if not modules.BRep.BRep_Tool.IsClosed_s(one)]
-    loose = [one for one in _found(whole, "TopAbs_FACE", "TopAbs_SHELL")]
     solids = _solids([modules.TopoDS.TopoDS.Shell(one) for one in closed])
-    parts = [*solids, *still_open, *loose]
+    parts = [*solids, *still_open]
     shape = parts[0] if len(parts) == 1 else _compound(parts)
     volume = sum(volume_of(one) for one in solids)
-    return Sewn(
-        shape, moved, len(solids), len(still_open) + len(loose), volume, bool(parts) and is_valid(shape)
-    )
+    is_sound = bool(parts) and is_valid(shape)
+    return Sewn(shape, moved, len(solids), len(still_open), volume, is_sound)
 
 
 def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:
@@ -77,6 +75,14 @@ def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:
         found.append(walk.Current())
         walk.Next()
     return found
+
+
+def _shell(face: Any) -> Any:
+    """A shell of one face."""
+    made, build = kernel().TopoDS.TopoDS_Shell(), kernel().BRep.BRep_Builder()
+    build.MakeShell(made)
+    build.Add(made, face)
+    return made
 
 
 def _compound(parts: Sequence[Any]) -> Any:
