@@ -16,6 +16,7 @@ from scenes.checks import FloatArray
 
 _N_STEPS = 25
 _MERGED = 0.35  # sampling distances: corners that are nearer are one
+_COINCIDE = 0.05  # sampling distances
 _MEET = 0.5  # sampling distances that curves may be apart where they meet
 
 
@@ -68,6 +69,8 @@ def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> I
     """Where two curves are nearest to each other, and near enough."""
     one, two = curves[a], curves[b]
     apart, nearest = two.tree.query(one.points)
+    if (apart < _COINCIDE * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
+        return  # one curve twice, between faces of one surface
     step = np.linalg.norm(np.diff(one.points, axis=0), axis=1).max(initial=0.0)
     other = np.linalg.norm(np.diff(two.points, axis=0), axis=1).max(initial=0.0)
     reach = step + other + _MEET * spacing
