@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from completion.exchange.step.measured import shares_of
 from completion.exchange.step.model import FaceOutcome, StepModel
 from completion.exchange.step.nesting import nested
 from completion.exchange.step.pieces import chosen, pieces_of
-from completion.exchange.step.regions import MM, PartRegions, in_millimetres, joined
+from completion.exchange.step.regions import MM, PartRegions, in_millimetres, joined, without
 from completion.exchange.step.seams import Seams, winding
 from completion.exchange.step.shells import sewn
 from completion.exchange.step.step_file import NamedFace, step_bytes
@@ -28,6 +29,8 @@ from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 _HELD = 0.5  # share of a region's points that its face must hold
 _MEASURED = 0.95  # share of a face from which on it counts as measured
 _MOST_TOLD = 3
+_SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
+_CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
 
 def step_of(parts: PartRegions, name: str = "part") -> StepModel:
@@ -55,9 +58,43 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         OCP is not installed (the message names the cure), or no region can be trimmed.
     """
     kernel()
+    whole, left_out = joined(parts), list[FaceOutcome]()
+    best = _attempt(whole)
+    for most in _SMALL:
+        small = _small_failures(whole, best.outcomes, most)
+        if not small:
+            continue
+        fewer = without(whole, small)
+        again = _attempt(fewer)
+        if again.n_held < best.n_held or again.n_failed + len(small) > best.n_failed:
+            continue
+        left_out += [replace(best.outcomes[k], reason=_CROSSED) for k in small]
+        whole, best = fewer, again
+    return _model(best, tuple(left_out), name)
 
-    # 1. Regions: those that lie on one surface and touch are one; all in millimetres from here on.
-    parts = joined(parts)
+
+class _Attempt(NamedTuple):
+    """What an export comes to: faces, whose region each is, outcomes of all regions, the edges' gap (mm).
+
+    And the sampling distance (mm), and how many points are of regions that have a face.
+    """
+
+    faces: list[Any]
+    regions: list[int]
+    outcomes: tuple[FaceOutcome, ...]
+    gap: float
+    spacing: float
+    n_held: int
+
+    @property
+    def n_failed(self) -> int:
+        """Regions without a face."""
+        return sum(bool(one.reason) for one in self.outcomes)
+
+
+def _attempt(parts: PartRegions) -> _Attempt:
+    """Trim the surfaces of all regions."""
+    # 1. Regions: all in millimetres from here on.
     surfaces = [in_millimetres(one.surface) for one in parts.regions]
     points = [parts.points[parts.region == k] * MM for k in range(len(surfaces))]
     spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
@@ -100,29 +137,42 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         FaceOutcome(region.number, region.surface.kind, one.reason or "", one.measured, region.sd_m)
         for region, one in zip(parts.regions, trimmed, strict=True)
     )
-    faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
-    if not faces:
-        raise InputError(f"no surface could be trimmed for STEP: {_told(outcomes, len(surfaces))}")
-
-    # 8. Shells and solids, and the file.
     gap = max((make.off(one) for one in seams.pieces), default=0.0)
-    whole = sewn([face for face, _ in faces], spacing, gap)
+    faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
+    held = sum(len(own) for own, one in zip(points, trimmed, strict=True) if one.faces)
+    return _Attempt([face for face, _ in faces], [k for _, k in faces], outcomes, gap, spacing, held)
+
+
+def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:
+    """Places of regions without a face that are so small that their neighbours may be extended across."""
+    size = np.bincount(parts.region, minlength=len(parts.regions))
+    least = min(most, _SMALL_SHARE * size.sum())
+    return [k for k, one in enumerate(outcomes) if one.reason and size[k] <= least]
+
+
+def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> StepModel:
+    """Sew the faces, and write the file."""
+    # 8. Shells and solids, and the file.
+    n = len(best.outcomes)
+    reason = _told(best.outcomes, n)
+    if not best.faces:
+        raise InputError(f"no surface could be trimmed for STEP: {reason}")
+    whole = sewn(best.faces, best.spacing, best.gap)
     named = [
-        NamedFace(face, _name(outcomes[k]), _layer(outcomes[k]), _colour(k))
-        for face, (_, k) in zip(whole.faces, faces, strict=True)
+        NamedFace(face, _name(best.outcomes[k]), _layer(best.outcomes[k]), _colour(k))
+        for face, k in zip(whole.faces, best.regions, strict=True)
     ]
-    reason = _told(outcomes, len(surfaces))
     if not reason and whole.n_open:
         reason = "the faces do not meet along all of their edges"
     return StepModel(
         data=step_bytes(whole.shape, named, name),
         shape=whole.shape,
-        faces=outcomes,
+        faces=(*best.outcomes, *left_out),
         n_solids=whole.n_solids,
         n_open=whole.n_open,
         volume_m3=whole.volume_mm3 / MM**3,
         is_valid=whole.is_valid,
-        gap_m=gap / MM,
+        gap_m=best.gap / MM,
         reason=reason,
     )
 

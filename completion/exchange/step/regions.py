@@ -179,6 +179,16 @@ def joined(parts: PartRegions) -> PartRegions:
     )
 
 
+def without(parts: PartRegions, some: Sequence[int]) -> PartRegions:
+    """Return regions without some, given by their places: their neighbours touch across them."""
+    kept = [k for k in range(len(parts.regions)) if k not in some]
+    place = np.full(len(parts.regions), -1)
+    place[kept] = np.arange(len(kept))
+    regions = [parts.regions[k] for k in kept]
+    region = place[parts.region]
+    return part_regions(regions, parts.points, region, spacing_m=parts.spacing_m, noise_m=parts.noise_m)
+
+
 def _is_one(parts: PartRegions, large: int, small: int, tolerance: float) -> bool:
     """Whether the smaller region lies on the larger one's surface."""
     first, second = parts.regions[large].surface, parts.regions[small].surface
