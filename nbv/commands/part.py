@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.model import StepModel
 from completion.flattening.flat import RegionKind
 from completion.parts.division.reach import reached

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.regions import FittedRegion, part_regions
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
@@ -50,7 +50,13 @@ def drilled(size, radius):
     """A box with a hole along z."""
     faces = [(s, p[np.hypot(p[:, 0], p[:, 1]) > radius] if abs(s.normal_direction[2]) > 0.5 else p)
              for s, p in box(size)]  # fmt: skip
-    return [*faces, (Cylinder((0, 0, 0), (0, 0, 1), radius, concave=True), turned([(radius, -size[2] / 2), (radius, size[2] / 2)]))]
+    return [
+        *faces,
+        (
+            Cylinder((0, 0, 0), (0, 0, 1), radius, concave=True),
+            turned([(radius, -size[2] / 2), (radius, size[2] / 2)]),
+        ),
+    ]
 
 
 def turned(line):
@@ -76,7 +82,11 @@ def disc(radius, height, inner=0.0):
 def rod(radius, length):
     """A cylinder with two ends."""
     side = turned([(radius, -length / 2), (radius, length / 2)])
-    return [(Cylinder((0, 0, 0), (0, 0, 1), radius), side), disc(radius, length / 2), disc(radius, -length / 2)]
+    return [
+        (Cylinder((0, 0, 0), (0, 0, 1), radius), side),
+        disc(radius, length / 2),
+        disc(radius, -length / 2),
+    ]
 
 
 def frustum(low, high, length):
@@ -97,7 +107,13 @@ def bead(radius, tube, length):
     cylinder = Cylinder((0, 0, 0), (0, 0, 1), radius)
     low = turned([(radius, -length / 2), (radius, -tube)])
     high = turned([(radius, tube), (radius, length / 2)])
-    return [(torus, ring), (cylinder, low), (cylinder, high), disc(radius, length / 2), disc(radius, -length / 2)]
+    return [
+        (torus, ring),
+        (cylinder, low),
+        (cylinder, high),
+        disc(radius, length / 2),
+        disc(radius, -length / 2),
+    ]
 
 
 def ball_ended(radius, length):

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from completion.exchange.step.corners import Corner
-from completion.exchange.step.fold_curve import FoldCurve
-from completion.exchange.step.kernel import kernel, kernel_point
+from completion.exchange.step.curves.corners import Corner
+from completion.exchange.step.curves.fold_curve import FoldCurve
+from completion.exchange.step.curves.kernel import kernel, kernel_point
 from completion.exchange.step.loops import Side
 from completion.exchange.step.pieces import Piece
 from completion.exchange.step.seam_edges import plain_seams

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.exchange.step.fold_curve import FoldCurve
+from completion.exchange.step.curves.fold_curve import FoldCurve
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -47,9 +47,8 @@ def loops_of(
         for corner in ends[k]:
             if corner >= 0:
                 at.setdefault(corner, []).append(k)
-    free = [k for k in sorted(unused) if -1 in ends[k]]
     odd = [k for corner, some in sorted(at.items()) if len(some) % 2 for k in some[:1]]
-    for start in (*free, *odd, *sorted(unused)):
+    for start in (*odd, *sorted(unused)):
         if start not in unused:
             continue
         chain = _chain(start, ends, at, unused, left)
@@ -77,10 +76,10 @@ def _chain(
     left: dict[int, float],
 ) -> list[Side]:
     """Pieces that follow each other from one on, until they come back or end."""
-    forward = ends[start][0] == -1 or (ends[start][1] != -1 and left[start] >= 0)
-    if len(at.get(ends[start][0], ())) % 2 and ends[start][0] >= 0:
+    forward = left[start] >= 0
+    if len(at[ends[start][0]]) % 2:
         forward = True
-    elif len(at.get(ends[start][1], ())) % 2 and ends[start][1] >= 0:
+    elif len(at[ends[start][1]]) % 2:
         forward = False
     chain = [Side(start, forward)]
     unused.discard(start)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 from scenes.checks import FloatArray, IntArray
 
 _NEAR = 2.5  # sampling distances from a point that was measured

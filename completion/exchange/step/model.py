@@ -21,6 +21,8 @@ class FaceOutcome:
         Share of the face's area that was measured.
     sd_m : float
         Standard deviation of the surface along its normal, metres.
+    is_open : bool
+        Whether the face ends where its measurement does, without a neighbour.
     """
 
     number: int
@@ -28,6 +30,7 @@ class FaceOutcome:
     reason: str
     measured_share: float
     sd_m: float
+    is_open: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +84,7 @@ class StepModel:
             "valid": self.is_valid,
             "gap_m": self.gap_m,
             "reason": self.reason or None,
+            "open_faces": [one.number for one in self.faces if one.is_open and not one.reason],
             "without_face": [
                 {"surface": one.number, "kind": one.kind, "reason": one.reason}
                 for one in self.faces

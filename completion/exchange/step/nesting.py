@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from shapely import Point, Polygon
 
-from completion.exchange.step.fold_curve import FoldCurve
+from completion.exchange.step.curves.fold_curve import FoldCurve
 from completion.exchange.step.loops import Side, loop_points
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from completion.exchange.step.corners import Corner
-from completion.exchange.step.fold_curve import FoldCurve
+from completion.exchange.step.curves.corners import Corner
+from completion.exchange.step.curves.fold_curve import FoldCurve
 from scenes.checks import FloatArray, IntArray
 
 _TOUCH = 1.6  # sampling distances from a contact
@@ -28,7 +29,7 @@ _STUB = 1.5  # sampling distances: no end without a corner is shorter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A piece of a fold curve: its range, its corners (-1: free end), its support and length (mm)."""
+    """A piece of a fold curve: its range, its corners (-2: a whole closed curve), its support, its length (mm)."""
 
     curve: int
     low: float
@@ -45,21 +46,25 @@ class Piece:
 
 def pieces_of(
     curves: Sequence[FoldCurve],
-    corners: Sequence[Corner],
+    corners: list[Corner],
     contacts: FloatArray,
     between: IntArray,
     step: float,
 ) -> list[Piece]:
-    """Return all pieces of the curves between their corners; ends beyond the last corner as far as measured."""
+    """Return all pieces of the curves between their corners, and beyond the last ones as far as measured.
+
+    The free ends of these are added to `corners`.
+    """
+    fixed = tuple(corners)
     found = list[Piece]()
     for place, curve in enumerate(curves):
         own = contacts[(between == curve.pair).all(axis=1)]
-        asked = _Asked(curve, place, cKDTree(own), step)
-        at = sorted((t, k) for k, corner in enumerate(corners) for t in corner.at.get(place, ()))
+        asked = _Asked(curve, place, cKDTree(own), step, corners)
+        at = sorted((t, k) for k, corner in enumerate(fixed) for t in corner.at.get(place, ()))
         if not at:
             found += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
             continue
-        found += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in zip(at, at[1:], strict=False)]
+        found += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in pairwise(at)]
         if curve.is_closed:
             (t, k), (s, m) = at[-1], at[0]
             found.append(asked.piece(t, s + curve.high - curve.low, (k, m)))
@@ -75,6 +80,7 @@ class _Asked:
     place: int
     contacts: cKDTree
     step: float
+    corners: list[Corner]
 
     def _samples(self, low: float, high: float) -> tuple[FloatArray, FloatArray, float]:
         """Parameters (n,) between, whether they touch (n,), and the length."""
@@ -107,21 +113,31 @@ class _Asked:
         if last <= first:
             return []
         one = self.piece(first, last, ends)
-        return [one] if one.length >= _STUB * self.step and one.support > 0.5 else []
+        if one.length < _STUB * self.step or one.support <= 0.5:
+            return []
+        known = tuple(
+            corner if corner >= 0 else self._free(t) for corner, t in zip(ends, (first, last), strict=True)
+        )
+        return [replace(one, ends=(known[0], known[1]))]
+
+    def _free(self, t: float) -> int:
+        """A new corner at a free end."""
+        self.corners.append(Corner(self.curve.at(np.array([t]))[0], {self.place: [t]}, is_free=True))
+        return len(self.corners) - 1
 
 
 def chosen(
-    pieces: Sequence[Piece], curves: Sequence[FoldCurve], step: float
-) -> tuple[list[Piece], dict[int, set[int]]]:
-    """Return the pieces that bound regions, and for each region that stays open the corners where it does."""
+    pieces: Sequence[Piece], curves: Sequence[FoldCurve], corners: Sequence[Corner], step: float
+) -> list[Piece]:
+    """Return the pieces that bound regions."""
     if not pieces:
-        return [], {}
+        return []
     n = len(pieces)
     rows = dict[tuple[int, int], int]()
     entries = list[tuple[int, int, float]]()
     for column, one in enumerate(pieces):
         for corner in one.ends:
-            for region in curves[one.curve].pair if corner >= 0 else ():
+            for region in curves[one.curve].pair if corner >= 0 and not corners[corner].is_free else ():
                 row = rows.setdefault((region, corner), len(rows))
                 entries.append((row, column, 1.0))
     m = len(rows)
@@ -137,17 +153,8 @@ def chosen(
     found = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
     taken = found.x is not None
     is_chosen = np.round(found.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
-    open_at = dict[int, set[int]]()
-    for (region, corner), number in rows.items():
-        degree = sum(int(value) for r, c, value in entries if r == number and c < n and is_chosen[c])
-        if degree % 2:
-            open_at.setdefault(region, set()).add(corner)
     kept = [one for one, is_kept in zip(pieces, is_chosen, strict=True) if is_kept]
-    for one in kept:
-        if -1 in one.ends:
-            for region in curves[one.curve].pair:
-                open_at.setdefault(region, set()).add(-1)
-    return _through(kept, curves), open_at
+    return _through(kept, curves)
 
 
 def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
@@ -161,7 +168,7 @@ def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
     for corner, places in at.items():
         if len(places) != 2:
             continue
-        a, b = (_head(at, alive, place) for place in places)
+        a, b = places
         one, two = alive[a], alive[b]
         if one.curve != two.curve:
             continue
@@ -182,9 +189,3 @@ def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
         for others in at.values():
             others[:] = [a if place == b else place for place in others]
     return list(alive.values())
-
-
-def _head(_at: dict[int, list[int]], alive: dict[int, Piece], place: int) -> int:
-    if place not in alive:
-        raise AssertionError(f"piece {place} was made part of another")
-    return place

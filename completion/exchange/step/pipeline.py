@@ -9,17 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from completion.exchange.step.brep import EdgeMaker, is_valid, tipped_face, trimmed_face
-from completion.exchange.step.corners import corners_of
-from completion.exchange.step.folds import FoldFinder
-from completion.exchange.step.kernel import kernel, kernel_surface
+from completion.exchange.step.brep import EdgeMaker, area_of, is_valid, tipped_face, trimmed_face
+from completion.exchange.step.curves.corners import corners_of
+from completion.exchange.step.curves.folds import FoldFinder
+from completion.exchange.step.curves.kernel import kernel, kernel_surface
+from completion.exchange.step.curves.winding import winding
 from completion.exchange.step.loops import Nearby, RegionLoops, Side, loop_points, loops_of
 from completion.exchange.step.measured import shares_of
 from completion.exchange.step.model import FaceOutcome, StepModel
 from completion.exchange.step.nesting import nested
+from completion.exchange.step.open_ends import OpenEnds
 from completion.exchange.step.pieces import chosen, pieces_of
 from completion.exchange.step.regions import MM, PartRegions, in_millimetres, joined, without
-from completion.exchange.step.seams import Seams, winding
+from completion.exchange.step.seams import Seams
 from completion.exchange.step.shells import sewn
 from completion.exchange.step.step_file import NamedFace, step_bytes
 from scenes.checks import FloatArray, InputError
@@ -27,6 +29,7 @@ from scenes.scan.palette import surface_bytes
 from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 
 _HELD = 0.5  # share of a region's points that its face must hold
+_LEAST = 0.5  # share of a face that must have been measured
 _MEASURED = 0.95  # share of a face from which on it counts as measured
 _MOST_TOLD = 3
 _SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
@@ -112,11 +115,16 @@ def _attempt(parts: PartRegions) -> _Attempt:
 
     # 4. Pieces between corners, and the choice of those that close around regions along their contacts.
     pieces = pieces_of(curves, corners, contacts, parts.between, spacing)
-    kept, open_at = chosen(pieces, curves, spacing)
+    kept = chosen(pieces, curves, corners, spacing)
 
-    # 5. Loops: pieces in order around each region, which lies on their left.
+    # 5. Loops: pieces in order around each region, which lies on their left; open ends close as measured.
     near = [Nearby(own, spacing) for own in points]
     loops = [loops_of(k, kept, curves, one, near[k]) for k, one in enumerate(surfaces)]
+
+    ends = OpenEnds(kept, curves, corners, surfaces, spacing)
+    is_open = [False] * len(surfaces)
+    for k, own in enumerate(points):
+        loops[k], is_open[k] = ends.closed(k, loops[k], own)
 
     # 6. Seams: where surfaces that return to themselves are cut open.
     seams = Seams(kept, curves, surfaces)
@@ -134,8 +142,8 @@ def _attempt(parts: PartRegions) -> _Attempt:
     ]
     trimmed = [_checked(one, own, spacing) for one, own in zip(made, points, strict=True)]
     outcomes = tuple(
-        FaceOutcome(region.number, region.surface.kind, one.reason or "", one.measured, region.sd_m)
-        for region, one in zip(parts.regions, trimmed, strict=True)
+        FaceOutcome(region.number, region.surface.kind, one.reason, one.measured, region.sd_m, ends_open)
+        for region, one, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
     )
     gap = max((make.off(one) for one in seams.pieces), default=0.0)
     faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
@@ -183,19 +191,18 @@ class _Trimmed(NamedTuple):
     faces: list[Any]
     measured: float
     reason: str
+    is_bounded: bool = True
 
 
 def _faces(surface: Surface, shape: Any, found: RegionLoops, points: FloatArray, make: EdgeMaker) -> _Trimmed:
     """The faces of a region by its loops."""
     if found.rest:
-        others = sorted(
-            {
-                k
-                for chain in found.rest
-                for side in (chain[0], chain[-1])
-                for k in make.curves[make.pieces[side.piece].curve].pair
-            }
+        pairs = (
+            make.curves[make.pieces[side.piece].curve].pair
+            for chain in found.rest
+            for side in (chain[0], chain[-1])
         )
+        others = sorted({number for pair in pairs for number in pair})
         return _Trimmed([], 0.0, f"open {others}")
     if not found.closed and not isinstance(surface, Sphere | Torus):
         return _Trimmed([], 0.0, "no fold with a neighbour bounds it")
@@ -210,7 +217,7 @@ def _faces(surface: Surface, shape: Any, found: RegionLoops, points: FloatArray,
     failed = [one.reason for one in faces if one.face is None]
     if failed or not faces:
         return _Trimmed([], 0.0, failed[0] if failed else "its loops enclose none of its points")
-    return _Trimmed([one.face for one in faces], 0.0, "")
+    return _Trimmed([one.face for one in faces], 0.0, "", bool(found.closed))
 
 
 def _rim(cone: Cone, loop: Sequence[Side], make: EdgeMaker) -> FloatArray | None:
@@ -232,12 +239,22 @@ def _checked(one: _Trimmed, points: FloatArray, spacing: float) -> _Trimmed:
     held = sum(share.held for share in shares)
     if held < _HELD:
         return _Trimmed([], 0.0, f"its loops enclose only {100 * held:.0f} % of its points")
-    return _Trimmed(one.faces, float(np.mean([share.measured for share in shares])), "")
+    measured = float(
+        np.average([share.measured for share in shares], weights=[area_of(face) for face in one.faces])
+    )
+    if measured < (_LEAST if one.is_bounded else _MEASURED):
+        where = "within its loops" if one.is_bounded else "of its whole surface, which no neighbour bounds,"
+        return _Trimmed([], 0.0, f"only {100 * measured:.0f} % {where} was measured")
+    return _Trimmed(one.faces, measured, "")
 
 
 def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [one for one in outcomes if one.reason]
+    free = [str(one.number) for one in outcomes if one.is_open and not one.reason]
+    if not failed and free:
+        whose = f"surface {free[0]} ends" if len(free) == 1 else f"surfaces {', '.join(free)} end"
+        return f"{whose} where the measurement does, without a neighbour"
     if not failed:
         return ""
     told = "; ".join(f"surface {one.number} ({one.kind}): {one.reason}" for one in failed[:_MOST_TOLD])
@@ -247,7 +264,8 @@ def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
 
 def _name(one: FaceOutcome) -> str:
     sd = f"sd {1e6 * one.sd_m:.3g} um"
-    return f"surface {one.number} {one.kind}, {100 * one.measured_share:.0f} % measured, {sd}"
+    end = ", open end" if one.is_open else ""
+    return f"surface {one.number} {one.kind}, {100 * one.measured_share:.0f} % measured, {sd}{end}"
 
 
 def _layer(one: FaceOutcome) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 
 _STRAIGHT = 1e-9  # radians or mm that a seam may leave its parameter
 

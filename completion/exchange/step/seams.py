@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from completion.exchange.step.fold_curve import FoldCurve
-from completion.exchange.step.kernel import kernel_surface, plain_zero
+from completion.exchange.step.curves.fold_curve import FoldCurve
+from completion.exchange.step.curves.kernel import kernel_surface, plain_zero
+from completion.exchange.step.curves.winding import tube_angles, turns_of, winding
 from completion.exchange.step.loops import Side, loop_points
 from completion.exchange.step.pieces import Piece
 from scenes.checks import FloatArray
@@ -46,8 +47,8 @@ class Seams:
         if isinstance(surface, Torus):
             for loop in loops:
                 points = loop_points(loop, self.pieces, self.curves)
-                level = _tube_angles(surface, points)
-                if _turns(level) and not winding(surface.centre, surface.direction, points):
+                level = tube_angles(surface, points)
+                if turns_of(level) and not winding(surface.centre, surface.direction, points):
                     self._begin(
                         loop, lambda x: float((x - surface.centre) @ surface.direction), np.abs(level)
                     )
@@ -139,25 +140,6 @@ def _free_side(place: FloatArray, axis: FloatArray, points: FloatArray) -> Float
         return None
     middle = angle[widest] + gap[widest] / 2
     return np.asarray(np.cos(middle) * first + np.sin(middle) * second)
-
-
-def winding(place: FloatArray, axis: FloatArray, points: FloatArray) -> int:
-    """How often closed points (n, 3) go round an axis."""
-    first = plain_zero(axis)
-    return _turns(np.arctan2((points - place) @ cross(axis, first), (points - place) @ first))
-
-
-def _tube_angles(torus: Torus, points: FloatArray) -> FloatArray:
-    """Angles (n,) about the tube, 0 on the outer circle."""
-    offset = points - torus.centre
-    height = offset @ torus.direction
-    out = np.linalg.norm(offset - np.outer(height, torus.direction), axis=1) - torus.radius
-    return np.asarray(np.arctan2(height, out))
-
-
-def _turns(angle: FloatArray) -> int:
-    step = np.diff(np.append(angle, angle[0]))
-    return round(float(((step + np.pi) % (2 * np.pi) - np.pi).sum()) / (2 * np.pi))
 
 
 def _meridian(

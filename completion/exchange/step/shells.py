@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from completion.exchange.step.brep import is_valid, volume_of
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 
 _SEWN = 0.02  # sampling distances within which edges are one
 

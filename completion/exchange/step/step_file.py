@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 from scenes.checks import InputError
 
 _HEADER = re.compile(r"FILE_NAME\(.*?\);", re.DOTALL)

@@ -6,14 +6,22 @@ import re
 import numpy as np
 import pytest
 
-from completion.exchange.step.brep import is_valid, volume_of
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.brep import area_of, is_valid, volume_of
+from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.pipeline import step_of
 from completion.exchange.step.regions import FittedRegion, part_regions
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import EllipticCylinder, Plane, Sphere
 from tests.helpers.step_examples import (
-    ball_ended, bead, box, drilled, frustum, needs_kernel, read_back, regions, rod,
+    ball_ended,
+    bead,
+    box,
+    drilled,
+    frustum,
+    needs_kernel,
+    read_back,
+    regions,
+    rod,
 )  # fmt: skip
 
 needs_kernel()
@@ -93,15 +101,51 @@ def test_a_closed_surface_alone_is_a_solid():
     assert model.volume_m3 == pytest.approx(4 / 3 * np.pi * 0.01**3, rel=1e-6)
 
 
-def test_what_was_not_measured_is_not_closed_and_says_why():
-    faces = box((0.03, 0.02, 0.01))[:-1]
-    model = step_of(regions(faces))
+def test_what_was_not_measured_is_not_closed_and_says_why(tmp_path):
+    model = step_of(regions(box((0.03, 0.02, 0.01))[:-1]))
     assert not model.is_solid
     assert model.n_solids == 0
     record = model.record()
     assert record["solid"] is False
-    assert "surface 1 (plane)" in record["reason"]
-    assert {one["surface"] for one in record["without_face"]} >= {1, 2, 3, 4}
+    assert record["volume_m3"] is None
+    assert record["reason"] == "surfaces 1, 2, 3, 4 end where the measurement does, without a neighbour"
+    assert record["open_faces"] == [1, 2, 3, 4]
+    assert b"open end" in model.data
+    assert b"MANIFOLD_SOLID_BREP" not in model.data
+    shape = read_back(model.data, tmp_path)
+    assert is_valid(shape)
+    sides = 2 * (0.03 + 0.02) * 0.01 + 0.03 * 0.02
+    assert 0.85 * sides < 1e-6 * area_of(shape) <= sides * (1 + 1e-9)
+
+
+def test_a_tube_without_a_base_ends_in_a_circle():
+    model = step_of(regions(rod(0.01, 0.03)[:2]))
+    assert not model.is_solid
+    assert model.record()["open_faces"] == [1]
+    assert 1e-6 * area_of(model.shape) == pytest.approx(2 * np.pi * 0.01 * 0.03 + np.pi * 0.01**2, rel=0.03)
+
+
+def test_a_frustum_without_its_top_does_not_get_a_tip():
+    faces = frustum(0.01, 0.005, 0.02)
+    low = next(one for one in faces if one[0].kind == "plane" and one[0].point[2] < 0)
+    model = step_of(regions([faces[0], low]))
+    assert not model.is_solid
+    slant = np.hypot(0.02, 0.005)
+    true = np.pi * (0.01 + 0.005) * slant + np.pi * 0.01**2
+    assert 1e-6 * area_of(model.shape) == pytest.approx(true, rel=0.03)
+
+
+def test_a_region_too_small_to_be_trimmed_is_left_out_and_told():
+    faces = box((0.03, 0.02, 0.01))
+    top, points = faces[-1]
+    odd = np.hypot(points[:, 0] - 0.0155, points[:, 1] - 0.0005) < 0.0015
+    speck = (Plane((0.0155, 0, 0.005), (0.3, 0.2, 1.0)), points[odd])
+    model = step_of(regions([*faces[:-1], (top, points[~odd]), speck]))
+    assert model.is_solid
+    assert model.volume_m3 == pytest.approx(6e-6, rel=1e-6)
+    (left,) = model.record()["without_face"]
+    assert left["surface"] == 7
+    assert "its neighbours were extended across it" in left["reason"]
 
 
 def test_the_same_part_gives_the_same_bytes_without_date_or_user():

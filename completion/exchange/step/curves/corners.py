@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from completion.exchange.step.fold_curve import FoldCurve
+from completion.exchange.step.curves.fold_curve import FoldCurve
 from scenes.checks import FloatArray
 
 _N_STEPS = 25
@@ -22,11 +22,15 @@ _MEET = 0.5  # sampling distances that curves may be apart where they meet
 
 @dataclass(slots=True, eq=False)
 class Corner:
-    """A point (3,), millimetres, where curves meet: their parameters by place, and how far they are off it."""
+    """A point (3,), millimetres, where curves meet: their parameters by place, how far they are off it.
+
+    Or where one ends that meets none (`is_free`).
+    """
 
     point: FloatArray
     at: dict[int, list[float]] = field(default_factory=dict)
     off: float = 0.0
+    is_free: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.exchange.step.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel
 from scenes.checks import FloatArray
 
 _LEAST_POINTS, _MOST_POINTS = 48, 3000  # of a table

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from completion.exchange.step.fold_curve import FoldCurve, curve_points, tabled
-from completion.exchange.step.kernel import kernel, kernel_point
-from completion.exchange.step.tracing import Traced, settled, traced
+from completion.exchange.step.curves.fold_curve import FoldCurve, curve_points, tabled
+from completion.exchange.step.curves.kernel import kernel, kernel_point
+from completion.exchange.step.curves.splines import chord_lengths, circle_through, interpolated, line_through
+from completion.exchange.step.curves.tracing import Traced, settled, traced
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
 
@@ -150,7 +151,7 @@ class FoldFinder:
     ) -> FoldCurve | None:
         """A path as a line, a circle or a spline."""
         exact = max(1e-6, 0.02 * self.spacing, path.gap) if touching else 1e-6
-        plain = _line(path.points, exact) or _circle(path.points, exact)
+        plain = line_through(path.points, exact) or circle_through(path.points, exact)
         if plain is not None:
             return self._bounded(pair, plain, contacts, is_tangent=touching)
         geometry = self._spline(pair, path, touching=touching)
@@ -163,9 +164,9 @@ class FoldFinder:
         """The spline through a path, made finer until it lies on both surfaces."""
         one, two = (self.surfaces[place] for place in pair)
         points = path.points
-        geometry = _interpolated(points, path.is_closed)
+        geometry = interpolated(points, is_closed=path.is_closed)
         while geometry is not None and len(points) < _MOST_KNOTS:
-            knots = _parameters(points, path.is_closed)
+            knots = chord_lengths(points, path.is_closed)
             between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
             there = settled(one, two, between, touching=touching)
             off = np.linalg.norm(there.points - between, axis=1)
@@ -176,51 +177,5 @@ class FoldFinder:
             finer[0::2][:n] = points
             finer[1::2][: len(between)] = there.points
             points = finer
-            geometry = _interpolated(points, path.is_closed)
+            geometry = interpolated(points, is_closed=path.is_closed)
         return geometry
-
-
-def _parameters(points: FloatArray, is_closed: bool) -> FloatArray:
-    """Arc lengths along the chords, with that of the way back where it closes."""
-    whole = np.concatenate([points, points[:1]]) if is_closed else points
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(whole, axis=0), axis=1))])
-
-
-def _interpolated(points: FloatArray, is_closed: bool) -> Any | None:
-    array = kernel().collections.HArray1_gp_Pnt(1, len(points))
-    for place, point in enumerate(points, start=1):
-        array.SetValue(place, kernel_point(point))
-    knots = _parameters(points, is_closed)
-    held = kernel().collections.HArray1_double(1, len(knots))
-    for place, knot in enumerate(knots, start=1):
-        held.SetValue(place, float(knot))
-    made = kernel().GeomAPI.GeomAPI_Interpolate(array, held, is_closed, 1e-9)
-    made.Perform()
-    return made.Curve() if made.IsDone() else None
-
-
-def _line(points: FloatArray, exact: float) -> Any | None:
-    middle = points.mean(axis=0)
-    way = np.linalg.svd(points - middle)[2][0]
-    off = points - middle - np.outer((points - middle) @ way, way)
-    if np.linalg.norm(off, axis=1).max() > exact:
-        return None
-    gp = kernel().gp
-    return kernel().Geom.Geom_Line(kernel_point(middle), gp.gp_Dir(*(float(one) for one in way)))
-
-
-def _circle(points: FloatArray, exact: float) -> Any | None:
-    middle = points.mean(axis=0)
-    frame = np.linalg.svd(points - middle)[2]
-    flat = (points - middle) @ frame.T
-    if np.abs(flat[:, 2]).max() > exact:
-        return None
-    terms = np.column_stack([2 * flat[:, :2], np.ones(len(flat))])
-    a, b, c = np.linalg.lstsq(terms, (flat[:, :2] ** 2).sum(axis=1), rcond=None)[0]
-    radius = float(np.sqrt(max(c + a * a + b * b, 0.0)))
-    if np.abs(np.hypot(flat[:, 0] - a, flat[:, 1] - b) - radius).max() > exact:
-        return None
-    gp = kernel().gp
-    centre = middle + a * frame[0] + b * frame[1]
-    up, zero = (gp.gp_Dir(*(float(one) for one in row)) for row in (np.cross(frame[0], frame[1]), frame[0]))
-    return kernel().Geom.Geom_Circle(gp.gp_Ax2(kernel_point(centre), up, zero), radius)
