@@ -9,28 +9,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from completion.exchange.step.brep import EdgeMaker, area_of, is_valid, tipped_face, trimmed_face
+from completion.exchange.step.brep import EdgeMaker
 from completion.exchange.step.curves.corners import corners_of
 from completion.exchange.step.curves.folds import FoldFinder
 from completion.exchange.step.curves.kernel import kernel, kernel_surface
-from completion.exchange.step.curves.winding import winding
-from completion.exchange.step.loops import Nearby, RegionLoops, Side, loop_points, loops_of
-from completion.exchange.step.measured import shares_of
+from completion.exchange.step.faces import MEASURED, FaceMaker
+from completion.exchange.step.loops import Nearby, loops_of
 from completion.exchange.step.model import FaceOutcome, StepModel
-from completion.exchange.step.nesting import nested
 from completion.exchange.step.open_ends import OpenEnds
 from completion.exchange.step.pieces import chosen, pieces_of
 from completion.exchange.step.regions import MM, PartRegions, in_millimetres, joined, without
 from completion.exchange.step.seams import Seams
 from completion.exchange.step.shells import sewn
 from completion.exchange.step.step_file import NamedFace, step_bytes
-from scenes.checks import FloatArray, InputError
+from scenes.checks import InputError
 from scenes.scan.palette import surface_bytes
-from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 
-_HELD = 0.5  # share of a region's points that its face must hold
-_LEAST = 0.5  # share of a face that must have been measured
-_MEASURED = 0.95  # share of a face from which on it counts as measured
 _MOST_TOLD = 3
 _SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
@@ -136,11 +130,11 @@ def _attempt(parts: PartRegions) -> _Attempt:
 
     # 7. Faces: each surface within its loops; what does not hold its region's points is none.
     make = EdgeMaker(seams.pieces, curves, corners, surfaces)
-    made = [
-        _faces(surface, shape, found, own, make)
+    maker = FaceMaker(parts, make, spacing)
+    trimmed = [
+        maker.faces(surface, shape, found, own)
         for surface, shape, found, own in zip(surfaces, shapes, loops, points, strict=True)
     ]
-    trimmed = [_checked(one, own, spacing) for one, own in zip(made, points, strict=True)]
     outcomes = tuple(
         FaceOutcome(region.number, region.surface.kind, one.reason, one.measured, region.sd_m, ends_open)
         for region, one, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
@@ -185,69 +179,6 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     )
 
 
-class _Trimmed(NamedTuple):
-    """The faces of a region, the share of them that was measured, and why there are none."""
-
-    faces: list[Any]
-    measured: float
-    reason: str
-    is_bounded: bool = True
-
-
-def _faces(surface: Surface, shape: Any, found: RegionLoops, points: FloatArray, make: EdgeMaker) -> _Trimmed:
-    """The faces of a region by its loops."""
-    if found.rest:
-        pairs = (
-            make.curves[make.pieces[side.piece].curve].pair
-            for chain in found.rest
-            for side in (chain[0], chain[-1])
-        )
-        others = sorted({number for pair in pairs for number in pair})
-        return _Trimmed([], 0.0, f"open {others}")
-    if not found.closed and not isinstance(surface, Sphere | Torus):
-        return _Trimmed([], 0.0, "no fold with a neighbour bounds it")
-    if (
-        isinstance(surface, Cone)
-        and len(found.closed) == 1
-        and (rim := _rim(surface, found.closed[0], make)) is not None
-    ):
-        return _Trimmed([tipped_face(surface, shape, rim)], 0.0, "")
-    groups = nested(surface, found.closed, make.pieces, make.curves, points) if found.closed else [[]]
-    faces = [trimmed_face(shape, loops, make) for loops in groups]
-    failed = [one.reason for one in faces if one.face is None]
-    if failed or not faces:
-        return _Trimmed([], 0.0, failed[0] if failed else "its loops enclose none of its points")
-    return _Trimmed([one.face for one in faces], 0.0, "", bool(found.closed))
-
-
-def _rim(cone: Cone, loop: Sequence[Side], make: EdgeMaker) -> FloatArray | None:
-    """A point (3,) of a loop round the axis of a cone that all lies at one height; None of others."""
-    points = loop_points(loop, make.pieces, make.curves)
-    height = (points - cone.point) @ cone.direction
-    if np.ptp(height) > 1e-6 or not winding(cone.point, cone.direction, points):
-        return None
-    return points[0]
-
-
-def _checked(one: _Trimmed, points: FloatArray, spacing: float) -> _Trimmed:
-    """The faces, if they hold their points."""
-    if one.reason:
-        return one
-    if not all(is_valid(face) for face in one.faces):
-        return _Trimmed([], 0.0, "the kernel finds its trimmed face invalid")
-    shares = [shares_of(face, points, spacing) for face in one.faces]
-    held = sum(share.held for share in shares)
-    if held < _HELD:
-        return _Trimmed([], 0.0, f"its loops enclose only {100 * held:.0f} % of its points")
-    measured = float(
-        np.average([share.measured for share in shares], weights=[area_of(face) for face in one.faces])
-    )
-    if measured < (_LEAST if one.is_bounded else _MEASURED):
-        where = "within its loops" if one.is_bounded else "of its whole surface, which no neighbour bounds,"
-        return _Trimmed([], 0.0, f"only {100 * measured:.0f} % {where} was measured")
-    return _Trimmed(one.faces, measured, "")
-
-
 def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [one for one in outcomes if one.reason]
@@ -269,7 +200,7 @@ def _name(one: FaceOutcome) -> str:
 
 
 def _layer(one: FaceOutcome) -> str:
-    return "MEASURED" if one.measured_share >= _MEASURED else "PARTLY-INFERRED"
+    return "MEASURED" if one.measured_share >= MEASURED else "PARTLY-INFERRED"
 
 
 def _colour(place: int) -> tuple[int, int, int]:
