@@ -67,3 +67,18 @@ def _sampled(corners: FloatArray, spacing: float) -> FloatArray:
     a, b = np.where(over, 1 - a, a)[:, None], np.where(over, 1 - b, b)[:, None]
     some = corners[own]
     return np.asarray(some[:, 0] + a * (some[:, 1] - some[:, 0]) + b * (some[:, 2] - some[:, 0]))
+
+
+def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
+    """Points (n, 3) along each edge of a shape, mm."""
+    modules, found = kernel(), list[FloatArray]()
+    walk = modules.TopExp.TopExp_Explorer(shape, modules.TopAbs.TopAbs_ShapeEnum.TopAbs_EDGE)
+    while walk.More():
+        edge = modules.TopoDS.TopoDS.Edge(walk.Current())
+        walk.Next()
+        if modules.BRep.BRep_Tool.Degenerated_s(edge):
+            continue
+        curve = modules.BRepAdaptor.BRepAdaptor_Curve(edge)
+        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
+        found.append(np.array([curve.Value(float(one)).Coord() for one in t]))
+    return found

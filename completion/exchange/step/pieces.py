@@ -29,7 +29,7 @@ _STUB = 1.5  # sampling distances: no end without a corner is shorter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A piece of a fold curve: its range, its corners (-2: a whole closed curve), its support, its length (mm)."""
+    """A piece of a fold curve: range, corners (-2: a whole closed curve), support, and length (mm)."""
 
     curve: int
     low: float
@@ -147,8 +147,8 @@ def chosen(
     upper = np.concatenate([np.ones(n), np.full(m, 20.0), np.ones(m)])
     constraints = []
     if m:
-        row, column, value = zip(*entries, strict=True)
-        matrix = coo_array((value, (row, column)), shape=(m, n + 2 * m)).tocsr()
+        places = np.array([entry[:2] for entry in entries]).T
+        matrix = coo_array(([entry[2] for entry in entries], tuple(places)), shape=(m, n + 2 * m)).tocsr()
         constraints = [LinearConstraint(matrix, 0, 0)]
     found = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
     taken = found.x is not None

@@ -86,7 +86,7 @@ def part_regions(
     regions : sequence of FittedRegion
         The surfaces.
     points, region : (n, 3) float, (n,) int
-        Metres, and the place of each point among the regions; -1 for none. Of a mesh, points on its triangles.
+        Metres, and the place of each point among the regions; -1 for none. Of a mesh, some on its triangles.
     spacing_m, noise_m : float
         Sampling distance and noise, metres.
 

@@ -67,10 +67,11 @@ class Seams:
         if not isinstance(surface, Cylinder | Cone | Torus):
             return kernel_surface(surface)
         place = surface.centre if isinstance(surface, Torus) else surface.point
-        zero = _free_side(place, surface.direction, points)
-        if zero is None:
-            zero = self._corner_side(place, surface.direction, loops)
-            self._begin_on(place, surface.direction, zero, loops)
+        free = _free_side(place, surface.direction, points)
+        if free is not None:
+            return kernel_surface(surface, free)
+        zero = self._corner_side(place, surface.direction, loops)
+        self._begin_on(place, surface.direction, zero, loops)
         return kernel_surface(surface, zero)
 
     def _begin_on(
@@ -126,7 +127,7 @@ class Seams:
 
 
 def _free_side(place: FloatArray, axis: FloatArray, points: FloatArray) -> FloatArray | None:
-    """The direction (3,) across the axis in the middle of the widest sector without points; None if narrow."""
+    """The direction (3,) across the axis amid the widest sector without points; None if narrow."""
     first = plain_zero(axis)
     second = cross(axis, first)
     offset = points - place

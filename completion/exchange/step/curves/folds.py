@@ -62,7 +62,7 @@ class FoldFinder:
         if not same:
             found.append(curve)
         reach = _FAR if same or curve.is_tangent else _NEAR
-        return left[curve.tree.query(left)[0] >= reach * self.spacing]
+        return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""

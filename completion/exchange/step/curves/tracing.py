@@ -22,7 +22,7 @@ _MOST_TURN = np.radians(12.0)  # between steps
 
 
 class Settled(NamedTuple):
-    """Points (n, 3) that were moved onto the curve, its directions (n, 3), their gaps (n,), and which hold."""
+    """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,)."""
 
     points: FloatArray
     along: FloatArray
