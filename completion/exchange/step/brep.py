@@ -130,8 +130,8 @@ def tipped_face(cone: Cone, shape: Any, rim: FloatArray) -> Any:
     """The face of a cone from its tip to a circle about its axis, on which a point (3,) is given."""
     up = cone.direction / np.cos(cone.half_angle)
     tip, ring = float((cone.apex - cone.point) @ up), float((rim - cone.point) @ up)
-    low, high = min(tip, ring), max(tip, ring)
-    made = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(shape, 0.0, 2 * np.pi, low, high, 1e-6)
+    bounds = (0.0, 2 * np.pi, min(tip, ring), max(tip, ring))
+    made = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(shape, *bounds, 1e-6)
     return made.Face()
 
 

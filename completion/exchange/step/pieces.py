@@ -53,7 +53,8 @@ def pieces_of(
 ) -> list[Piece]:
     """Return all pieces of the curves between their corners, and beyond the last ones as far as measured.
 
-    The free ends of these are added to `corners`.
+    `contacts` (m, 3) are where regions `between` (m, 2) touch, `step` their sampling distance; mm. Free ends
+    are added to `corners`.
     """
     fixed = tuple(corners)
     found = list[Piece]()
@@ -93,7 +94,7 @@ class _Asked:
     def piece(self, low: float, high: float, ends: tuple[int, int]) -> Piece:
         """The piece of a range."""
         _, touches, length = self._samples(low, high)
-        return Piece(self.place, low, high, ends, float(touches.mean()), length)
+        return Piece(self.place, low, high, ends, support=float(touches.mean()), length=length)
 
     def whole(self) -> Piece:
         """All of a closed curve."""
@@ -184,7 +185,7 @@ def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
         length = one.length + two.length
         support = (one.support * one.length + two.support * two.length) / length
         ends = (one.ends[0], two.ends[1])
-        alive[a] = Piece(one.curve, one.low, two.high + turns * period, ends, support, length)
+        alive[a] = Piece(one.curve, one.low, two.high + turns * period, ends, support=support, length=length)
         del alive[b]
         for others in at.values():
             others[:] = [a if place == b else place for place in others]

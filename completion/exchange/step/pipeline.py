@@ -136,13 +136,17 @@ def _attempt(parts: PartRegions) -> _Attempt:
         for surface, shape, found, own in zip(surfaces, shapes, loops, points, strict=True)
     ]
     outcomes = tuple(
-        FaceOutcome(region.number, region.surface.kind, one.reason, one.measured, region.sd_m, ends_open)
+        FaceOutcome(
+            region.number, region.surface.kind, one.reason, one.measured, sd_m=region.sd_m, is_open=ends_open
+        )
         for region, one, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
     )
     gap = max((make.off(one) for one in seams.pieces), default=0.0)
     faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
     held = sum(len(own) for own, one in zip(points, trimmed, strict=True) if one.faces)
-    return _Attempt([face for face, _ in faces], [k for _, k in faces], outcomes, gap, spacing, held)
+    return _Attempt(
+        [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
+    )
 
 
 def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:

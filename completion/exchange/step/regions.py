@@ -114,7 +114,9 @@ def part_regions(
         raise InputError(f"a point is of region {int(own.max())}, but there are {len(regions)}")
     place, own = place[used], own[used]
     contacts, between = _contacts(place, own, spacing_m)
-    return PartRegions(tuple(regions), place, own, contacts, between, spacing_m, noise_m)
+    return PartRegions(
+        tuple(regions), place, own, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m
+    )
 
 
 def _contacts(points: FloatArray, own: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:

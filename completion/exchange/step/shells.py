@@ -59,7 +59,7 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     shape = parts[0] if len(parts) == 1 else _compound(parts)
     volume = sum(volume_of(one) for one in solids)
     is_sound = bool(parts) and is_valid(shape)
-    return Sewn(shape, moved, len(solids), len(still_open), volume, is_sound)
+    return Sewn(shape, moved, len(solids), len(still_open), volume_mm3=volume, is_valid=is_sound)
 
 
 def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:

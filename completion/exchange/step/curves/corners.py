@@ -16,6 +16,7 @@ from scenes.checks import FloatArray
 
 _N_STEPS = 25
 _MERGED = 0.35  # sampling distances: corners that are nearer are one
+_STEEP = 0.2  # sine of the angle between curves, from which on they cross well
 _COINCIDE = 0.05  # sampling distances
 _MEET = 0.5  # sampling distances that curves may be apart where they meet
 
@@ -38,6 +39,12 @@ class _Crossing:
     curves: tuple[int, int]
     point: FloatArray
     gap: float
+    is_steep: bool
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The better known first: curves that cross, before those that run side by side and touch."""
+        return not self.is_steep, round(self.gap, 9)
 
 
 def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
@@ -51,8 +58,9 @@ def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
     ]
     found = list[Corner]()
     for group in _groups(crossings, _MERGED * spacing):
-        best = min(group, key=lambda one: one.gap)
-        exact = [one.point for one in group if one.gap <= max(1e-7, 1.5 * best.gap)]
+        best = min(group, key=lambda one: one.rank)
+        alike = [one for one in group if one.is_steep == best.is_steep]
+        exact = [one.point for one in alike if one.gap <= max(1e-7, 1.5 * best.gap)]
         near = [point for point in exact if np.linalg.norm(point - best.point) < 1e-3 * spacing]
         corner = Corner(np.mean(near, axis=0))
         for place in sorted({curve for one in group for curve in one.curves}):
@@ -87,7 +95,7 @@ def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> I
         if gap <= _MEET * spacing:
             point = (one.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
             if np.linalg.norm(point - one.points[place]) <= 2 * reach:
-                yield _Crossing((a, b), point, gap)
+                yield _Crossing((a, b), point, gap, _sine(one, t, two, s) > _STEEP)
 
 
 def _nearest(one: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float, float, float]:
@@ -103,13 +111,19 @@ def _nearest(one: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float,
     return t, s, float(np.linalg.norm(one.slope(t)[0] - two.slope(s)[0]))
 
 
+def _sine(one: FoldCurve, t: float, two: FoldCurve, s: float) -> float:
+    """Sine of the angle between two curves at parameters."""
+    u, v = one.slope(t)[1], two.slope(s)[1]
+    return float(np.linalg.norm(np.cross(u, v)) / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300))
+
+
 def _kept(curve: FoldCurve, t: float) -> float:
     return curve.wrapped(t) if curve.is_closed else min(max(t, curve.low), curve.high)
 
 
 def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]]:
     """Crossings that are one corner: the exact ones first, each with those near it."""
-    order = sorted(range(len(crossings)), key=lambda k: (round(crossings[k].gap, 9), k))
+    order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
     heads, groups = list[FloatArray](), list[list[_Crossing]]()
     for k in order:
         one = crossings[k]

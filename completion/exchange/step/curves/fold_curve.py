@@ -98,4 +98,7 @@ def tabled(
     length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
     n = int(np.clip(_FINE * length / step, _LEAST_POINTS, _MOST_POINTS))
     t = np.linspace(low, high, n, endpoint=not is_closed)
-    return FoldCurve(pair, geometry, low, high, is_closed, is_tangent, t, curve_points(geometry, t))
+    return FoldCurve(
+        pair=pair, geometry=geometry, low=low, high=high, is_closed=is_closed, is_tangent=is_tangent,
+        t=t, points=curve_points(geometry, t),
+    )  # fmt: skip

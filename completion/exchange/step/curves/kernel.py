@@ -52,7 +52,8 @@ def _axes(place: FloatArray, axis: FloatArray, zero: FloatArray) -> Any:
 def kernel_surface(surface: Surface, zero: FloatArray | None = None, axis: FloatArray | None = None) -> Any:
     """The kernel's surface; lengths are those of the surface.
 
-    `zero` (3,) is the direction from its axis to its seam; a sphere's axis (3,) may be given as well.
+    `zero` (3,) is the direction from its axis to its seam; a sphere's axis (3,) may be given as well. Raises
+    InputError: a surface of another kind.
     """
     geom = kernel().Geom
     if isinstance(surface, Plane):

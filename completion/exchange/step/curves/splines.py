@@ -12,7 +12,7 @@ from scenes.checks import FloatArray
 
 
 def chord_lengths(points: FloatArray, is_closed: bool) -> FloatArray:
-    """Arc lengths along the chords, with that of the way back where it closes."""
+    """Lengths (n,) along the chords of points (n, 3), with that of the way back where they close (n + 1,)."""
     whole = np.concatenate([points, points[:1]]) if is_closed else points
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(whole, axis=0), axis=1))])
 
