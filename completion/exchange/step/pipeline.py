@@ -178,7 +178,7 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
         n_open=whole.n_open,
         volume_m3=whole.volume_mm3 / MM**3,
         is_valid=whole.is_valid,
-        gap_m=best.gap / MM,
+        gap_m=round(best.gap / MM, 12),
         reason=reason,
     )
 
