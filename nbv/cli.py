@@ -403,6 +403,12 @@ def part(
     flatten: Annotated[
         bool, typer.Option("--flatten", help="Also flat.ply: ripple taken from planes, relief left.")
     ] = False,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export", metavar="step", help="Also part.step: trimmed faces for CAD.", show_default=False
+        ),
+    ] = None,
     units: UnitsOption = "m",
 ) -> None:
     """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
@@ -418,6 +424,7 @@ def part(
         noise_m=noise,
         ignores_labels=ignore_labels,
         flatten=flatten,
+        exports=parse_choices(export or (), ("step",), "--export"),
         units=units,
     )
     run_part(shared, request)
