@@ -13,6 +13,7 @@ from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.outlines import opening_at, seen_below
 from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension
+from completion.exchange.dimensions.rooms import room_sizes
 from completion.exchange.dimensions.widths import widths_of
 from completion.exchange.drawing.paper import Lettering, Paper
 from scenes.checks import FloatArray
@@ -40,6 +41,8 @@ _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
 _SAME_M = 1e-6  # height of the plan's own widths
+_BESIDE_MM = [np.array([x, y]) for y in (0.0, -8.0, 8.0, -16.0, 16.0) for x in (0.0, 20.0, -20.0)]
+_STOREY_M = 1.3  # between the plan and the middle of a room that it cuts
 
 
 def svg_of(building: BuildingParts) -> str:
@@ -59,6 +62,7 @@ def svg_of(building: BuildingParts) -> str:
     lettering = Lettering()
     drawn_widths = [one for one in widths_of(building) if abs(one.ends[0, 2] - plan.height_m) < _SAME_M]
     widths = _dimensions(drawn_widths, paper, lettering)
+    areas = _areas(building, plan, paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
@@ -67,6 +71,7 @@ def svg_of(building: BuildingParts) -> str:
         *(_path(paper, some, state) for state, some in drawn.items()),
         *_openings(model, plan, paper, lettering),
         *widths,
+        *areas,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
         *_block(paper, [plan.told, *_told_widths(widths)], drawn),
@@ -140,6 +145,22 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             _text(*put, text),
             "</g>",
         ]
+    return found
+
+
+def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+    """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
+    found = []
+    for one in room_sizes(building):
+        if one.kind != "room area" or abs(one.ends[0, 2] - plan.height_m) > _STOREY_M:
+            continue
+        middle = paper.place(one.ends)[0]
+        text = f"{one.value:.2f} \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f} m\u00b2"
+        for off in _BESIDE_MM:
+            put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
+            if put is not None:
+                found.append(_text(*put, text, ' class="label area"'))
+                break
     return found
 
 

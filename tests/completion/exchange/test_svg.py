@@ -64,6 +64,12 @@ def test_the_same_model_gives_the_same_text(text):
     assert svg_of(panorama().building()) == text
 
 
+def test_areas_of_closed_rooms_are_told(root):
+    (label,) = [one for one in root.iter(f"{SVG}text") if "area" in one.get("class", "")]
+    value, half = map(float, label.text.removesuffix(" m\u00b2").split(" \u00b1 "))
+    assert abs(value - SIZE[0] * SIZE[1]) <= half < 0.2
+
+
 def test_openings_are_told():
     text = svg_of(panorama("office", "none").building())
     assert re.search(r"window \d\.\d\d \u00d7 \d\.\d\d", text)
