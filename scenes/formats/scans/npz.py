@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import InputError
+from scenes.checks import InputError, check_point
 from scenes.formats.arrays import ArrayFile, open_arrays
 from scenes.formats.documents import parse_json
 from scenes.formats.header import scan_from_header, scan_header
+from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import rounded_pose
 from scenes.run.atomic import atomic_path, json_text
 from scenes.scan.projection import PinholeProjection
@@ -41,7 +42,7 @@ def write_npz(scan: RangeImage, path: Path) -> None:
 
 
 def read_npz(path: Path) -> list[RangeImage]:
-    """Return the scans of a file of ours (one), or of a benchmark file with `range_tenth_mm` (several)."""
+    """Return the scans of a file of ours or of mere beams (one), or with `range_tenth_mm` (several)."""
     with open_arrays(path) as arrays:
         return scans_in(arrays, path.stem)
 
@@ -52,10 +53,12 @@ def scans_in(arrays: ArrayFile, stem: str) -> list[RangeImage]:
         return [_read_ours(arrays)]
     if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
         return _read_tenth_mm(arrays, stem)
+    if {"origin", "directions", "ranges"} <= set(arrays.files):
+        return [_of_beams(arrays, stem)]
     keys = ", ".join(sorted(arrays.files)) or "nothing"
     raise InputError(
-        f"holds {keys}, which is no scan; expected header and ranges, or range_tenth_mm, "
-        "world_from_sensor and intrinsics"
+        f"holds {keys}, which is no scan; expected header and ranges, or origin, directions and ranges, or "
+        "range_tenth_mm, world_from_sensor and intrinsics"
     )
 
 
@@ -89,3 +92,30 @@ def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
         RangeImage(image / 1e4, camera, rounded_pose(pose), name=f"{stem}#{k}")
         for k, (image, pose) in enumerate(zip(ranges, poses, strict=True), start=1)
     ]
+
+
+def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
+    """A scan of mere beams: `origin` (3,), `directions` (n, 3), `ranges` (n,), perhaps `sigma_m`.
+
+    World coordinates, metres. Directions have any length; ranges that are not finite brought nothing back. The image is made as of
+    points; pixels without one had no return.
+    """
+    origin = check_point("origin", arrays["origin"])
+    directions, ranges = (np.asarray(arrays[key], dtype=np.float64) for key in ("directions", "ranges"))
+    if directions.ndim != 2 or directions.shape[1] != 3 or ranges.shape != (len(directions),):
+        raise InputError(
+            f"directions have shape {directions.shape}, ranges {ranges.shape}; expected (n, 3) and (n,)"
+        )
+    length = np.linalg.norm(directions, axis=1)
+    wrong = ~(np.isfinite(length) & (length > 0))
+    if wrong.any():
+        raise InputError(f"{int(wrong.sum())} of {len(wrong)} directions are not finite or have no length")
+    back = np.isfinite(ranges) & (ranges > 0)
+    points = origin + directions[back] / length[back, None] * ranges[back, None]
+    scan = scan_from_station(points, origin, name)
+    if "sigma_m" not in arrays.files:
+        return scan
+    sigma = float(arrays["sigma_m"])
+    if not (np.isfinite(sigma) and sigma >= 0):
+        raise InputError(f"sigma_m is {sigma}; give metres from 0 on")
+    return scan.restated(sigma_m=sigma)
