@@ -97,8 +97,8 @@ def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
 def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
     """A scan of mere beams: `origin` (3,), `directions` (n, 3), `ranges` (n,), perhaps `sigma_m`.
 
-    World coordinates, metres. Directions have any length; ranges that are not finite brought nothing back. The image is made as of
-    points; pixels without one had no return.
+    World coordinates, metres. Directions have any length; ranges that are not finite brought nothing back.
+    The image is made as of points; pixels without one had no return.
     """
     origin = check_point("origin", arrays["origin"])
     directions, ranges = (np.asarray(arrays[key], dtype=np.float64) for key in ("directions", "ranges"))
