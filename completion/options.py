@@ -14,15 +14,13 @@ from completion.extension.choice import KINDS
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
 from completion.flattening.options import FlatteningOptions
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
+from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
-
-_BOUND = 2.0  # standard deviations within which a pose is taken to be known
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -146,7 +144,7 @@ class CompletionOptions:
             return np.full(len(left_m), stated)
         least = min(stated, REGISTRATION_M)
         if self.pose_deviations_m:
-            return np.maximum(np.fmax(_BOUND * np.array(self.pose_deviations_m), left_m), least)
+            return np.maximum(np.fmax(POSE_BOUND * np.array(self.pose_deviations_m), left_m), least)
         return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)
 
     def in_force(self, n_scans: int) -> CompletionOptions:

@@ -215,6 +215,7 @@ def complete(
         unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
         relations=relations,
+        errors=related.errors.only([one is not None for one in every]),
         flattened=tuple(flattened),
     )
 

@@ -231,6 +231,10 @@ def complete(
             show_default=False,
         ),
     ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option("--tolerance", metavar="M", min=1e-6, help="Half an interval that may be relied on."),
+    ] = 0.01,
     observed: Annotated[
         Literal["auto", "full"],
         typer.Option("--observed", help="observed.ply: ten million points at most, or all."),
@@ -242,7 +246,7 @@ def complete(
     units: UnitsOption = "m",
     up: ScanUpOption = "auto",
 ) -> None:
-    """Continue surfaces behind occluders: completed.glb, observed.ply, hypothesised.ply, report.html."""
+    """Continue surfaces behind occluders: completed.glb, .ply files, decisions.csv, report.html."""
     request = asked_scans(scans, intrinsics, depth_scale, poses, origin=origin, units=units, up=up)
     wanted = parse_choices(export or (), ("obj", "e57", "dxf", "svg", "ifc"), "--export")
     named = [kind.strip() for some in only or () for kind in some.split(",")]
@@ -271,6 +275,7 @@ def complete(
         relations=relations,
         flatten=flatten,
         exports=wanted,
+        tolerance_m=tolerance,
         observed=observed,
         search=texture or "auto",
         cell_m=resolution,
@@ -398,6 +403,12 @@ def part(
     flatten: Annotated[
         bool, typer.Option("--flatten", help="Also flat.ply: ripple taken from planes, relief left.")
     ] = False,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export", metavar="step", help="Also part.step: trimmed faces for CAD.", show_default=False
+        ),
+    ] = None,
     units: UnitsOption = "m",
 ) -> None:
     """Divide a part into planes, spheres, cylinders, cones and tori: part.json, part.ply, report.html.
@@ -413,6 +424,7 @@ def part(
         noise_m=noise,
         ignores_labels=ignore_labels,
         flatten=flatten,
+        exports=parse_choices(export or (), ("step",), "--export"),
         units=units,
     )
     run_part(shared, request)

@@ -29,6 +29,7 @@ class Edge:
     sides: FloatArray  # (k,) sign of the distance across on whose side the surface lies, for each run
     deviation: float  # standard deviation of a point of the curve across it where it was seen, metres
     is_crease: bool = False  # whether another surface meets it there
+    common: float = 0.0  # deviation that all its pixels share, as those do that lie along a column; metres
 
 
 def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
@@ -111,7 +112,10 @@ def _edge(curve: Line | Circle, boundary: BoundaryPixels) -> Edge:
         sides += [sign] * len(spans)
     rms = float(np.sqrt(np.mean(np.square(curve.across(boundary.uv))))) if len(boundary.uv) else 0.0
     deviation = rms * float(np.sqrt(2 / max(len(boundary.uv), 2)))
-    return Edge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation)
+    step = np.abs(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
+    quantum = float(np.median(step)) if len(step) else 0.0
+    common = float(np.sqrt(max(quantum**2 / 12 - rms**2, 0.0)))  # what the residuals do not show of it
+    return Edge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation, common=common)
 
 
 def _spans(curve: Line | Circle, boundary: BoundaryPixels) -> list[tuple[float, float]]:

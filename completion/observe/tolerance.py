@@ -12,6 +12,8 @@ from scenes.checks import FloatArray, check_options
 SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
 FLATNESS_M = 0.001
 """How far a real surface differs from its ideal form where nothing else is said, metres."""
+POSE_BOUND = 2.0
+"""Standard deviations within which a pose is taken to be known."""
 REGISTRATION_M = 0.005
 """How far the poses of several scans may be off where nothing else is said, metres."""
 

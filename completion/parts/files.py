@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.exchange.step.model import StepModel
 from completion.flattening.record import flat_record
+from completion.parts.closing import ClosedPart
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.relations.engine.relation import Status
@@ -18,7 +20,7 @@ from completion.relations.record import FORMAT as RELATIONS_FORMAT
 from completion.relations.record import freedom_record, relation_records, surface_record
 from scenes.checks import IntArray
 from scenes.formats.meshes.ply import write_mesh_ply
-from scenes.run.atomic import make_folder, write_json
+from scenes.run.atomic import make_folder, write_bytes, write_json
 from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.palette import surface_bytes
 
@@ -33,6 +35,8 @@ def write_part(
     rows: IntArray | None = None,
     n_rows: int | None = None,
     flat: FlatPart | None = None,
+    step: StepModel | None = None,
+    closed: ClosedPart | None = None,
 ) -> None:
     """Write part.json, relations.json (where relations were looked for) and part.ply, all or none.
 
@@ -50,6 +54,10 @@ def write_part(
     flat : FlatPart, optional
         The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
         same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
+    step : StepModel, optional
+        The same part as STEP (`completion.parts.step_export.step_model`): part.step.
+    closed : ClosedPart, optional
+        Its mesh with holes closed (`close_holes`): closed.ply, if any was.
 
     Raises
     ------
@@ -58,7 +66,15 @@ def write_part(
     """
     target = make_folder(folder)
     with locked(target), Stage(target) as stage:
-        write_json(stage.path("part.json"), part_record(part, flat))
+        record = part_record(part, flat)
+        if closed is not None:
+            record["closing"] = closing_record(closed)
+            if closed.n_closed:
+                _write_closed(closed, stage)
+        if step is not None:
+            write_bytes(stage.path("part.step"), step.data)
+            record["step"] = step.record()
+        write_json(stage.path("part.json"), record)
         if part.relations is not None:
             write_json(stage.path("relations.json"), relations_record(part))
         every = _Places(rows, n_rows)
@@ -76,6 +92,25 @@ def write_part(
             points = every.of(flat.points, np.nan)
             write_mesh_ply(stage.path("flat.ply"), points, part.faces, told, _LEGEND)
         stage.commit()
+
+
+def _write_closed(closed: ClosedPart, stage: Stage) -> None:
+    """Write the mesh with its holes closed."""
+    state = closed.is_inferred.astype(np.uint8)
+    told = {"surface": closed.surface, "state": state}
+    legend = [*_LEGEND, "state 0 measured", "state 1 inferred: nobody measured it, and no beam vetoes it"]
+    write_mesh_ply(stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=told)
+
+
+def closing_record(closed: ClosedPart) -> dict[str, Any]:
+    """Return what part.json holds of the holes of a mesh."""
+    return {
+        "borders": closed.n_holes,
+        "closed": closed.n_closed,
+        "inferred_m2": closed.inferred_m2,
+        "left": closed.left,
+        "told": closed.told,
+    }
 
 
 class _Places(NamedTuple):

@@ -6,13 +6,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.relation import Status
 from completion.relations.graph import RelationGraph
-from scenes.checks import FloatArray, IntArray, frozen_copy
+from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.run.atomic import write_bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +77,27 @@ class Part:
     def numbered(self, status: Status) -> int:
         """How many relations came to a status."""
         return 0 if self.relations is None else self.relations.numbered(status)
+
+    def export(self, path: str | PathLike[str]) -> list[Path]:
+        """Write the part to one file by suffix, `.step` or `.stp`; return all files that were written.
+
+        STEP (AP214, millimetres) has analytic faces trimmed where surfaces meet, a solid where they close;
+        what is to be known of it, `completion.parts.step_export.step_model` says.
+
+        Raises
+        ------
+        InputError
+            Another suffix, a folder that does not exist, a part without surfaces, or without any that can be
+            trimmed; or OCP is not installed (`pip install "unseen[step]"`).
+        """
+        target = Path(path)
+        if target.suffix.lower() not in (".step", ".stp"):
+            wrong = target.suffix or "a name without suffix"
+            raise InputError(f"{target}: cannot export a part to {wrong}; known: .step, .stp")
+        from completion.parts.step_export import step_model  # its kernel is only loaded where it is asked for
+
+        write_bytes(target, step_model(self, target.stem).data)
+        return [target]
 
     def __repr__(self) -> str:
         holding = 0 if self.relations is None else sum(one.holds for one in self.relations.relations)

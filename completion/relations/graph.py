@@ -11,6 +11,7 @@ from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.placement import moved
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.options import RelationOptions
+from scenes.checks import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +30,8 @@ class RelationGraph:
         Parameters of all surfaces, and how many of them the relations take away.
     options : RelationOptions
         How exactly things were taken to be built, and what was looked for.
+    covariance : (unknowns, unknowns) float
+        Of the parameters of all surfaces, one after the other, given the relations.
     """
 
     fits: tuple[SurfaceFit, ...]
@@ -37,6 +40,7 @@ class RelationGraph:
     unknowns: int
     rank: int
     options: RelationOptions
+    covariance: FloatArray
 
     @classmethod
     def of(cls, estimate: Estimate, relations: Sequence[Relation], options: RelationOptions) -> RelationGraph:
@@ -55,6 +59,7 @@ class RelationGraph:
             unknowns=estimate.n_unknowns,
             rank=estimate.rank,
             options=options,
+            covariance=estimate.covariance,
         )
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from completion.edits.edit import Anchor
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
+from completion.observe.sensor_modes import range_displacements
+from completion.observe.tolerance import POSE_BOUND
 from completion.relations.engine.estimate import Doubt, Estimate
 from completion.relations.engine.wald import with_only
 from completion.relations.graph import RelationGraph
@@ -20,7 +23,9 @@ from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.settled import is_settled
 from completion.relations.stated import StatedRelation
+from completion.uncertainty.joint_errors import UNRELATED, JointErrors, RelatedErrors
 from completion.uncertainty.pipeline import StatedFits
+from completion.uncertainty.sensor_errors import shift_by_sensors
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 
@@ -71,12 +76,15 @@ class RelatedSurfaces:
         All n, in their order.
     stated : tuple of SurfaceFit
         Their fits (n,) with the covariances of all errors, given the relations.
+    errors : JointErrors
+        The same, jointly.
     found : FoundRelations, optional
         Which relations there are; None where nobody asked for them, or there is nothing to relate.
     """
 
     surfaces: tuple[EditedSurface, ...]
     stated: tuple[SurfaceFit, ...]
+    errors: JointErrors
     found: FoundRelations | None = None
 
 
@@ -118,7 +126,7 @@ def relate_surfaces(
     """
     told = [stated.total(k) for k in range(len(edited))]
     if options is None:
-        return RelatedSurfaces(tuple(edited), tuple(told))
+        return RelatedSurfaces(tuple(edited), tuple(told), _errors(edited, told, stated, observations))
     named = [[surface_at(edited, anchor, one.source, observations, world_from_reference)
               for anchor in one.surfaces] for one in given]  # fmt: skip
     largest = max((seen.scan.ranges.size for seen in observations), default=0)
@@ -130,7 +138,7 @@ def relate_surfaces(
     }
     numbers = sorted(large.union(*named))
     if not numbers:
-        return RelatedSurfaces(tuple(edited), tuple(told))
+        return RelatedSurfaces(tuple(edited), tuple(told), _errors(edited, told, stated, observations))
     place = {number: k for k, number in enumerate(numbers)}
     relations = [one.of([place[number] for number in some]) for one, some in zip(given, named, strict=True)]
     doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth.covariance_of(numbers))
@@ -147,7 +155,34 @@ def relate_surfaces(
             told[number] = replace(moved, covariance=fit.covariance)
     places = tuple(number + 1 for number in numbers)
     found = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
-    return RelatedSurfaces(tuple(surfaces), tuple(told), found)
+    first = tuple(accumulate((len(one.covariance) for one in graph.fits), initial=0))
+    related = RelatedErrors(tuple(numbers), first, graph.covariance, tuple(is_moved))
+    return RelatedSurfaces(
+        tuple(surfaces), tuple(told), _errors(surfaces, told, stated, observations, related), found
+    )
+
+
+def _errors(
+    edited: Sequence[EditedSurface],
+    told: Sequence[SurfaceFit],
+    stated: StatedFits,
+    observations: Sequence[Observation],
+    related: RelatedErrors = UNRELATED,
+) -> JointErrors:
+    """All errors of the surfaces, jointly, those of the scans' places included."""
+    shares = np.zeros((len(edited), len(observations)))
+    for number, one in enumerate(edited):
+        for scan, held in one.surface.pixels.held:
+            shares[number, scan] = len(held) / one.surface.n_pixels
+    return JointErrors(
+        own=tuple(one.covariance for one in told),
+        shared=stated.smooth,
+        related=related,
+        ranges=tuple(shift_by_sensors(one.surface, observations, range_displacements) for one in edited),
+        freedom=stated.freedom,
+        shares=shares,
+        pose_sd=np.array([seen.pose_error_m for seen in observations]) / POSE_BOUND,
+    )
 
 
 def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list[FloatArray]:

@@ -41,6 +41,7 @@ from completion.result.observed_points import (
 )
 from completion.result.openings import Opening, find_openings
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
+from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.run.mapping import trim
@@ -260,6 +261,7 @@ class CompletedModel:
     flatness_m: float
     choice: Choice
     relations: FoundRelations | None
+    errors: JointErrors
     flattened: tuple[FlatScan, ...]
     derived: DerivedModel = field(init=False, repr=False)
 

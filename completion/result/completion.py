@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.exchange.building.beams import Beams
-from completion.exchange.building.building_model import BuildingModel, building_model
-from completion.exchange.building.parts import BuildingParts, building_parts
+from completion.exchange.building.parts import BuildingParts
+from completion.exchange.dimensions.advice import TOLERANCE_M
+from completion.exchange.dimensions.pipeline import DecisionSheet, decision_sheet
 from completion.exchange.drawing.svg import svg_of
 from completion.exchange.ifc.pipeline import ifc_of
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
+from completion.result.building import building_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
 from completion.result.panel_files import write_panels_ply
@@ -34,7 +34,7 @@ from scenes.formats.meshes.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
 from scenes.run.staged_outputs import Stage, locked
-from scenes.scan.range_image import RangeImage
+from scenes.scan.range_image import MESH_SENSOR, RangeImage
 
 _COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)
 
@@ -74,6 +74,8 @@ class Completion(CompletedModel):
         Which surfaces were wanted.
     relations : FoundRelations, optional
         What its surfaces are to each other, working frame; None where nobody asked.
+    errors : JointErrors
+        How well its surfaces are known, jointly, working frame.
     flattened : tuple of FlatScan
         How measured planes are flattened in the meshes that are written, by scan; empty where nobody asked.
     derived : DerivedModel
@@ -89,7 +91,7 @@ class Completion(CompletedModel):
         *,
         observed: ObservedDetail = "auto",
     ) -> None:
-        """Write completed.glb, model.ply, observed.ply, hypothesised.ply, polygons.json and completion.json.
+        """Write completed.glb, the .ply files, polygons.json, decisions.csv and completion.json.
 
         All is in world coordinates. The files appear together once all are written; until then those of an
         earlier run stay. With `verification`, completion.json also says what later scans say of what the
@@ -101,7 +103,27 @@ class Completion(CompletedModel):
         InputError
             The folder cannot be made or written, or another run writes there, or `observed` is neither.
         """
-        write_model(self, folder, completion_record(self, verification, observed=observed))
+        record = completion_record(self, verification, observed=observed)
+        write_model(self, folder, record, self.decisions())
+
+    def building(self) -> BuildingParts:
+        """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
+        return building_of(self)
+
+    def decisions(self, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
+        """Return the dimensions that people order by, each with its interval and a word on relying on it.
+
+        Half an interval up to `tolerance_m` metres may be relied on.
+
+        Raises
+        ------
+        InputError
+            The tolerance is not a positive length.
+        """
+        if not (np.isfinite(tolerance_m) and tolerance_m > 0):
+            raise InputError(f"the tolerance is {tolerance_m} m: give a positive length")
+        unknown = any(seen.scan.sensor == MESH_SENSOR and not seen.is_noisy for seen in self.observations)
+        return decision_sheet(self.building(), tolerance_m, is_exact_unknown=unknown)
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.
@@ -129,9 +151,10 @@ class Completion(CompletedModel):
 
 
 def write_model(
-    completion: CompletedModel,
+    completion: Completion,
     folder: str | PathLike[str],
     record: Mapping[str, Any],
+    decisions: DecisionSheet,
     exports: Sequence[str] = (),
 ) -> None:
     """Derive all that the files of a completion hold, then write them, whole or not at all.
@@ -144,6 +167,8 @@ def write_model(
         Made if it is not there.
     record : dict
         What completion.json holds (`completion_record`).
+    decisions : DecisionSheet
+        What decisions.csv holds.
     exports : sequence of "glb", "obj", "dxf", "svg", "ifc", "e57" or "json"
         Formats of further files, called completed.
 
@@ -165,6 +190,7 @@ def write_model(
         ):
             write_meshes_ply(stage.path(name), placed(completion, parts), legend)
         write_panels_ply(stage.path("model.ply"), completion, legend)
+        write_text(stage.path("decisions.csv"), decisions.to_csv())
         write_json(stage.path("completion.json"), record)
         stage.commit()
 
@@ -192,47 +218,29 @@ class _Content:
     polygons: Mapping[str, Any]
     scans: Sequence[RangeImage]
     clouds: Sequence[InferredPoints]
-    drawing: BuildingModel | None
     building: BuildingParts | None
 
     @classmethod
-    def of(cls, completion: CompletedModel, suffixes: Collection[str]) -> _Content:
+    def of(cls, completion: Completion, suffixes: Collection[str]) -> _Content:
         is_e57 = ".e57" in suffixes
         return cls(
             parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
             polygons=polygons_record(completion) if ".json" in suffixes else {},
-            drawing=_drawing(completion) if {".dxf", ".svg"} & {*suffixes} else None,
-            building=parts_of(completion) if ".ifc" in suffixes else None,
+            building=completion.building() if {".dxf", ".svg", ".ifc"} & {*suffixes} else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )
 
 
-def _drawing(completion: CompletedModel) -> BuildingModel:
-    """What drawings show."""
-    polygons, world = polygons_record(completion), completion.world_from_reference
-    return building_model(completion.panels(), completion.patches, polygons, world)
-
-
-def parts_of(completion: CompletedModel) -> BuildingParts:
-    """Return the walls, slabs, storeys, rooms, columns and pipes of a completed building."""
-    seen, several = completion.observations, len(completion.observations) > 1
-    tolerance = EvidenceOptions().tolerance(
-        flatness_m=completion.flatness_m, registration_m=REGISTRATION_M if several else 0.0
-    )
-    beams = Beams.of(seen, completion.world_from_reference, tolerance)
-    return building_parts(_drawing(completion), beams)
-
-
 def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
-        case ".dxf" if content.drawing is not None:
+        case ".dxf" if content.building is not None:
             from completion.exchange.drawing.dxf import dxf_of  # its library is loaded where it is asked for
 
-            write_bytes(path, dxf_of(content.drawing))
-        case ".svg" if content.drawing is not None:
-            write_text(path, svg_of(content.drawing))
+            write_bytes(path, dxf_of(content.building.model))
+        case ".svg" if content.building is not None:
+            write_text(path, svg_of(content.building))
         case ".ifc" if content.building is not None:
             write_text(path, ifc_of(content.building, path.name))
         case ".obj":

@@ -21,7 +21,30 @@ from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
 _NEAR = 1.5  # cells between an outline and the edge that it follows
+_SEEN_CELLS = 2.0  # between a side and measured surface, up to which the side was seen
+_FEW = 0.1  # share of the places along a side that may be wrong
 _FOLLOWS = 0.6  # share of a side that must lie near one edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """How well the n sides of an opening are known within their surface.
+
+    Attributes
+    ----------
+    sd_m : (n,) float
+        Standard deviation across the side, metres: of the edge that it follows, else of a cell.
+    inwards_m, outwards_m : (n,) float
+        How far it may be off where it is hidden: inwards to where beams went through, outwards to where the
+        surface was measured; 0 where it was seen.
+    measured : (n,) float
+        Share of it beside which the surface was measured.
+    """
+
+    sd_m: FloatArray
+    inwards_m: FloatArray
+    outwards_m: FloatArray
+    measured: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +59,8 @@ class Opening:
         Share of it that beams went through; the rest is hidden and inferred to be open.
     points : (n, 3) float
         Its outline, metres, working frame.
+    sides : Sides
+        How well each side is known, from that point to the next.
     declared : bool
         Whether a person drew it.
     """
@@ -43,6 +68,7 @@ class Opening:
     area_m2: float
     seen_share: float
     points: FloatArray
+    sides: Sides
     declared: bool = False
 
 
@@ -68,9 +94,11 @@ def find_openings(patch: Patch) -> list[Opening]:
             continue
         outline = _outline(patch.grid, hole, patch.edges)
         if outline is not None:
-            area = float(shapely.Polygon(outline).area)
+            corners, side_sd = outline
+            sides = _sides(patch, corners, side_sd)
+            area = float(shapely.Polygon(corners).area)
             share = min(float(seen[number] / hole.sum()), 1.0)
-            openings.append(Opening(area, share, patch.grid.surface.from_uv(outline)))
+            openings.append(Opening(area, share, patch.grid.surface.from_uv(corners), sides))
     return openings
 
 
@@ -80,7 +108,9 @@ def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
     area = float(shapely.Polygon(corners).area)
     inside = SurfaceEdits(openings=(outline,)).open_cells(patch.grid)
     seen = float((through & inside).sum()) * patch.grid.cell_area
-    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), declared=True)
+    known = np.zeros(len(corners))
+    sides = Sides(known, known, known, measured=known)
+    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), sides, declared=True)
 
 
 def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
@@ -92,8 +122,8 @@ def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
     return bool(np.mean(near_solid[rim] | ~within[rim]) > 0.98) and bool(solid[rim].any())
 
 
-def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatArray | None:
-    """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow."""
+def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> tuple[FloatArray, FloatArray] | None:
+    """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow; their sd (n,)."""
     filled = ndimage.binary_fill_holes(hole)
     scaled = np.kron(filled, np.ones((2, 2), np.uint8))  # so that contours run along the cells' sides
     chain = max(trace_cells(scaled, holes=False), key=len)
@@ -108,29 +138,70 @@ def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> FloatAr
     sides = [_side(uv, start[k], start[(k + 1) % len(start)], grid, edges) for k in range(len(start))]
     merged = [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
     if len(merged) < 3:
-        return uv[start]
+        return uv[start], np.array([side.sd for side in sides])
     corner = [crossing(merged[k - 1].line, side.line) for k, side in enumerate(merged)]
-    return np.array([side.start if at is None else at for side, at in zip(merged, corner, strict=True)])
+    places = [side.start if at is None else at for side, at in zip(merged, corner, strict=True)]
+    return np.array(places), np.array([side.sd for side in merged])
+
+
+def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> Sides:
+    """How far each side of an outline (n, 2) of the chart may lie inwards and outwards."""
+    cell = float(patch.grid.cell.max())
+    sign = 1.0 if shapely.is_ccw(shapely.LinearRing(corners)) else -1.0
+    found = []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = float(np.linalg.norm(end - start))
+        share = (np.arange(max(int(length / cell), 1)) + 0.5) / max(int(length / cell), 1)
+        places = start + share[:, None] * (end - start)
+        outwards = sign * np.array([end[1] - start[1], start[0] - end[0]]) / max(length, 1e-12)
+        beyond = _until(patch.grid, patch.observed, places, outwards)
+        within = _until(patch.grid, patch.evidence.open, places, -outwards)
+        found.append(
+            [
+                float(max(np.quantile(within, _FEW) - _SEEN_CELLS * cell, 0.0)),
+                float(max(np.quantile(beyond, _FEW) - _SEEN_CELLS * cell, 0.0)),
+                float(np.mean(beyond <= _SEEN_CELLS * cell)),
+            ]
+        )
+    inwards, out, measured = np.array(found).T
+    return Sides(sd, inwards, out, measured=measured)
+
+
+def _until(grid: ChartGrid, cells: BoolArray, places: FloatArray, along: FloatArray) -> FloatArray:
+    """How far (n,) it is from places (n, 2) of the chart along a direction to the next of some cells.
+
+    To the border of the grid where there is none.
+    """
+    step = float(grid.cell.min()) / 2
+    reach = np.arange(int(np.ceil(np.hypot(*(np.array(grid.shape[::-1]) * grid.cell)) / step))) * step
+    at = places[:, None] + reach[None, :, None] * along
+    column, row = np.moveaxis(np.floor((at - grid.corner) / grid.cell).astype(np.int64), -1, 0)
+    column = column % grid.shape[1] if grid.wraps else column
+    inside = (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
+    met = ~inside
+    met[inside] = cells[row[inside], column[inside]]
+    return np.asarray(np.where(met.any(axis=1), reach[np.argmax(met, axis=1)], reach[-1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
     line: Line
     start: FloatArray
+    sd: float  # of the line across itself, metres
 
 
 def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _Side:
     """The line of an edge that the stretch of outline follows, else the line through its points."""
     stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
     near = _NEAR * float(grid.cell.max())
-    share, line = 0.0, None
+    share, line, sd = 0.0, None, float(grid.cell.max())
     for edge in edges:
         if isinstance(edge.curve, Line):
             follows = float(np.mean(np.abs(edge.curve.across(stretch)) <= near))
             if follows > max(share, _FOLLOWS):
-                share, line = follows, edge.curve
+                share, line, sd = follows, edge.curve, float(np.hypot(edge.deviation, edge.common))
     if line is None:
         middle = stretch.mean(axis=0)
         vectors = np.linalg.svd(stretch - middle)[2]
         line = Line(middle, vectors[0])
-    return _Side(line, stretch[0])
+    return _Side(line, stretch[0], sd)

@@ -20,6 +20,7 @@ from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 FORMAT = "unseen polygons 1"
+_OF_SIDES = ("sd_m", "inwards_m", "outwards_m", "measured")
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 _DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
 
@@ -137,4 +138,10 @@ def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found
         "seen_share": found.seen_share,
         "provenance": "user" if found.declared else "inferred",
         "points": points.tolist(),
+        "sides": [
+            {"sd_m": sd, "inwards_m": inwards, "outwards_m": outwards, "measured_share": measured}
+            for sd, inwards, outwards, measured in zip(
+                *(getattr(found.sides, name).tolist() for name in _OF_SIDES), strict=True
+            )
+        ],
     }

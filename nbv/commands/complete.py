@@ -10,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from completion.edits.file import read_edits
+from completion.exchange.dimensions.advice import MESH_DOUBT, TOLERANCE_M
+from completion.exchange.dimensions.pipeline import DecisionSheet
 from completion.extension.extent import Mode
 from completion.flattening.options import FlatteningOptions
 from completion.observe.tiles import solve_plane
@@ -53,6 +55,7 @@ class CompleteRequest:
     relations: str = "auto"
     flatten: bool = False
     exports: tuple[str, ...] = ()
+    tolerance_m: float = TOLERANCE_M
     search: Literal["auto", "exact", "budget"] = "auto"
     cell_m: float | None = None
     projector_m: float | None = None
@@ -156,17 +159,24 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("save")
         said = completion_record(completion, verification, observed=how.observed)
         record = {**said, "warnings": warnings}
+        decisions = completion.decisions(how.tolerance_m)
         lines = placement + lines_of(completion, verification) + lines_of_detail(said["observed_step"])
+        lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
-        write_model(completion, run.stage.folder, record, how.exports)
+        write_model(completion, run.stage.folder, record, decisions, how.exports)
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
 
         page = completion_page(
-            completion, request.title, n_threads=shared.threads, first_scan=record.get("first_scan")
+            completion,
+            request.title,
+            decisions,
+            n_threads=shared.threads,
+            first_scan=record.get("first_scan"),
         )
         run.report(replace(page, warnings=tuple(warnings)), asked)
-        summary = {**summary_of(completion), "warnings": warnings, **placed_of(placement)}
+        summary = {**summary_of(completion), "decisions": decisions.counts()}
+        summary |= {"warnings": warnings, **placed_of(placement)}
         run.finish(resolved, summary, lines)
 
 
@@ -276,6 +286,15 @@ def lines_of_detail(step: int) -> list[str]:
     return [
         f"observed.ply holds one of {step} rows and columns of the scans; --observed full writes them all"
     ]
+
+
+def lines_of_decisions(decisions: DecisionSheet) -> list[str]:
+    """How many dimensions may be relied on, and how many not."""
+    if not decisions.dimensions:
+        return []
+    said = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
+    doubt = f"; {MESH_DOUBT}" if decisions.is_exact_unknown else ""
+    return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {said}{doubt}"]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:

@@ -9,12 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from completion.exchange.step.curves.kernel import kernel
+from completion.exchange.step.model import StepModel
 from completion.flattening.flat import RegionKind
+from completion.parts.closing import close_holes
 from completion.parts.division.reach import reached
-from completion.parts.files import status_counts, whole_record, write_part
+from completion.parts.files import closing_record, status_counts, whole_record, write_part
 from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
+from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.engine.relation import Status
 from completion.relations.stated import StatedRelation, read_part_relations
 from nbv.commands.process.run import Shared, running
@@ -33,6 +37,7 @@ class PartRequest:
     noise_m: float | None = None
     ignores_labels: bool = False
     flatten: bool = False
+    exports: tuple[str, ...] = ()
     units: Units = "m"
 
     @property
@@ -57,17 +62,33 @@ def run_part(shared: Shared, request: PartRequest) -> None:
         run.read(request.files)
         stated = request.stated()
         held = read_part_file(request.shape, request.units)
+        if "step" in request.exports:
+            kernel()  # what is missing is said before the work
         run.will_call(reached, 10)
         part = _modelled(held, request, stated, run)
         flat = _flattened(part, request, run) if request.flatten else None
-        run.warn([*part.warnings, *(() if flat is None else flat.doubts)])
+        closed = close_holes(part)
+        doubts = [] if closed is None or not closed.n_closed else [closed.told]
+        run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
+        step = _as_step(part, request, run) if "step" in request.exports else None
         run.watch.enter("save")
-        write_part(part, run.stage.folder, rows=held.rows, n_rows=held.n_rows, flat=flat)
+        write_part(
+            part,
+            run.stage.folder,
+            rows=held.rows,
+            n_rows=held.n_rows,
+            flat=flat,
+            step=step,
+            closed=closed,
+        )
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
         run.report(part_page(part, Path(request.shape).name, flat), request.options())
-        run.finish(request.options(), summary_of(part, flat), lines_of(part, flat))
+        told = {} if step is None else {"step": step.record()}
+        told |= {} if closed is None else {"closing": closing_record(closed)}
+        lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
+        run.finish({**request.options(), **told}, {**summary_of(part, flat), **told}, lines)
 
 
 def _modelled(
@@ -97,6 +118,15 @@ def _flattened(part: Part, request: PartRequest, run: Any) -> FlatPart:
     except InputError as error:
         doubts = "".join(f"; {text}" for text in part.warnings)
         raise InputError(f"{Path(request.shape).name}: {error}{doubts}") from None
+
+
+def _as_step(part: Part, request: PartRequest, run: Any) -> StepModel:
+    """The part as STEP."""
+    run.watch.enter("step")
+    try:
+        return step_model(part, Path(request.shape).stem)
+    except InputError as error:
+        raise InputError(f"{Path(request.shape).name}: {error}") from None
 
 
 def summary_of(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:

@@ -9,8 +9,10 @@ from functools import partial
 from typing import Any
 
 from completion.evidence.registration.registration import Registration
+from completion.exchange.dimensions.pipeline import DecisionSheet
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
+from nbv.report.blocks.decision_blocks import decision_sections
 from nbv.report.blocks.flat_scans import flattening_sections
 from nbv.report.blocks.relation_blocks import relation_section
 from nbv.report.blocks.scan_tables import scans_table
@@ -45,10 +47,12 @@ _MOST_PAIRS = 20  # of scans whose poses are compared
 def completion_page(
     completion: Completion,
     title: str,
+    decisions: DecisionSheet | None = None,
+    *,
     n_threads: int | None = None,
     first_scan: Mapping[str, Any] | None = None,
 ) -> Page:
-    """Return the report of one completion.
+    """Return the report of one completion, with the decisions of `completion.decisions()` or others.
 
     `first_scan` is what later scans say of what the first one alone inferred, as completion.json holds it.
     """
@@ -68,6 +72,7 @@ def completion_page(
         bar=area_bar(completion),
         sections=(
             Section("Before and after", before_and_after(completion, n_threads)),
+            *decision_sections(completion.decisions() if decisions is None else decisions),
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
             *flattening_sections(completion),

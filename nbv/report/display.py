@@ -94,7 +94,7 @@ def _page_of(
     """Return the report."""
     if isinstance(thing, Completion):
         asked: dict[str, Any] = {"mode": thing.mode, "scans": [seen.scan.name for seen in thing.observations]}
-        page = completion_page(thing, title or thing.observations[0].scan.name, n_threads)
+        page = completion_page(thing, title or thing.observations[0].scan.name, n_threads=n_threads)
         return replace(page, options=asked)
     if isinstance(thing, RangeImage):
         return scan_page(thing)

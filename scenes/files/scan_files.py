@@ -196,7 +196,10 @@ def itself(scan: RangeImage) -> RangeImage:
 def _refusal(suffix: str) -> str:
     """Why a suffix is no scan, and the cure."""
     if suffix in MESH_SUFFIXES:
-        return f"{suffix} is a mesh, not a scan; simulate one with `unseen scan SCENE -o FILE.npz`"
+        return (
+            f"{suffix} is a mesh, not a scan; say where scanners stood in it, --origin X,Y,Z, or simulate a "
+            "scan with `unseen scan SCENE -o FILE.npz`"
+        )
     if suffix == ".pts":
         return NO_RAYS
     known = ", ".join(SCAN_SUFFIXES)

@@ -12,6 +12,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.files.describe_scans import scan_warnings
+from scenes.files.mesh_stations import is_mesh, scan_mesh
 from scenes.files.point_files import read_points
 from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, spill_for, split_index
 from scenes.formats.scans.station import scan_from_station
@@ -40,7 +41,8 @@ class ScanRequest:
     units : str
         Unit of the files.
     origins : tuple of (x, y, z)
-        Where the scanner stood for each path, metres; when given, files are read as mere points.
+        Where the scanner stood for each path, metres; when given, files are read as mere points, and a mesh
+        is seen from all these places.
     up : str
         The axis of the files that is up, "x" to "-z", or "auto": estimated (`scenes.scan.upright`).
     """
@@ -144,7 +146,8 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
     if request.origins:
-        scans, paths = _read_clouds(request), list(request.paths)
+        scans = _read_clouds(request)
+        paths = list(request.paths) * (len(scans) // len(request.paths))
     else:
         scans, paths = _read_scans(request, posed=posed)
     turn, told = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
@@ -201,8 +204,20 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
     return scans, paths
 
 
+def _read_mesh(request: ScanRequest) -> list[RangeImage]:
+    """Return what is seen of the one mesh that was given from each place that was said."""
+    if len(request.paths) > 1:
+        raise InputError(
+            f"{request.paths[0]} and {len(request.paths) - 1} more: give one mesh alone, with --origin X,Y,Z "
+            "for each place where a scanner stood"
+        )
+    return scan_mesh(request.paths[0], request.origins, request.units, request.up)
+
+
 def _read_clouds(request: ScanRequest) -> list[RangeImage]:
-    """Return the points of each path as a scan from the place that was said."""
+    """Return the points of each path as a scan from the place that was said; a mesh from all places."""
+    if any(is_mesh(path) for path in request.paths):
+        return _read_mesh(request)
     if len(request.origins) != len(request.paths):
         raise InputError(
             f"{len(request.origins)} places for {len(request.paths)} scans; give --origin X,Y,Z once a scan"

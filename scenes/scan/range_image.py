@@ -33,6 +33,10 @@ TRUTH_CHANNELS = {
 _FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "warnings")
 
 
+MESH_SENSOR = "cast at a mesh"
+"""What `RangeImage.sensor` says of a scan that nobody took: it was cast at a mesh."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanTruth:
     """What a simulated scan really met, pixel by pixel.

@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.building_model import BuildingModel, building_model
-from completion.result.polygons import polygons_record
+from completion.exchange.building.building_model import BuildingModel
+from completion.exchange.dimensions.dimension import Dimension
+from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
@@ -28,7 +29,7 @@ def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Comple
 
 def drawn(done: Completion) -> BuildingModel:
     """What drawings show of a completion."""
-    return building_model(done.panels(), done.patches, polygons_record(done), done.world_from_reference)
+    return done.building().model
 
 
 def box() -> BuildingModel:
@@ -50,4 +51,19 @@ def box() -> BuildingModel:
         planes=(),
         cylinders=(),
         floor_m=None,
+        errors=NO_ERRORS,
+    )
+
+
+def length(value: float, half: float, share: float = 1.0, existence: float = 1.0) -> Dimension:
+    """A length that rests on nothing."""
+    return Dimension(
+        kind="room width",
+        value=value,
+        low=value - half,
+        high=value + half,
+        supports=(),
+        ends=np.zeros((2, 3)),
+        measured_share=share,
+        existence=existence,
     )

@@ -7,7 +7,6 @@ import numpy as np
 
 from completion import Completion, CompletionOptions, complete
 from completion.exchange.building.parts import BuildingParts
-from completion.result.completion import parts_of
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.pose import Pose
@@ -59,4 +58,4 @@ def completed_house(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1
 @cache
 def house_parts(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1, 2)) -> BuildingParts:
     """The parts of the completed house."""
-    return parts_of(completed_house(noise, places))
+    return completed_house(noise, places).building()

@@ -154,7 +154,7 @@ def plain_page(kind):
     scans = [scan_scene(ROOM, plan.views[k], rng=0, name=f"view {k + 1}") for k in (0, 1)]
     model = complete(scans, PLAIN, rng=0, n_threads=1)
     if kind == "completion":
-        return completion_page(model, "two scans", 1)
+        return completion_page(model, "two scans", n_threads=1)
     return demo_page(ROOM, plan, [0, 1], model, compare(model, scans, ROOM.mesh, SHARED["samples"]), 1)
 
 

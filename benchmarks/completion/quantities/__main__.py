@@ -21,7 +21,6 @@ from benchmarks.completion.quantities.elements import TrueBuilding
 from benchmarks.completion.relations.building import station_places
 from completion import CompletionOptions, complete
 from completion.exchange.building.parts import BuildingParts
-from completion.result.completion import parts_of
 from nbv import PinholeSensor, scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes import RangeImage
@@ -48,7 +47,7 @@ def quantities(
     start = time.process_time()
     scans = list(_scans(stations, noise, sensor))
     done = complete(scans, CompletionOptions(texture=False), rng=0)
-    parts = parts_of(done)
+    parts = done.building()
     print(f"{len(scans)} scans, {len(parts.faces)} planes, {time.process_time() - start:.0f} s of processors")
     measured = np.concatenate([scan.points()[scan.valid][::4] for scan in scans])
     print("| | within 5 % | of | told | off, median | 90 % |")

@@ -18,6 +18,7 @@ from completion.exchange.building.elements import (
 )
 from completion.extension.patch import Patch
 from completion.panels.model import PanelModel
+from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder
@@ -39,13 +40,31 @@ class FoldLine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpeningOutline:
-    """An opening: its surface, what it is, its outline (n, 3) in the world, its size in metres."""
+    """An opening.
+
+    Attributes
+    ----------
+    surface : int
+        The surface it is in, from 1.
+    kind : "door", "window" or "opening"
+        What it is by its place in a wall.
+    points : (n, 3) float
+        Its outline, world coordinates, metres.
+    sides : sequence of mapping
+        How well each side is known, from that point to the next, as in `polygons.json`.
+    width_m, height_m : float
+        Its size along the level and upwards.
+    seen_share : float
+        Share of it that beams went through; the rest is inferred to be open.
+    """
 
     surface: int
     kind: str
     points: FloatArray
+    sides: Sequence[Mapping[str, float]]
     width_m: float
     height_m: float
+    seen_share: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +97,8 @@ class BuildingModel:
         Its completed cylinders.
     floor_m : float or None
         Height of the lowest floor; None where none was found.
+    errors : JointErrors
+        How well the surfaces are known, jointly.
     """
 
     vertices: FloatArray
@@ -92,6 +113,7 @@ class BuildingModel:
     planes: tuple[PlaneElement, ...]
     cylinders: tuple[CylinderElement, ...]
     floor_m: float | None
+    errors: JointErrors
 
     @property
     def walls(self) -> tuple[PlaneElement, ...]:
@@ -110,7 +132,12 @@ class BuildingModel:
 
 
 def building_model(
-    panels: PanelModel, patches: Sequence[Patch], polygons: Mapping[str, Any], world: Pose
+    panels: PanelModel,
+    patches: Sequence[Patch],
+    polygons: Mapping[str, Any],
+    errors: JointErrors,
+    *,
+    world: Pose,
 ) -> BuildingModel:
     """Return what drawings show of a completed model.
 
@@ -122,6 +149,8 @@ def building_model(
         The completed surfaces, in their order.
     polygons : mapping
         What `polygons.json` holds.
+    errors : JointErrors
+        How well the surfaces are known.
     world : Pose
         From the working frame to the world.
     """
@@ -153,7 +182,13 @@ def building_model(
         corner_sd_m=np.array(spread),
         openings=tuple(
             OpeningOutline(
-                int(plane["id"]), one["kind"], np.array(one["points"]), one["width_m"], one["height_m"]
+                surface=int(plane["id"]),
+                kind=one["kind"],
+                points=np.array(one["points"]),
+                sides=one["sides"],
+                width_m=one["width_m"],
+                height_m=one["height_m"],
+                seen_share=one["seen_share"],
             )
             for plane in polygons["surfaces"]
             for one in plane["openings"]
@@ -161,6 +196,7 @@ def building_model(
         planes=tuple(planes),
         cylinders=tuple(cylinders),
         floor_m=_lowest_floor(planes),
+        errors=errors,
     )
 
 

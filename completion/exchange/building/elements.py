@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 
 from completion.extension.patch import Patch
 from scenes.checks import FloatArray
@@ -38,6 +39,10 @@ class Element:
     def gradient(self, place: FloatArray) -> FloatArray:
         """Derivative (k,) of the signed distance of a place (3,) of the world by the surface's parameters."""
         return np.asarray(self.patch.stated.gradient(self._local(place))[0])
+
+    def normal_at(self, place: FloatArray) -> FloatArray:
+        """Unit normal (3,) at a place (3,), both of the world."""
+        return np.asarray(self.world.rotate(self.patch.grid.surface.normal(self._local(place)))[0])
 
     def sd_m(self, place: FloatArray) -> float:
         """Standard deviation of the surface along its normal at a place (3,) of the world, metres."""
@@ -90,6 +95,13 @@ class PlaneElement(Element):
     area_m2: float
     rings: tuple[FloatArray, ...]
     n_outer: int
+
+    def covers(self, place: FloatArray) -> bool:
+        """Whether a place (3,) on it lies within its outline; holes count as covered."""
+        frame = np.linalg.svd(self.normal[None])[2][1:]
+        outer = [shapely.Polygon((ring - self.point) @ frame.T) for ring in self.rings[: self.n_outer]]
+        point = shapely.Point((place - self.point) @ frame.T)
+        return any(polygon.intersects(point) for polygon in outer)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ _THROUGH = 0.5  # share of it that beams must have gone through
 _BEHIND_M = 0.05  # a wall's face, where they are looked for
 _RECTANGLE = 0.85  # of the rectangle around it that it must fill to be one
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
+_BESIDE_CELLS = 2.0  # between a side and what was measured of its wall
 _DOOR_M = 0.1  # how far above the floor a door may begin
 _BEFORE_M = 0.02  # a wall, where a room must be
 _MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is that of fitted planes
@@ -59,9 +61,27 @@ def _gaps(side: RoomSide, room: Room, known: Any, beams: Beams) -> Iterator[Open
         around = _rectangle(part)
         ring = around if part.area >= _RECTANGLE * around.area else part
         left, low, right, high = ring.bounds
-        points = frame.place(shapely.get_coordinates(ring.exterior)[:-1])
+        corners = shapely.get_coordinates(ring.exterior)
+        points = frame.place(corners[:-1])
         kind = "door" if points[:, 2].min() < room.floor_m + _DOOR_M else "window"
-        yield OpeningOutline(face.number, kind, points, float(right - left), float(high - low))
+        yield OpeningOutline(
+            surface=face.number,
+            kind=kind,
+            points=points,
+            sides=[_side(face, *ends) for ends in pairwise(corners)],
+            width_m=float(right - left),
+            height_m=float(high - low),
+            seen_share=1.0,
+        )
+
+
+def _side(face: PlaneFace, start: FloatArray, end: FloatArray) -> dict[str, float]:
+    """How well a side, from a corner (2,) to the next, is known: to a cell, where its wall was measured."""
+    cell = float(face.element.patch.grid.cell.max())
+    places = shapely.points(start + np.linspace(0.05, 0.95, 19)[:, None] * (end - start))
+    beside = shapely.distance(face.measured, places) <= _BESIDE_CELLS * cell
+    known = {"inwards_m": 0.0, "outwards_m": 0.0, "measured_share": float(np.mean(beside))}
+    return {"sd_m": cell, **known}
 
 
 def _rectangle(part: Any) -> Any:

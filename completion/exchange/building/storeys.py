@@ -16,6 +16,7 @@ from completion.exchange.building.faces import Frame, PlaneFace
 
 _HEADROOM_M = 1.8  # that people need above a floor, and from one storey to the next
 _LEAST_M2 = 1.0  # of a floor, and of a ceiling
+_LARGE_M2 = 0.25  # of what was measured below a level plane, which is no floor then
 _COVERED = 0.5  # of a level plane that another one lies below, which makes it a table top
 _SAME_M = 0.2  # by which floors of one storey may differ and be none on another
 _LEAST_HIGH_M = 0.5  # of the part of a wall in a storey
@@ -116,7 +117,11 @@ def bands(storeys: Sequence[Storey], area: Any, frame: Frame, begin_m: float) ->
 
 
 def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
-    """Whether people may stand on a face: large, and no other one lies close below."""
+    """Whether people may stand on a face: large, and no other one lies close below.
+
+    What does not enclose the room, as the floor of a house of several rooms, is no floor where anything large
+    was measured further down, unless that is another storey: seats and tables are level, too.
+    """
     if face.frame.normal[2] < 0 or not face.is_level or face.area.area < _LEAST_M2:
         return False
     if face.element.kind == "floor":
@@ -129,7 +134,17 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         and other.frame.normal[2] > 0
         and level - _HEADROOM_M < level_of(other) < level - _SAME_M
     ]
-    return all(common(own, other.plan()).area < _COVERED * own.area for other in below)
+    if any(common(own, other.plan()).area >= _COVERED * own.area for other in below):
+        return False
+    lower = [one for one in faces if one.lowest_m < level - _SAME_M and one.measured.area >= _LARGE_M2]
+    storey_below = any(
+        one.is_level
+        and one.frame.normal[2] > 0
+        and level_of(one) <= level - _HEADROOM_M
+        and one.area.area >= _LEAST_M2
+        for one in lower
+    )
+    return storey_below or not lower
 
 
 def _is_ceiling(face: PlaneFace, level: float, above: float, *, has_floor: bool) -> bool:

@@ -1,68 +1,66 @@
 # SPDX-License-Identifier: MIT
-"""Dimensions: widths of rooms between opposite walls, with the interval in which they lie."""
+"""Widths of rooms between opposite walls, by a plan."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations
-from statistics import NormalDist
 
 import numpy as np
 import shapely
 
 from completion.exchange.building.building_model import REST
-from completion.exchange.building.cut import CutLine, Plan
+from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.elements import PlaneElement
+from completion.exchange.building.parts import BuildingParts
+from completion.exchange.dimensions.dimension import Dimension, between
+from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
-_LEVEL = 0.95  # of the intervals
 _PARALLEL = float(np.cos(np.radians(5.0)))  # how far walls may be from parallel and have a width between them
 _LEAST_M = 0.3  # of a width, and of the stretch along which two walls face each other
 _PLACES = np.linspace(0.1, 0.9, 17)[np.argsort(np.abs(np.linspace(0.1, 0.9, 17) - 0.5), kind="stable")]
 _AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Dimension:
-    """The width between two walls at a place.
-
-    Attributes
-    ----------
-    surfaces : (int, int)
-        The walls' numbers.
-    ends : (2, 3) float
-        Where it was taken, world coordinates, metres.
-    value_m, half_m : float
-        The width, and half its 95 % interval.
-    is_measured : tuple of bool
-        Whether the first and the second wall were measured there.
-    """
-
-    surfaces: tuple[int, int]
-    ends: FloatArray
-    value_m: float
-    half_m: float
-    is_measured: tuple[bool, bool]
-
-    @property
-    def interval_m(self) -> tuple[float, float]:
-        """The least and the greatest width."""
-        return self.value_m - self.half_m, self.value_m + self.half_m
+def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
+    """Return the widths of all storeys, each by a plan 1.1 m above its floor; see `room_widths`."""
+    found: list[Dimension] = []
+    model = building.model
+    for number, storey in enumerate(building.storeys):
+        plan = plan_of(model if number == 0 else replace(model, floor_m=storey.elevation_m))
+        rooms = [room.outline for room in building.rooms if room.storey == number and room.closed]
+        walls = sorted((face.element for face in storey.walls), key=lambda wall: wall.number)
+        found += room_widths(walls, plan, model.errors, rooms)
+    return tuple(found)
 
 
-def room_widths(walls: Sequence[PlaneElement], plan: Plan) -> tuple[Dimension, ...]:
+def room_widths(
+    walls: Sequence[PlaneElement],
+    plan: Plan,
+    errors: JointErrors,
+    rooms: Sequence[shapely.Geometry] = (),
+) -> tuple[Dimension, ...]:
     """Return the widths between walls that face each other in a plan, with nothing of a wall between them.
 
     They are taken square to the first wall, where that is measured on both sides if there is such a place,
-    and else as near the middle as walls let. The interval is 1.96 times the sum of both planes' stated
-    deviations at its ends: as wide as it can be, whatever errors they share, since a sensor's range may be
-    wrong by the same amount on both sides of it. The greatest come first.
+    and else as near the middle as walls let. One whose middle lies in one of the outlines of `rooms` ends in
+    that room, and does not go through its door. The greatest come first.
     """
     own = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
-    solid = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind == "wall"]
-    rest = [shapely.LineString(line.points[:, :2]) for line in plan.lines if line.kind not in ("wall", REST)]
-    obstacles = shapely.union_all(solid), shapely.union_all(rest)
+    solid = [
+        shapely.LineString(line.points[:, :2])
+        for line in plan.lines
+        if line.surface in own or line.kind == "wall"
+    ]
+    rest = [
+        shapely.LineString(line.points[:, :2])
+        for line in plan.lines
+        if line.surface not in own and line.kind not in ("wall", REST)
+    ]
+    borders = shapely.union_all([room.exterior for room in rooms])
+    obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
     found = []
     for one, other in combinations([wall for wall in walls if own[wall.number]], 2):
         facing = (
@@ -71,20 +69,20 @@ def room_widths(walls: Sequence[PlaneElement], plan: Plan) -> tuple[Dimension, .
             > float((other.point - one.point) @ other.normal)
         )
         if facing and float(one.normal @ other.normal) <= -_PARALLEL:
-            width = _width((one, other), (own[one.number], own[other.number]), plan.height_m, obstacles)
-            found += [width] if width else []
-    return tuple(sorted(found, key=lambda dimension: -dimension.value_m))
+            ends = _ends((one, other), (own[one.number], own[other.number]), plan.height_m, obstacles)
+            found += [] if ends is None else [between("room width", ends, (one, other), errors)]
+    return tuple(sorted(found, key=lambda dimension: -dimension.value))
 
 
-def _width(
+def _ends(
     walls: tuple[PlaneElement, PlaneElement],
     lines: tuple[Sequence[CutLine], Sequence[CutLine]],
     height_m: float,
     obstacles: tuple[shapely.Geometry, shapely.Geometry],
-) -> Dimension | None:
-    """The width between two walls; None where they do not face each other, or a wall stands between."""
-    first, second = walls
-    square = np.array([*first.normal[:2], 0.0]) / np.hypot(*first.normal[:2])
+) -> FloatArray | None:
+    """Where (2, 3) a width is taken; None where walls do not face each other, or a wall stands between."""
+    normal = walls[0].normal
+    square = np.array([*normal[:2], 0.0]) / np.hypot(*normal[:2])
     along = np.array([-square[1], square[0], 0.0])
     reach = [np.concatenate([line.points @ along for line in some]) for some in lines]
     low, high = max(r.min() for r in reach), min(r.max() for r in reach)
@@ -102,9 +100,7 @@ def _width(
             continue
         cost = (sum(not state for state in states), int(sight.intersects(obstacles[1])))
         if cost < least:
-            half = NormalDist().inv_cdf((1 + _LEVEL) / 2) * (first.sd_m(ends[0]) + second.sd_m(ends[1]))
-            known = (bool(states[0]), bool(states[1]))
-            least, best = cost, Dimension((first.number, second.number), ends, value, half, known)
+            least, best = cost, ends
     return best
 
 

@@ -11,7 +11,10 @@ import numpy as np
 from completion.exchange.building.building_model import BuildingModel
 from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.outlines import opening_at, seen_below
-from completion.exchange.dimensions.widths import Dimension, room_widths
+from completion.exchange.building.parts import BuildingParts
+from completion.exchange.dimensions.dimension import Dimension
+from completion.exchange.dimensions.rooms import room_sizes
+from completion.exchange.dimensions.widths import widths_of
 from completion.exchange.drawing.paper import Lettering, Paper
 from scenes.checks import FloatArray
 
@@ -37,15 +40,19 @@ _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
+_SAME_M = 1e-6  # height of the plan's own widths
+_BESIDE_MM = [np.array([x, y]) for y in (0.0, -8.0, 8.0, -16.0, 16.0) for x in (0.0, 20.0, -20.0)]
+_STOREY_M = 1.3  # between the plan and the middle of a room that it cuts
 
-def svg_of(model: BuildingModel) -> str:
-    """Return the floor plan of a model as SVG: a sheet of A4 in millimetres; the same model, the same text.
+
+def svg_of(building: BuildingParts) -> str:
+    """Return the floor plan of a building as SVG: a sheet of A4 in millimetres; the same one, the same text.
 
     Lines are `measured` (solid), `inferred` (dashed, blue) or `rest` (of no surface, thin); thin grey ones
     lie below the cut. Each group `dimension` has the width of a room between two walls as `data-value-m`,
     the ends of its 95 % interval as `data-low-m` and `data-high-m`, and the walls as `data-surfaces`.
     """
-    plan = plan_of(model)
+    model, plan = building.model, plan_of(building.model)
     below = seen_below(model, plan.height_m)
     own = [line.points[:, :2] for line in plan.lines if line.surface] + below
     places = own or [line.points[:, :2] for line in plan.lines]
@@ -53,7 +60,9 @@ def svg_of(model: BuildingModel) -> str:
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
     drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
     lettering = Lettering()
-    widths = _dimensions(room_widths(model.walls, plan), paper, lettering)
+    drawn_widths = [one for one in widths_of(building) if abs(one.ends[0, 2] - plan.height_m) < _SAME_M]
+    widths = _dimensions(drawn_widths, paper, lettering)
+    areas = _areas(building, plan, paper, lettering)
     left, top, wide, high = paper.frame
     body = [
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
@@ -62,6 +71,7 @@ def svg_of(model: BuildingModel) -> str:
         *(_path(paper, some, state) for state, some in drawn.items()),
         *_openings(model, plan, paper, lettering),
         *widths,
+        *areas,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
         *_block(paper, [plan.told, *_told_widths(widths)], drawn),
@@ -126,16 +136,31 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             continue
         lettering.keep([ends])
         slant = _TICK_MM * (along + across) / np.sqrt(2)
-        low, high = one.interval_m
-        state = "" if all(one.is_measured) else " on-inferred"
+        state = "" if one.measured_share == 1 else " on-inferred"
         found += [
             f'<g class="dimension{state}" data-surfaces="{one.surfaces[0]} {one.surfaces[1]}" '
-            f'data-value-m="{one.value_m:.6f}" data-low-m="{low:.6f}" data-high-m="{high:.6f}">',
+            f'data-value-m="{one.value:.6f}" data-low-m="{one.low:.6f}" data-high-m="{one.high:.6f}">',
             _line(ends, "thin"),
             *(f'<path d="M{_xy(end - slant)}L{_xy(end + slant)}"/>' for end in ends),
             _text(*put, text),
             "</g>",
         ]
+    return found
+
+
+def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+    """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
+    found = []
+    for one in room_sizes(building):
+        if one.kind != "room area" or abs(one.ends[0, 2] - plan.height_m) > _STOREY_M:
+            continue
+        middle = paper.place(one.ends)[0]
+        text = f"{one.value:.2f} \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f} m\u00b2"
+        for off in _BESIDE_MM:
+            put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
+            if put is not None:
+                found.append(_text(*put, text, ' class="label area"'))
+                break
     return found
 
 
@@ -147,9 +172,9 @@ def _told_widths(drawn: Sequence[str]) -> list[str]:
 
 def told_width(dimension: Dimension) -> str:
     """Return a width as drawings show it: metres to the millimetre, the interval rounded up."""
-    digits = 3 if dimension.half_m >= 5e-4 else 4
-    half = np.ceil(dimension.half_m * 10**digits - 1e-9) / 10**digits
-    return f"{dimension.value_m:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
+    digits = 3 if dimension.half >= 5e-4 else 4
+    half = np.ceil(dimension.half * 10**digits - 1e-9) / 10**digits
+    return f"{dimension.value:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
 
 
 def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[str]:

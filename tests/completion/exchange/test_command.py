@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""`unseen complete --export dxf|svg|ifc`: files beside the others, or one line that says why not."""
+"""`unseen complete --export dxf|svg|ifc`: drawings and BIM beside the other files, or the reason."""
 
 from typer.testing import CliRunner
 
 from completion.exchange.drawing.svg import svg_of
 from completion.exchange.ifc.pipeline import ifc_of
-from completion.result.completion import parts_of
 from nbv.cli import app
 from scenes.files.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example
-from tests.helpers.exchange_examples import drawn
 
 
 def test_the_command_writes_what_python_exports(tmp_path):
@@ -19,9 +17,9 @@ def test_the_command_writes_what_python_exports(tmp_path):
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out/completed.dxf").read_text("utf-8").startswith("  0\nSECTION\n")
     text = (tmp_path / "out/completed.ifc").read_text("utf-8")
-    assert text == ifc_of(parts_of(completed("two_occluders", pixels=120)))
+    assert text == ifc_of(completed("two_occluders", pixels=120).building())
     text = (tmp_path / "out/completed.svg").read_text("utf-8")
-    assert text == svg_of(drawn(completed("two_occluders", pixels=120)))
+    assert text == svg_of(completed("two_occluders", pixels=120).building())
 
 
 def test_other_formats_are_told_the_known_ones():

@@ -98,7 +98,7 @@ def test_level_tops_are_seen_below_without_holes(room):
 
 def test_an_opening_at_a_height_has_two_ends():
     points = np.array([[1, 0, 0], [2, 0, 0], [2, 0, 2], [1, 0, 2.0]])
-    door = OpeningOutline(1, "door", points, 1.0, 2.0)
+    door = OpeningOutline(1, "door", points, (), 1.0, height_m=2.0, seen_share=1.0)
     ends = opening_at(door, 1.1)
     assert sorted(ends[:, 0]) == pytest.approx([1, 2])
     assert opening_at(door, 2.5) is None

@@ -13,7 +13,6 @@ from completion.exchange.ifc.pipeline import ifc_of
 from completion.exchange.ifc.step_text import StepText
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from completion.result.completion import parts_of
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -169,7 +168,7 @@ def test_it_is_valid(name, text, tmp_path):
     from ifcopenshell import validate
 
     path = tmp_path / "a.ifc"
-    path.write_text(text if name == "house" else ifc_of(parts_of(panorama(name))))
+    path.write_text(text if name == "house" else ifc_of(panorama(name).building()))
     logger = validate.json_logger()
     validate.validate(str(path), logger, express_rules=True)
     assert logger.statements == []
@@ -249,7 +248,7 @@ def test_measured_and_inferred_differ_in_colour(read):
 
 def test_columns_and_open_rooms_of_the_office():
     ifcopenshell = pytest.importorskip("ifcopenshell")
-    read = ifcopenshell.file.from_string(ifc_of(parts_of(panorama("office"))))
+    read = ifcopenshell.file.from_string(ifc_of(panorama("office").building()))
     (column,) = read.by_type("IfcColumn")
     told = quantities(column)
     # The engine draws a circle as a polygon within it.

@@ -28,7 +28,6 @@ from completion.exchange.building.parts import building_parts
 from completion.exchange.building.rooms import shut_volume
 from completion.exchange.building.storeys import bands, find_storeys, storey_at
 from completion.observe.tolerance import EvidenceOptions
-from completion.result.completion import parts_of
 from scenes.pose import Pose
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
 from tests.helpers.exchange_houses import (
@@ -171,7 +170,7 @@ def test_rooms_have_their_area_height_and_volume(parts):
 
 
 def test_a_room_without_all_walls_is_open_and_has_no_volume():
-    room = next(one for one in parts_of(panorama("office")).rooms)
+    room = next(one for one in panorama("office").building().rooms)
     assert (room.closed, room.volume_m3) == (False, None)
     assert room.told == "no volume: walls were not found all around it"
 
@@ -205,7 +204,7 @@ def test_a_room_whose_facets_close_has_their_volume():
 
 
 def test_columns_stand_on_floors_and_pipes_do_not():
-    office = parts_of(panorama("office"))
+    office = panorama("office").building()
     (column,) = office.columns
     assert column.cylinder.radius_m == pytest.approx(0.15, abs=0.002)
     assert column.top_m - column.bottom_m == pytest.approx(2.6, abs=0.05)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from completion.exchange.building.cut import plan_of
-from completion.exchange.dimensions.widths import Dimension, room_widths
+from completion.exchange.dimensions.widths import room_widths
 from completion.exchange.drawing.paper import Lettering, Paper
 from completion.exchange.drawing.svg import svg_of, told_width
 from tests.helpers.browser import Browser, needs_chromium
-from tests.helpers.exchange_examples import SIZE, drawn, panorama
+from tests.helpers.exchange_examples import SIZE, drawn, length, panorama
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -61,34 +61,49 @@ def test_inferred_lines_are_dashed(text):
 
 
 def test_the_same_model_gives_the_same_text(text):
-    assert svg_of(drawn(panorama())) == text
+    assert svg_of(panorama().building()) == text
+
+
+def test_areas_of_closed_rooms_are_told(root):
+    (label,) = [one for one in root.iter(f"{SVG}text") if "area" in one.get("class", "")]
+    value, half = map(float, label.text.removesuffix(" m\u00b2").split(" \u00b1 "))
+    assert abs(value - SIZE[0] * SIZE[1]) <= half < 0.2
 
 
 def test_openings_are_told():
-    text = svg_of(drawn(panorama("office", "none")))
+    text = svg_of(panorama("office", "none").building())
     assert re.search(r"window \d\.\d\d \u00d7 \d\.\d\d", text)
+
+
+def inferred_all(patch):
+    """A patch of which nothing was measured."""
+    cells = np.ones_like(patch.provenance), np.full(patch.confidence.shape, 0.75)
+    return replace(patch, provenance=cells[0], confidence=cells[1])
 
 
 def test_a_wall_between_ends_a_width_and_inferred_walls_are_told():
     model = drawn(panorama())
     plan = plan_of(model)
-    long, short = room_widths(model.walls, plan)
-    assert long.is_measured == (True, True)
-    guessed = replace(plan, lines=tuple(replace(line, is_measured=False) for line in plan.lines))
-    assert [one.is_measured for one in room_widths(model.walls, guessed)] == [(False, False)] * 2
+    long, short = room_widths(model.walls, plan, model.errors)
+    assert (long.measured_share, long.existence) == (1.0, 1.0)
+    guessed = [replace(wall, patch=inferred_all(wall.patch)) for wall in model.walls]
+    for one in room_widths(guessed, plan, model.errors):
+        assert (one.measured_share, one.existence) == (0.0, 0.75)
     number = long.surfaces[0]
     (wall,) = (line for line in plan.lines if line.surface == number)
     middle = wall.points + (long.ends[1] - long.ends[0]) / 2
     between = replace(wall, points=middle, surface=99)
-    found = room_widths(model.walls, replace(plan, lines=(*plan.lines, between)))
+    found = room_widths(model.walls, replace(plan, lines=(*plan.lines, between)), model.errors)
     assert [one.surfaces for one in found] == [short.surfaces]
 
 
 def test_intervals_are_rounded_up():
-    ends = np.zeros((2, 3))
-    assert told_width(Dimension((1, 2), ends, 4.0004, 0.0021, (True, True))) == "4.000 \u00b1 0.003"
-    assert told_width(Dimension((1, 2), ends, 4.0004, 0.00012, (True, True))) == "4.0004 \u00b1 0.0002"
-    assert told_width(Dimension((1, 2), ends, 4.0004, 0.0, (True, True))) == "4.0004 \u00b1 0.0001"
+    for half, told in (
+        (0.0021, "4.000 \u00b1 0.003"),
+        (0.00012, "4.0004 \u00b1 0.0002"),
+        (0.0, "4.0004 \u00b1 0.0001"),
+    ):
+        assert told_width(length(4.0004, half)) == told
 
 
 def test_paper_takes_the_largest_scale_that_fits():

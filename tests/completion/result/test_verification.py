@@ -170,7 +170,7 @@ def test_no_other_scan_is_refused(alone):
 def test_complete_tells_what_the_second_scan_says_of_the_first(alone, first, other, tmp_path, monkeypatch):
     pages = []
 
-    def keep_page(_completion, _title, **given):
+    def keep_page(_completion, _title, _decisions, **given):
         pages.append(given["first_scan"])
         return Page("", "", "", (), None, (), {}, 0)
 

@@ -354,6 +354,7 @@ def test_complete_writes_what_the_contract_names(completed):
         "observed.ply",
         "hypothesised.ply",
         "polygons.json",
+        "decisions.csv",
         "completion.json",
     }
     names.add("report.html")

@@ -40,6 +40,7 @@ def test_demo_writes_everything(demo):
     names = {
         "completed.glb", "observed.ply", "hypothesised.ply", "completion.json", "plan.json", "coverage.json",
         "report.html", "manifest.json", "plan.csv", "trajectory.txt", "polygons.json", "model.ply",
+        "decisions.csv",
     }  # fmt: skip
     assert {file.name for file in out.iterdir()} == names
     assert summary["measured"] + summary["inferred"] + summary["unknown"] == pytest.approx(1.0)

@@ -31,7 +31,10 @@ SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57")
     ("name", "message"),
     [
         ("nothing.npz", "nothing.npz: no such file or folder"),
-        ("mesh.glb", r"mesh.glb: \.glb is a mesh, not a scan; simulate one with `unseen scan"),
+        (
+            "mesh.glb",
+            r"mesh.glb: \.glb is a mesh, not a scan; say where scanners stood in it, --origin",
+        ),
         ("cloud.las", r"cloud.las: not a LAS file: it does not begin with LASF"),
         ("cloud.pts", r"cloud.pts: holds points without a pixel grid or sensor position.*--origin X,Y,Z"),
         ("text.docx", r"text.docx: cannot read scans from \.docx; known: \.npz, \.ply"),

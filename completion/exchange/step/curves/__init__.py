@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Curves in which surfaces meet, and the corners where these do."""

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: MIT
+"""Fitted regions: surfaces, the points that measured each, and where two of them touch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
+
+KINDS = (Plane, Cylinder, Cone, Sphere, Torus)
+MM = 1000.0  # in a metre: CAD works in millimetres
+_N_LINKED = 10  # neighbours among which a point finds those of other regions
+_APART = 3.0  # sampling distances, beyond which points do not touch
+_LEAST = 6  # points of a region
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedRegion:
+    """A region and the surface that was fitted to it.
+
+    Attributes
+    ----------
+    number : int
+        What the surface is called in the files.
+    surface : Surface
+        Plane, cylinder, cone, sphere or torus, metres.
+    sd_m : float
+        Standard deviation of the surface along its normal over the region, metres.
+    group : int
+        Regions with equal numbers lie on one surface.
+    """
+
+    number: int
+    surface: Surface
+    sd_m: float = 0.0
+    group: int = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartRegions:
+    """What a part's boundary is made of.
+
+    Attributes
+    ----------
+    regions : tuple of FittedRegion
+        The k surfaces.
+    points : (n, 3) float
+        What was measured, metres.
+    region : (n,) int
+        Place of each point among the regions; -1 for none.
+    contacts : (m, 3) float
+        Where two regions touch, metres: between neighbours of different regions.
+    between : (m, 2) int
+        Places of these regions, the lesser first.
+    spacing_m, noise_m : float
+        Sampling distance, and the deviation of the points along the normal.
+    """
+
+    regions: tuple[FittedRegion, ...]
+    points: FloatArray
+    region: IntArray
+    contacts: FloatArray
+    between: IntArray
+    spacing_m: float
+    noise_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("points", "contacts"):
+            object.__setattr__(self, name, frozen_copy(getattr(self, name), np.float64))
+        for name in ("region", "between"):
+            object.__setattr__(self, name, frozen_copy(getattr(self, name), np.int64))
+
+
+def part_regions(
+    regions: Sequence[FittedRegion], points: object, region: object, *, spacing_m: float, noise_m: float = 0.0
+) -> PartRegions:
+    """Return the regions of points (n, 3), with their contacts: pairs of near points of two regions.
+
+    Parameters
+    ----------
+    regions : sequence of FittedRegion
+        The surfaces.
+    points, region : (n, 3) float, (n,) int
+        Metres, and the place of each point among the regions; -1 for none. Of a mesh, some on its triangles.
+    spacing_m, noise_m : float
+        Sampling distance and noise, metres.
+
+    Raises
+    ------
+    InputError
+        No surface, one of another kind, numbers that are not finite, arrays of other shapes.
+    """
+    if not regions:
+        raise InputError("there is no surface to export as STEP: nothing was fitted to the part")
+    for one in regions:
+        if not isinstance(one.surface, KINDS):
+            raise InputError(f"surface {one.number} is of kind {one.surface.kind}, which STEP export has not")
+    place = np.asarray(points, dtype=np.float64)
+    own = np.asarray(region, dtype=np.int64)
+    if place.ndim != 2 or place.shape[1] != 3 or own.shape != (len(place),):
+        raise InputError(f"expected points (n, 3) and regions (n,), got {place.shape} and {own.shape}")
+    used = own >= 0
+    bad = int((~np.isfinite(place[used])).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{bad} of {int(used.sum())} points on surfaces are not finite; drop them first")
+    if not (np.isfinite(spacing_m) and spacing_m > 0):
+        raise InputError(f"the sampling distance must be a positive number of metres, got {spacing_m}")
+    if int(own.max(initial=-1)) >= len(regions):
+        raise InputError(f"a point is of region {int(own.max())}, but there are {len(regions)}")
+    place, own = place[used], own[used]
+    contacts, between = _contacts(place, own, spacing_m)
+    return PartRegions(
+        tuple(regions), place, own, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m
+    )
+
+
+def _contacts(points: FloatArray, own: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:
+    """Middles (m, 3) of near points of two regions, and these regions (m, 2)."""
+    if len(points) < _LEAST:
+        return np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
+    tree = cKDTree(points)
+    apart, near = tree.query(points, k=min(_N_LINKED + 1, len(points)))
+    one = np.repeat(np.arange(len(points)), near.shape[1])
+    two, length = near.ravel(), apart.ravel()
+    kept = (own[one] != own[two]) & (length <= _APART * spacing_m)
+    one, two = one[kept], two[kept]
+    pairs = np.unique(np.sort(np.column_stack([one, two]), axis=1), axis=0)
+    between = own[pairs]
+    middle = points[pairs].mean(axis=1)
+    nearest = own[tree.query(middle)[1]]  # of a third region where that lies between
+    kept = (between == nearest[:, None]).any(axis=1)
+    between, middle = between[kept], middle[kept]
+    order = np.argsort(between, axis=1)
+    return middle, np.take_along_axis(between, order, axis=1)
+
+
+def joined(parts: PartRegions) -> PartRegions:
+    """Return regions with those made one that touch and lie on one surface.
+
+    A region without an edge of its own to a neighbour is a piece of that: no curve parts them.
+    """
+    n = len(parts.regions)
+    head = list(range(n))
+
+    def root(one: int) -> int:
+        while head[one] != one:
+            one = head[one]
+        return one
+
+    size = np.bincount(parts.region, minlength=n)
+    tolerance = max(3 * parts.noise_m, 1e-2 * parts.spacing_m)
+    pairs, count = np.unique(parts.between, axis=0, return_counts=True)
+    for (one, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
+        a, b = root(one), root(two)
+        if a == b or n_contacts < 2:
+            continue
+        large, small = (a, b) if size[a] >= size[b] else (b, a)
+        if _is_one(parts, large, small, tolerance):
+            head[small] = large
+            size[large] += size[small]
+    heads = [root(one) for one in range(n)]
+    kept = [one for one in range(n) if heads[one] == one]
+    number = np.full(n, -1)
+    number[kept] = np.arange(len(kept))
+    new = number[heads]
+    between = np.sort(new[parts.between], axis=1)
+    differ = between[:, 0] != between[:, 1]
+    return PartRegions(
+        regions=tuple(parts.regions[one] for one in kept),
+        points=parts.points,
+        region=new[parts.region],
+        contacts=parts.contacts[differ],
+        between=between[differ],
+        spacing_m=parts.spacing_m,
+        noise_m=parts.noise_m,
+    )
+
+
+def without(parts: PartRegions, some: Sequence[int]) -> PartRegions:
+    """Return regions without some, given by their places: their neighbours touch across them."""
+    kept = [k for k in range(len(parts.regions)) if k not in some]
+    place = np.full(len(parts.regions), -1)
+    place[kept] = np.arange(len(kept))
+    regions = [parts.regions[k] for k in kept]
+    region = place[parts.region]
+    return part_regions(regions, parts.points, region, spacing_m=parts.spacing_m, noise_m=parts.noise_m)
+
+
+def _is_one(parts: PartRegions, large: int, small: int, tolerance: float) -> bool:
+    """Whether the smaller region lies on the larger one's surface."""
+    first, second = parts.regions[large].surface, parts.regions[small].surface
+    if first.kind != second.kind:
+        return False
+    if parts.regions[large].group == parts.regions[small].group >= 0:
+        return True
+    own = parts.points[parts.region == small]
+    off = np.abs(first.distance(own))
+    turn = np.abs(np.einsum("ij,ij->i", first.normal(own), second.normal(own)))
+    return bool(np.quantile(off, 0.9) <= tolerance and np.median(turn) > np.cos(np.radians(2.0)))
+
+
+def in_millimetres(surface: Surface) -> Surface:
+    """The same surface with lengths in millimetres."""
+    if isinstance(surface, Plane):
+        return Plane(surface.point * MM, surface.normal_direction, surface.u_direction)
+    if isinstance(surface, Sphere):
+        return Sphere(surface.centre * MM, surface.radius * MM, concave=surface.concave)
+    if isinstance(surface, Cylinder):
+        return Cylinder(surface.point * MM, surface.direction, surface.radius * MM, concave=surface.concave)
+    if isinstance(surface, Cone):
+        return Cone(
+            surface.point * MM, surface.direction, surface.radius * MM, surface.half_angle,
+            concave=surface.concave,
+        )  # fmt: skip
+    if isinstance(surface, Torus):
+        return Torus(
+            surface.centre * MM, surface.direction, surface.radius * MM, surface.tube_radius * MM,
+            concave=surface.concave,
+        )  # fmt: skip
+    raise InputError(f"STEP export has no {surface.kind}")

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Joint errors: the variance of any number that several surfaces together give, such as a room's width."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from completion.uncertainty.shared_errors import SharedErrors
+from scenes.checks import BoolArray, FloatArray
+
+Contrast = Mapping[int, FloatArray]
+"""By surface, from 0, the derivative (k,) of a number by the surface's parameters."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelatedErrors:
+    """Errors of surfaces that were related to each other.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        Which surfaces (q,).
+    first : (q + 1,) int
+        Where the parameters of each begin.
+    covariance : (p, p) float
+        Of all their parameters, given the relations that hold.
+    is_moved : (q,) bool
+        Which of them are where the relations hold; the others stayed where they were measured. The covariance
+        of one that was moved with one that was not is the same: what a surface gains by the relations is
+        independent of what is left.
+    """
+
+    numbers: tuple[int, ...]
+    first: tuple[int, ...]
+    covariance: FloatArray
+    is_moved: tuple[bool, ...]
+
+
+UNRELATED = RelatedErrors((), (0,), np.zeros((0, 0)), ())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointErrors:
+    """Errors of n surfaces, jointly.
+
+    Attributes
+    ----------
+    own : tuple of (k, k) float
+        Covariance of each surface by all its errors.
+    shared : SharedErrors
+        What surfaces share, before relations.
+    related : RelatedErrors
+        What relations made of some of them.
+    ranges : tuple of (k, 2) float
+        What an offset and a scale of all ranges do to each surface, which relations between directions do not
+        know of.
+    freedom : tuple of float
+        Degrees of freedom (n,) of each covariance.
+    shares : (n, s) float
+        Share of each surface's pixels that each of s scans measured.
+    pose_sd : (s,) float
+        Standard deviation of each scan's place, along any direction, metres.
+    """
+
+    own: tuple[FloatArray, ...]
+    shared: SharedErrors
+    related: RelatedErrors
+    ranges: tuple[FloatArray, ...]
+    freedom: tuple[float, ...]
+    shares: FloatArray
+    pose_sd: FloatArray
+
+    def variance(self, contrast: Contrast, shifts: Mapping[int, FloatArray]) -> float:
+        """Variance of a number that depends on some surfaces.
+
+        Parameters
+        ----------
+        contrast : mapping
+            By surface, the derivative (k,) of the number by the surface's parameters.
+        shifts : mapping
+            By surface, the derivative (3,) of the number by a shift of all the surface's points, which is
+            what the error of a scan's place does; those of one scan shift together.
+        """
+        numbers = sorted(contrast)
+        total = sum(float(contrast[k] @ self.own[k] @ contrast[k]) for k in numbers)
+        for one, other in combinations(numbers, 2):
+            among = self._among(one, other)
+            if among is None:  # not known: as bad as it can be
+                spread = [float(contrast[k] @ self.own[k] @ contrast[k]) for k in (one, other)]
+                total += 2.0 * float(np.sqrt(max(spread[0], 0.0) * max(spread[1], 0.0)))
+            else:
+                total += 2.0 * float(contrast[one] @ among @ contrast[other])
+        by_range = np.sum([contrast[k] @ self.ranges[k] for k in numbers], axis=0)
+        by_scan = sum(np.outer(self.shares[k], shifts[k]) for k in numbers)
+        placed = np.square(self.pose_sd) @ np.square(by_scan).sum(axis=1) if numbers else 0.0
+        return max(total, 0.0) + float(np.sum(np.square(by_range))) + float(placed)
+
+    def half_interval(
+        self, contrast: Contrast, shifts: Mapping[int, FloatArray], *, more_sd: float = 0.0, level: float
+    ) -> float:
+        """Half of the interval in which a number lies with a probability of `level` (Student 1908).
+
+        `contrast` gives the derivative (k,) by each surface, `shifts` the one (3,) by its place; `more_sd`
+        is the standard deviation of what no surface has a part in.
+        """
+        freedom = min((self.freedom[k] for k in contrast), default=np.inf)
+        above = (1 + level) / 2
+        factor = float(stdtrit(freedom, above) if np.isfinite(freedom) else ndtri(above))
+        return factor * float(np.hypot(np.sqrt(self.variance(contrast, shifts)), more_sd))
+
+    def only(self, chosen: Sequence[bool] | BoolArray) -> JointErrors:
+        """Return it for the surfaces (n,) that are `chosen` alone, counted anew."""
+        kept = np.flatnonzero(np.asarray(chosen, dtype=np.bool_))
+        if len(kept) == len(self.own):
+            return self
+        anew = {int(old): new for new, old in enumerate(kept)}
+        shifts = [{anew[k]: by for k, by in one.items() if k in anew} for one in self.shared.shifts]
+        numbers = tuple(anew.get(k, -1) for k in self.related.numbers)
+        return replace(
+            self,
+            own=tuple(self.own[k] for k in kept),
+            shared=SharedErrors(tuple(self.shared.sizes[k] for k in kept), tuple(shifts)),
+            related=replace(self.related, numbers=numbers),
+            ranges=tuple(self.ranges[k] for k in kept),
+            freedom=tuple(self.freedom[k] for k in kept),
+            shares=self.shares[kept],
+        )
+
+    def _among(self, one: int, other: int) -> FloatArray | None:
+        """Covariance (k, l) of two surfaces; None where one was moved and the other not related."""
+        related = self.related
+        place = [related.numbers.index(k) if k in related.numbers else None for k in (one, other)]
+        moved = [at is not None and related.is_moved[at] for at in place]
+        if not any(moved):
+            size = len(self.own[one])
+            return self.shared.covariance_of([one, other])[:size, size:]
+        if place[0] is None or place[1] is None:
+            return None
+        rows, columns = (slice(related.first[at], related.first[at + 1]) for at in place if at is not None)
+        return related.covariance[rows, columns]
+
+
+NO_ERRORS = JointErrors(
+    own=(),
+    shared=SharedErrors((), ()),
+    related=UNRELATED,
+    ranges=(),
+    freedom=(),
+    shares=np.zeros((0, 0)),
+    pose_sd=np.zeros(0),
+)
+"""Of no surfaces."""
