@@ -13,7 +13,7 @@ from scenes.checks import FloatArray
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
 _MITRE = 1.5
-_STRAIGHT_M, _SLIT_M = 5e-4, 0.02
+_STRAIGHT_M, _ROUNDING_M, _LEAST_SMOOTH_M2 = 5e-4, 1e-6, 1e-4
 
 
 def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
@@ -56,11 +56,12 @@ def straightened(area: Any) -> Any:
     return _clean(shapely.simplify(area, _STRAIGHT_M))
 
 
-def smoothed(area: Any) -> Any:
-    """An area without slits and splinters narrower than 2 cm."""
-    for step in (_SLIT_M / 2, -_SLIT_M, _SLIT_M / 2):
+def smoothed(area: Any, slit_m: float) -> Any:
+    """An area without slits and splinters narrower than `slit_m`, and holes that touch its outline."""
+    area = straightened(area)
+    for step in (slit_m / 2, -slit_m, slit_m / 2):
         area = shapely.buffer(area, step, join_style="mitre")
-    return straightened(area)
+    return shapely.MultiPolygon(polygons(shapely.simplify(area, _ROUNDING_M), _LEAST_SMOOTH_M2))
 
 
 def inside(area: Any) -> FloatArray:

@@ -32,6 +32,7 @@ _RECTANGLE = 0.85  # of the rectangle around it that it must fill to be one
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
 _BESIDE_CELLS = 2.0  # between a side and what was measured of its wall
 _DOOR_M = 0.1  # how far above the floor a door may begin
+_BEFORE_M = 0.02  # a wall, where a room must be
 _MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is that of fitted planes
 
 
@@ -117,16 +118,29 @@ def within_rooms(
 
 
 def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) -> Iterator[Any]:
-    """Where closed rooms lie before a face, and open ones of level faces; none of faces that bound none."""
-    level = any(face in storey.floors or face in storey.ceilings for storey in storeys)
-    for room in rooms:
-        if level and face.number in room.surfaces:
-            outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
-            yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
-        for side in room.sides if not level else ():
-            if side.face.number == face.number and side.faces_in:
+    """Where rooms lie before a face; none of faces that are no wall, floor or ceiling."""
+    for k, storey in enumerate(storeys):
+        level = face in storey.floors or face in storey.ceilings
+        for room in (one for one in rooms if one.storey == k):
+            if level and face.number in room.surfaces:
+                outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
+                yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
+            elif face in storey.walls and room.closed:
                 top = face.highest_m if room.height_m is None else room.floor_m + room.height_m
-                yield shapely.buffer(side.band(room.floor_m, top), _MARGIN_M, join_style="mitre")
+                for ends in _before(face, room):
+                    band = RoomSide(ends, face, faces_in=True).band(room.floor_m, top)
+                    yield shapely.buffer(band, _MARGIN_M, join_style="mitre")
+
+
+def _before(face: PlaneFace, room: Room) -> Iterator[FloatArray]:
+    """The stretches (2, 2) of a wall in the plan before which a room lies."""
+    left, _, right, _ = face.area.bounds
+    v = (room.floor_m + (room.height_m or 0.0) / 2 - face.frame.origin[2]) / face.frame.up[2]
+    ends = face.frame.place(np.array([[left, v], [right, v]]))[:, :2]
+    line = shapely.LineString(ends + _BEFORE_M * face.frame.normal[:2])
+    for part in shapely.get_parts(shapely.intersection(line, room.outline)).tolist():
+        if part.geom_type == "LineString" and not part.is_empty:
+            yield shapely.get_coordinates(part) - _BEFORE_M * face.frame.normal[:2]
 
 
 def _on(frame: Frame, xy: Any) -> Any:

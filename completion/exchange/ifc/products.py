@@ -113,7 +113,7 @@ def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Produ
     element = file.add(product.entity, values)
     define(file, product.key, element, product.evidence, (product.quantities_of, product.quantities))
     for k, hole in enumerate(product.holes, start=1):
-        _write_hole(shapes, contexts, above, (product, element, hole), f"{product.key} opening {k}")
+        _write_hole(shapes, contexts, above, (element, hole), f"{product.key} opening {k}")
     return element
 
 
@@ -137,10 +137,8 @@ def define(
         file.add("IfcRelDefinesByProperties", [identifier, None, None, None, [element], one])
 
 
-def _write_hole(
-    shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Product, Ref, Hole], key: str
-) -> None:
-    _, element, hole = of
+def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, Hole], key: str) -> None:
+    element, hole = of
     file, outline = shapes.file, hole.outline
     is_body = hole.representation == "SweptSolid"
     shape = represented(

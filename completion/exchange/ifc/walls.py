@@ -15,7 +15,6 @@ from completion.exchange.building.areas import (
     joined,
     less,
     smoothed,
-    straightened,
     wide,
 )
 from completion.exchange.building.bodies import Body
@@ -27,6 +26,7 @@ from completion.exchange.ifc.products import Hole, Piece, Product
 from completion.exchange.ifc.shapes import Shapes
 
 _REACH_M = 0.01  # by which an opening's solid reaches beyond both faces
+_SLIT_M, _FINE_M = 0.02, 0.002  # of bodies and of surfaces, which programs cannot draw
 _BESIDE_M = 0.05  # width of what is left of a face beside a body and is no wall of its own
 _SAME = 0.5  # of an opening that lies within another outline
 _SETS = {
@@ -42,10 +42,10 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
     face, other = (next(one for one in parts.faces if one.number == number) for number in body.surfaces)
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = joined(area for _, area in holes)
-    whole = smoothed(joined((common(body.area, part), open_area)))
-    inferred = common(smoothed(less(common(body.inferred, part), [open_area])), whole)
-    measured = less(whole, [inferred])
-    net = less(whole, [open_area])
+    whole = smoothed(joined((common(body.area, part), open_area)), _SLIT_M)
+    inferred = common(smoothed(less(common(body.inferred, part), [open_area]), _SLIT_M), whole)
+    measured, inferred = smoothed(less(whole, [inferred]), _FINE_M), smoothed(inferred, _FINE_M)
+    net = less(joined((measured, inferred)), [open_area])
     depth = body.thickness_m
     entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
     pieces = (
@@ -97,8 +97,8 @@ def sheet_product(
 ) -> Product:
     """Return part of a face that is in no body, as a surface without thickness; `named` is class and key."""
     entity, key = named
-    measured = straightened(common(rest, face.measured))
-    inferred = less(straightened(less(rest, [face.measured])), [measured])
+    measured = smoothed(common(rest, face.measured), _FINE_M)
+    inferred = smoothed(less(rest, [measured]), _FINE_M)
     area = float(measured.area + inferred.area)
     place = face.frame.place(inside(rest))
     evidence = Evidence(

@@ -8,9 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from completion.exchange.ifc.evidence import Evidence, property_set, state_of
 from completion.exchange.ifc.pipeline import ifc_of
+from completion.exchange.ifc.step_text import StepText
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -98,6 +101,23 @@ def test_an_empty_completion_is_a_building_with_nothing_in_it(tmp_path):
     text = (tmp_path / "a.ifc").read_text()
     assert text.count("IFCBUILDINGSTOREY(") == 1
     assert "IFCWALL" not in text
+
+
+def test_a_folder_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(InputError, match="nowhere"):
+        panorama().export(tmp_path / "nowhere/a.ifc")
+    with pytest.raises(InputError, match=r"cannot export a completion to .ifcxml; known: .*\.ifc"):
+        panorama().export(tmp_path / "a.ifcxml")
+
+
+def test_what_is_not_known_is_not_written():
+    file = StepText(b"")
+    property_set(file, "a", Evidence((1, 2), None, np.nan, None))
+    text = file.text("a", "IFC4")
+    assert "'Surfaces'" in text
+    for name in ("State", "MeasuredShare", "Confidence", "StandardDeviation_mm"):
+        assert name not in text
+    assert [state_of(share) for share in (1.0, 0.5, 0.0)] == ["measured", "partly", "inferred"]
 
 
 @pytest.fixture(scope="module")

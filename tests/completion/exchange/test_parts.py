@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 import shapely
 
-from completion.exchange.building.areas import common, inside, joined, less, polygons, rings, wide
+from completion.exchange.building.areas import (
+    common,
+    filled,
+    inside,
+    joined,
+    less,
+    polygons,
+    rings,
+    smoothed,
+    straightened,
+    wide,
+)
 from completion.exchange.building.beams import Beams
 from completion.exchange.building.bodies import MOST_M, find_bodies
 from completion.exchange.building.columns import find_columns, find_pipes
@@ -212,6 +223,12 @@ def test_areas_are_polygons_alone():
     assert less(square, [shapely.box(0, 0, 1, 2)]).area == pytest.approx(2)
     assert wide(joined([square, beside]), 1.5).area == pytest.approx(4, abs=0.4)
     assert wide(shapely.box(0, 0, 5, 0.1), 0.2).is_empty
+    holed = less(square, [shapely.box(0.5, 0.5, 1, 1)])
+    assert filled(holed).area == pytest.approx(4)
+    slit = less(square, [shapely.box(0.5, 0.5, 0.505, 1.5)])
+    assert smoothed(slit, 0.02).area == pytest.approx(4)
+    bent = shapely.Polygon([(0, 0), (1, 1e-4), (2, 0), (2, 2), (0, 2)])
+    assert len(rings(polygons(straightened(bent))[0])[0]) == 4
     assert inside(joined([square, shapely.box(5, 5, 5.5, 5.5)])) == pytest.approx([1, 1], abs=0.05)
     ring, hole = rings(shapely.Polygon(square.exterior, [shapely.box(0.5, 0.5, 1, 1).exterior.coords]))
     assert (len(ring), len(hole)) == (4, 4)
