@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.exchange.step.brep import EdgeMaker, area_of, is_valid, tipped_face, trimmed_face
+from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.curves.winding import winding
 from completion.exchange.step.loops import RegionLoops, Side, loop_points
 from completion.exchange.step.measured import shares_of
@@ -41,7 +42,10 @@ class FaceMaker:
         """The faces of a region of points (n, 3), or why there are none."""
         if loops.rest:
             return RegionFaces([], reason=self._open(loops.rest))
-        made = self._made(surface, shape, loops, points)
+        try:
+            made = self._made(surface, shape, loops, points)
+        except kernel().Standard.Standard_Failure:
+            made = RegionFaces([], reason="the kernel could not trim it")
         return made if made.reason else self._checked(made, points, is_bounded=bool(loops.closed))
 
     def _open(self, chains: Sequence[Sequence[Side]]) -> str:

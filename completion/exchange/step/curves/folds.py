@@ -70,7 +70,10 @@ class FoldFinder:
         kinds = {self.surfaces[one].kind for one in pair}
         if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
             return
-        crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
+        try:
+            crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
+        except kernel().Standard.Standard_Failure:
+            return
         if not crossing.IsDone():
             return
         for number in range(1, crossing.NbLines() + 1):

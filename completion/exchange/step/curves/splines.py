@@ -26,8 +26,11 @@ def interpolated(points: FloatArray, *, is_closed: bool) -> Any | None:
     held = kernel().collections.HArray1_double(1, len(knots))
     for place, knot in enumerate(knots, start=1):
         held.SetValue(place, float(knot))
-    made = kernel().GeomAPI.GeomAPI_Interpolate(array, held, is_closed, 1e-9)
-    made.Perform()
+    try:
+        made = kernel().GeomAPI.GeomAPI_Interpolate(array, held, is_closed, 1e-9)
+        made.Perform()
+    except kernel().Standard.Standard_Failure:  # points that coincide
+        return None
     return made.Curve() if made.IsDone() else None
 
 
