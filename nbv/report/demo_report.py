@@ -16,6 +16,7 @@ from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
+from nbv.report.blocks.decision_blocks import decision_sections
 from nbv.report.blocks.rooms import set_apart
 from nbv.report.blocks.stations import curve, stations
 from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
@@ -171,6 +172,7 @@ def demo_page(
                 ),
             ),
             Section("What no view reaches, and why", (*reasons(coverage), *set_apart(coverage))),
+            *decision_sections(completion.decisions()),
             Section(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces that were recognised", surface_blocks(completion)),
         ),

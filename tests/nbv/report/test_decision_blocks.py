@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: MIT
+"""Decisions in reports: a row a dimension, the rule, and what is left out."""
+
+from dataclasses import replace
+
+from completion.exchange.dimensions.pipeline import DecisionSheet
+from nbv.report.blocks.decision_blocks import decision_sections
+from nbv.report.completion_report import completion_page
+from tests.helpers.exchange_examples import panorama
+
+
+def test_each_dimension_has_a_row_with_its_word_and_the_rule_stands_above():
+    (section,) = decision_sections(panorama().decisions())
+    text, table, note = section.blocks
+    assert text.text.startswith("5 dimensions: 5 \u00d7 rely. Rely: half the 95 % interval is at most 10 mm")
+    first = table.rows[0]
+    assert [cell.text for cell in first[:2]] == ["room width", "4 6"]
+    assert float(first[3].text) <= 6.0 <= float(first[4].text)
+    assert (first[-1].text, first[-1].state) == ("rely", "measured")
+    assert note.is_note
+
+
+def test_no_dimensions_no_section_and_many_are_cut_short():
+    assert decision_sections(DecisionSheet((), 0.01)) == ()
+    sheet = panorama().decisions()
+    many = replace(sheet, dimensions=sheet.dimensions * 20)
+    (section,) = decision_sections(many)
+    assert len(section.blocks[1].rows) == 60
+    assert "40 more are in decisions.csv." in section.blocks[2].text
+
+
+def test_of_a_mesh_none_may_be_relied_on():
+    sheet = replace(panorama().decisions(), is_exact_unknown=True)
+    (section,) = decision_sections(sheet)
+    assert "A mesh does not say how wrong it is" in section.blocks[0].text
+    assert {row[-1].text for row in section.blocks[1].rows} == {"check"}
+
+
+def test_the_report_of_a_completion_has_it():
+    page = completion_page(panorama(), "room", n_threads=1)
+    assert "What to rely on" in [section.title for section in page.sections]
