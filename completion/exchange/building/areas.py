@@ -13,6 +13,7 @@ from scenes.checks import FloatArray
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
 _MITRE = 1.5
+_APART_M = 2e-5  # half the least distance of sides from each other
 _STRAIGHT_M, _ROUNDING_M, _LEAST_SMOOTH_M2 = 5e-4, 1e-6, 1e-4
 
 
@@ -59,7 +60,7 @@ def straightened(area: Any) -> Any:
 def smoothed(area: Any, slit_m: float) -> Any:
     """An area without slits and splinters narrower than `slit_m`, and holes that touch its outline."""
     area = straightened(area)
-    for step in (slit_m / 2, -slit_m, slit_m / 2):
+    for step in (slit_m / 2, -slit_m, slit_m / 2 - _APART_M):  # so that sides come near, but never touch
         area = shapely.buffer(area, step, join_style="mitre")
     return shapely.MultiPolygon(polygons(shapely.simplify(area, _ROUNDING_M), _LEAST_SMOOTH_M2))
 

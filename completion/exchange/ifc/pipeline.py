@@ -22,7 +22,7 @@ from completion.exchange.ifc.walls import body_product, rest_of, sheet_product
 from scenes.checks import FloatArray
 
 _FAR_M = 1000.0  # coordinates beyond which the file has an origin of its own
-_PRECISION_M = 1e-5
+_PRECISION_M = 1e-6
 _LEAST_M2 = 1e-3  # of an element
 _NAMES = {"IfcWall": "Wall", "IfcSlab": "Floor", "IfcCovering": "Ceiling", "IfcBuildingElementProxy": "Plane"}
 _STANDING_M = 0.5  # by which an element may begin below the floor of its storey

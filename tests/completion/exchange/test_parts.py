@@ -226,7 +226,7 @@ def test_areas_are_polygons_alone():
     holed = less(square, [shapely.box(0.5, 0.5, 1, 1)])
     assert filled(holed).area == pytest.approx(4)
     slit = less(square, [shapely.box(0.5, 0.5, 0.505, 1.5)])
-    assert smoothed(slit, 0.02).area == pytest.approx(4)
+    assert smoothed(slit, 0.02).area == pytest.approx(4, abs=1e-3)
     bent = shapely.Polygon([(0, 0), (1, 1e-4), (2, 0), (2, 2), (0, 2)])
     assert len(rings(polygons(straightened(bent))[0])[0]) == 4
     assert inside(joined([square, shapely.box(5, 5, 5.5, 5.5)])) == pytest.approx([1, 1], abs=0.05)
