@@ -12,7 +12,7 @@ import numpy as np
 from completion.exchange.step.brep import EdgeMaker
 from completion.exchange.step.curves.corners import corners_of
 from completion.exchange.step.curves.folds import FoldFinder
-from completion.exchange.step.curves.kernel import kernel, kernel_surface
+from completion.exchange.step.curves.kernel import kernel, kernel_errors, kernel_surface
 from completion.exchange.step.faces import MEASURED, FaceMaker
 from completion.exchange.step.loops import Nearby, loops_of
 from completion.exchange.step.model import FaceOutcome, StepModel
@@ -163,7 +163,10 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     reason = _told(best.outcomes, n)
     if not best.faces:
         raise InputError(f"no surface could be trimmed for STEP: {reason}")
-    whole = sewn(best.faces, best.spacing, best.gap)
+    try:
+        whole = sewn(best.faces, best.spacing, best.gap)
+    except kernel_errors() as error:
+        raise InputError(f"the geometry kernel could not sew the part: {error}") from None
     named = [
         NamedFace(face, _name(best.outcomes[k]), _layer(best.outcomes[k]), _colour(k))
         for face, k in zip(whole.faces, best.regions, strict=True)
