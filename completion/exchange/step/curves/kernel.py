@@ -16,8 +16,8 @@ from scenes.surfaces.surface import perpendicular
 _MODULES = (
     "BRep", "BRepAdaptor", "BRepBuilderAPI", "BRepCheck", "BRepClass3d", "BRepGProp", "BRepLib", "BRepMesh",
     "GProp", "Geom", "Geom2d", "GeomAPI", "IFSelect", "Interface", "Message", "Quantity", "STEPCAFControl",
-    "STEPControl", "ShapeFix", "Standard", "StdFail", "TCollection", "TDataStd", "TDocStd", "TopAbs", "TopExp", "TopLoc",
-    "TopoDS", "XCAFDoc", "collections", "gp",
+    "STEPControl", "ShapeFix", "Standard", "StdFail", "TCollection", "TDataStd", "TDocStd", "TopAbs",
+    "TopExp", "TopLoc", "TopoDS", "XCAFDoc", "collections", "gp",
 )  # fmt: skip
 _loaded: dict[str, SimpleNamespace] = {}
 
