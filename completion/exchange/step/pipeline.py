@@ -27,6 +27,7 @@ from scenes.scan.palette import surface_bytes
 
 _MOST_TOLD = 3
 _SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
+_FAULTS = "the geometry kernel finds faults in the shape"
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
 
@@ -173,6 +174,8 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     ]
     if not reason and whole.n_open:
         reason = "the faces do not meet along all of their edges"
+    if not whole.is_valid:
+        reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
     return StepModel(
         data=step_bytes(whole.shape, named, name),
         shape=whole.shape,

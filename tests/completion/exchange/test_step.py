@@ -229,3 +229,23 @@ def test_unusable_input_is_refused_in_one_line(change, message):
 def test_a_plane_alone_cannot_be_trimmed():
     with pytest.raises(InputError, match=r"no surface could be trimmed.*no fold with a neighbour bounds it"):
         step_of(regions(box((0.03, 0.02, 0.01))[:1]))
+
+
+def test_a_shape_with_faults_is_no_solid_and_says_so(monkeypatch):
+    monkeypatch.setattr("completion.exchange.step.shells.is_valid", lambda _shape: False)
+    model = step_of(regions(SOLIDS["rod"][0]))
+    assert not model.is_solid
+    assert model.reason == "the geometry kernel finds faults in the shape"
+
+
+def test_what_the_kernel_raises_is_a_reason(monkeypatch):
+    def fails(*_given):
+        raise kernel().Standard.Standard_ConstructionError("no such curve")
+
+    monkeypatch.setattr("completion.exchange.step.faces.trimmed_face", fails)
+    with pytest.raises(InputError, match=r"no surface could be trimmed.*the kernel could not trim it"):
+        step_of(regions(SOLIDS["rod"][0]))
+    monkeypatch.undo()
+    monkeypatch.setattr("completion.exchange.step.pipeline.sewn", fails)
+    with pytest.raises(InputError, match="could not sew the part: no such curve"):
+        step_of(regions(SOLIDS["rod"][0]))
