@@ -112,7 +112,12 @@ def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tupl
 def outcome_lines(model: StepModel) -> Sequence[str]:
     """What became of a part as STEP, for people."""
     n_faces = sum(not one.reason for one in model.faces)
-    solids = "1 solid" if model.n_solids == 1 else f"{model.n_solids} solids"
-    what = f"{solids}, {1e6 * model.volume_m3:.4g} cm3" if model.is_solid else "open"
-    lines = [f"step       {n_faces} faces of {len(model.faces)} surfaces, {what}"]
-    return lines if model.is_solid else [*lines, f"           {model.reason}"]
+    what = f"{_count(model.n_solids, 'solid')}, {1e6 * model.volume_m3:.4g} cm3" if model.is_solid else "open"
+    lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
+    left = [one for one in model.faces if one.reason] if model.is_solid else []
+    told = [f"surface {one.number} ({one.kind}) is {one.reason}" for one in left]
+    return [*lines, *(f"           {text}" for text in (told if model.is_solid else [model.reason]))]
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

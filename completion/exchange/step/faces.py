@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.exchange.step.brep import EdgeMaker, area_of, is_valid, tipped_face, trimmed_face
-from completion.exchange.step.curves.kernel import kernel
+from completion.exchange.step.curves.kernel import kernel_errors
 from completion.exchange.step.curves.winding import winding
 from completion.exchange.step.loops import RegionLoops, Side, loop_points
 from completion.exchange.step.measured import shares_of
@@ -44,9 +44,9 @@ class FaceMaker:
             return RegionFaces([], reason=self._open(loops.rest))
         try:
             made = self._made(surface, shape, loops, points)
-        except kernel().Standard.Standard_Failure:
-            made = RegionFaces([], reason="the kernel could not trim it")
-        return made if made.reason else self._checked(made, points, is_bounded=bool(loops.closed))
+            return made if made.reason else self._checked(made, points, is_bounded=bool(loops.closed))
+        except kernel_errors():
+            return RegionFaces([], reason="the kernel could not trim it")
 
     def _open(self, chains: Sequence[Sequence[Side]]) -> str:
         """Between which surfaces a boundary is open."""

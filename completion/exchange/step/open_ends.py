@@ -101,7 +101,9 @@ class OpenEnds:
             apart = tree.query(path)[0]
             if np.mean(apart <= _NEAR * self.spacing) >= _MEASURED and apart.mean() < least:
                 best, least = path, float(apart.mean())
-        return None if best is None else interpolated(best, is_closed=False)
+        if best is None or np.linalg.norm(best[-1] - best[0]) < 1e-6:
+            return None
+        return interpolated(best, is_closed=False)
 
     def _rims(self, place: int, loops: Sequence[Sequence[Side]], points: FloatArray) -> list[list[Side]]:
         """Circles at the ends of a tube or cone that goes all the way round and has no neighbour there."""

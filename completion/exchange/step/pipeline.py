@@ -12,7 +12,7 @@ import numpy as np
 from completion.exchange.step.brep import EdgeMaker
 from completion.exchange.step.curves.corners import corners_of
 from completion.exchange.step.curves.folds import FoldFinder
-from completion.exchange.step.curves.kernel import kernel, kernel_surface
+from completion.exchange.step.curves.kernel import kernel, kernel_errors, kernel_surface
 from completion.exchange.step.faces import MEASURED, FaceMaker
 from completion.exchange.step.loops import Nearby, loops_of
 from completion.exchange.step.model import FaceOutcome, StepModel
@@ -27,6 +27,7 @@ from scenes.scan.palette import surface_bytes
 
 _MOST_TOLD = 3
 _SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
+_FAULTS = "the geometry kernel finds faults in the shape"
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
 
@@ -163,13 +164,18 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     reason = _told(best.outcomes, n)
     if not best.faces:
         raise InputError(f"no surface could be trimmed for STEP: {reason}")
-    whole = sewn(best.faces, best.spacing, best.gap)
+    try:
+        whole = sewn(best.faces, best.spacing, best.gap)
+    except kernel_errors() as error:
+        raise InputError(f"the geometry kernel could not sew the part: {error}") from None
     named = [
         NamedFace(face, _name(best.outcomes[k]), _layer(best.outcomes[k]), _colour(k))
         for face, k in zip(whole.faces, best.regions, strict=True)
     ]
     if not reason and whole.n_open:
         reason = "the faces do not meet along all of their edges"
+    if not whole.is_valid:
+        reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
     return StepModel(
         data=step_bytes(whole.shape, named, name),
         shape=whole.shape,

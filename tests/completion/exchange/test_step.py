@@ -10,6 +10,7 @@ from completion.exchange.step.brep import area_of, is_valid, volume_of
 from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.pipeline import step_of
 from completion.exchange.step.regions import FittedRegion, part_regions
+from completion.parts.step_export import outcome_lines
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import EllipticCylinder, Plane, Sphere
 from tests.helpers.step_examples import (
@@ -149,6 +150,15 @@ def test_a_region_too_small_to_be_trimmed_is_left_out_and_told():
     (left,) = model.record()["without_face"]
     assert left["surface"] == 7
     assert "its neighbours were extended across it" in left["reason"]
+    first, second = outcome_lines(model)
+    assert first == "step       6 faces of 7 surfaces, 1 solid, 6 cm3"
+    assert second.strip().startswith("surface 7 (plane) is too small to be trimmed")
+
+
+def test_people_read_why_a_part_is_open():
+    first, second = outcome_lines(step_of(regions(rod(0.01, 0.03)[:2])))
+    assert first == "step       2 faces of 2 surfaces, open"
+    assert second.strip() == "surface 1 ends where the measurement does, without a neighbour"
 
 
 def test_the_same_part_gives_the_same_bytes_without_date_or_user():
@@ -219,3 +229,23 @@ def test_unusable_input_is_refused_in_one_line(change, message):
 def test_a_plane_alone_cannot_be_trimmed():
     with pytest.raises(InputError, match=r"no surface could be trimmed.*no fold with a neighbour bounds it"):
         step_of(regions(box((0.03, 0.02, 0.01))[:1]))
+
+
+def test_a_shape_with_faults_is_no_solid_and_says_so(monkeypatch):
+    monkeypatch.setattr("completion.exchange.step.shells.is_valid", lambda _shape: False)
+    model = step_of(regions(SOLIDS["rod"][0]))
+    assert not model.is_solid
+    assert model.reason == "the geometry kernel finds faults in the shape"
+
+
+def test_what_the_kernel_raises_is_a_reason(monkeypatch):
+    def fails(*_given):
+        raise kernel().Standard.Standard_ConstructionError("no such curve")
+
+    monkeypatch.setattr("completion.exchange.step.faces.trimmed_face", fails)
+    with pytest.raises(InputError, match=r"no surface could be trimmed.*the kernel could not trim it"):
+        step_of(regions(SOLIDS["rod"][0]))
+    monkeypatch.undo()
+    monkeypatch.setattr("completion.exchange.step.pipeline.sewn", fails)
+    with pytest.raises(InputError, match="could not sew the part: no such curve"):
+        step_of(regions(SOLIDS["rod"][0]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from completion.exchange.step.curves.fold_curve import FoldCurve, curve_points, tabled
-from completion.exchange.step.curves.kernel import kernel, kernel_point
+from completion.exchange.step.curves.kernel import kernel, kernel_errors, kernel_point
 from completion.exchange.step.curves.splines import chord_lengths, circle_through, interpolated, line_through
 from completion.exchange.step.curves.tracing import Traced, settled, traced
 from scenes.checks import FloatArray
@@ -72,7 +72,7 @@ class FoldFinder:
             return
         try:
             crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
-        except kernel().Standard.Standard_Failure:
+        except kernel_errors():
             return
         if not crossing.IsDone():
             return

@@ -16,8 +16,8 @@ from scenes.surfaces.surface import perpendicular
 _MODULES = (
     "BRep", "BRepAdaptor", "BRepBuilderAPI", "BRepCheck", "BRepClass3d", "BRepGProp", "BRepLib", "BRepMesh",
     "GProp", "Geom", "Geom2d", "GeomAPI", "IFSelect", "Interface", "Message", "Quantity", "STEPCAFControl",
-    "STEPControl", "ShapeFix", "Standard", "TCollection", "TDataStd", "TDocStd", "TopAbs", "TopExp", "TopLoc",
-    "TopoDS", "XCAFDoc", "collections", "gp",
+    "STEPControl", "ShapeFix", "Standard", "StdFail", "TCollection", "TDataStd", "TDocStd", "TopAbs",
+    "TopExp", "TopLoc", "TopoDS", "XCAFDoc", "collections", "gp",
 )  # fmt: skip
 _loaded: dict[str, SimpleNamespace] = {}
 
@@ -34,6 +34,13 @@ def kernel() -> SimpleNamespace:
         found["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
         _loaded["kernel"] = SimpleNamespace(**found)
     return _loaded["kernel"]
+
+
+def kernel_errors() -> tuple[type[Exception], ...]:
+    """What the kernel raises; its exceptions have no class in common here."""
+    modules = kernel().Standard, kernel().StdFail
+    found = [getattr(module, name) for module in modules for name in dir(module)]
+    return tuple(one for one in found if isinstance(one, type) and issubclass(one, Exception))
 
 
 def kernel_point(point: FloatArray) -> Any:

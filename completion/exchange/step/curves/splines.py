@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.exchange.step.curves.kernel import kernel, kernel_point
+from completion.exchange.step.curves.kernel import kernel, kernel_errors, kernel_point
 from scenes.checks import FloatArray
 
 
@@ -29,7 +29,7 @@ def interpolated(points: FloatArray, *, is_closed: bool) -> Any | None:
     try:
         made = kernel().GeomAPI.GeomAPI_Interpolate(array, held, is_closed, 1e-9)
         made.Perform()
-    except kernel().Standard.Standard_Failure:  # points that coincide
+    except kernel_errors():  # points that coincide
         return None
     return made.Curve() if made.IsDone() else None
 
