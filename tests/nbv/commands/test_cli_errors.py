@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
         ("plan {0}/scan.e57", "holds a scan or points, not a scene; give scans with --scans"),
         ("coverage {0}/scan.npz --plan x.json", "not a scene; give scans with --scans"),
         (f"complete {ROOM}", f"take a scan of it first: unseen scan {ROOM} --at X,Y,Z --look X,Y,Z"),
-        ("complete {0}/room.glb", "simulate one with `unseen scan SCENE -o FILE.npz`"),
+        ("complete {0}/room.glb", "simulate a scan with `unseen scan SCENE -o FILE.npz`"),
         (f"coverage {ROOM} --plan {{0}}/coverage.json", "give the plan.json that `unseen plan` wrote"),
         (f"coverage {ROOM} --plan {{0}}/notes.json", "is no valid JSON"),
         (f"coverage {ROOM} --plan {{0}}/absent.json", "{0}/absent.json: no such file"),
