@@ -41,10 +41,16 @@ def less(area: Any, others: Iterable[Any]) -> Any:
     return _clean(shapely.difference(area, joined(others)))
 
 
+def buffered(area: Any, reach_m: float) -> Any:
+    """An area grown by a reach, or shrunk, with its corners as corners."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # flags that GEOS leaves behind are no faults
+        return shapely.buffer(area, reach_m, join_style="mitre")
+
+
 def wide(area: Any, least_m: float) -> Any:
     """What is at least so wide of an area, with its corners as they are."""
-    core = shapely.buffer(area, -least_m / 2, join_style="mitre")
-    return common(area, shapely.buffer(core, _MITRE * least_m / 2, join_style="mitre"))
+    core = buffered(area, -least_m / 2)
+    return common(area, buffered(core, _MITRE * least_m / 2))
 
 
 def filled(area: Any) -> Any:
@@ -61,7 +67,7 @@ def smoothed(area: Any, slit_m: float) -> Any:
     """An area without slits and splinters narrower than `slit_m`, and holes that touch its outline."""
     area = straightened(area)
     for step in (slit_m / 2, -slit_m, slit_m / 2 - _APART_M):  # so that sides come near, but never touch
-        area = shapely.buffer(area, step, join_style="mitre")
+        area = buffered(area, step)
     return shapely.MultiPolygon(polygons(shapely.simplify(area, _ROUNDING_M), _LEAST_SMOOTH_M2))
 
 

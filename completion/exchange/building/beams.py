@@ -15,7 +15,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, reach_of
 from completion.evidence.sight import Sight, sight_of
-from completion.exchange.building.areas import common, joined, wide
+from completion.exchange.building.areas import buffered, common, joined, wide
 from completion.exchange.building.faces import Frame
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
@@ -65,7 +65,7 @@ class Beams:
         grid = ChartGrid.over(plane, low, high, cell, full_turn=False)
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
         found = joined(self._cells(grid, np.flatnonzero(is_free), frame))
-        found = shapely.buffer(shapely.buffer(found, cell, join_style="mitre"), -cell, join_style="mitre")
+        found = buffered(buffered(found, cell), -cell)
         return wide(common(area, found), max(_LEAST_WIDE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
