@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 
 from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -94,9 +94,10 @@ def close_holes(part: Part) -> ClosedPart | None:
     if not loops:
         return None
     points, faces, surface, left = [part.points], [part.faces], [part.triangle_surface], Counter[str]()
-    n_points = len(part.points)
+    n_points, tree = len(part.points), cKDTree(part.points)
     for loop, beside in loops:
-        found = _closed(part, loop, beside)
+        labels, corners_beside = part.triangle_surface[beside], part.points[part.faces[beside]]
+        found = _closed(part, loop, labels, corners_beside, tree=tree)
         if isinstance(found, str):
             left[found] += 1
             continue
@@ -126,13 +127,12 @@ def _borders(faces: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
 
     One that passes a point twice is left out.
     """
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    owner = np.tile(np.arange(len(faces)), 3)
-    known = set(map(tuple, edges.tolist()))
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    n = int(edges.max()) + 1
+    alone = np.flatnonzero(~np.isin(edges @ [1, n], edges @ [n, 1]))  # without the other way round
     following: dict[int, list[tuple[int, int]]] = {}
-    for (start, end), triangle in zip(edges.tolist(), owner.tolist(), strict=True):
-        if (end, start) not in known:
-            following.setdefault(start, []).append((end, triangle))
+    for (start, end), triangle in zip(edges[alone].tolist(), (alone % len(faces)).tolist(), strict=True):
+        following.setdefault(start, []).append((end, triangle))
     todo = sorted(following)
     done: set[int] = set()
     for first in todo:
@@ -146,14 +146,15 @@ def _borders(faces: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
             yield np.array(loop), np.array(beside)
 
 
-def _closed(part: Part, loop: IntArray, beside: IntArray) -> tuple[int, FloatArray, IntArray] | str:
+def _closed(
+    part: Part, loop: IntArray, beside: IntArray, corners: FloatArray, *, tree: cKDTree
+) -> tuple[int, FloatArray, IntArray] | str:
     """The label, further points (k, 3) and triangles (m, 3) of a closed hole; or why it stays.
 
-    Corners below zero count the further points, from -1.
+    `beside` (n,) are the labels of the triangles beside it, `corners` (n, 3, 3) their corners, `tree`
+    holds the part's points. Numbers below zero in the result count the further points, from -1.
     """
-    assert part.triangle_surface is not None
-    assert part.faces is not None
-    label, n = Counter(part.triangle_surface[beside].tolist()).most_common(1)[0]
+    label, n = Counter(beside.tolist()).most_common(1)[0]
     if label == 0 or n < _MOST * len(beside):
         return "several"
     surface = part.fits[part.labels.index(label)].surface
@@ -168,13 +169,16 @@ def _closed(part: Part, loop: IntArray, beside: IntArray) -> tuple[int, FloatArr
         uv[:, 0] = uv[0, 0] + np.append(0.0, np.cumsum(step)[:-1])
         if np.ptp(uv[:, 0]) > _WIDEST * surface.period:
             return "outside"
-    turned = _runs_clockwise(surface, part.points[part.faces[beside]])
+    turned = _runs_clockwise(surface, corners)
     polygon = shapely.Polygon(uv)
     if not polygon.is_valid:
         return "crossed"
     if bool(shapely.is_ccw(shapely.LinearRing(uv))) != turned:
         return "outside"  # triangles lie on its inner side
-    own = np.setdiff1d(part.members(label), loop)
+    middle = part.points[loop].mean(axis=0)
+    reach = float(np.linalg.norm(part.points[loop] - middle, axis=1).max())
+    near = np.setdiff1d(tree.query_ball_point(middle, reach), loop).astype(np.int64)
+    own = near[part.surface[near] == label]
     if _within(polygon, surface, part.points[own]):
         return "filled"
     inner = _between(polygon, part.spacing_m) if isinstance(surface, Cylinder) else np.zeros((0, 2))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from os import PathLike
@@ -36,6 +36,7 @@ from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
 from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.range_image import MESH_SENSOR, RangeImage
 
+_BUILDINGS = (".dxf", ".svg", ".ifc")
 _COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)
 
 
@@ -104,16 +105,20 @@ class Completion(CompletedModel):
             The folder cannot be made or written, or another run writes there, or `observed` is neither.
         """
         record = completion_record(self, verification, observed=observed)
-        write_model(self, folder, record, self.decisions())
+        building = self.building()
+        write_model(self, folder, record, building=building, decisions=self.decisions(of=building))
 
     def building(self) -> BuildingParts:
         """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
         return building_of(self)
 
-    def decisions(self, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
+    def decisions(
+        self, tolerance_m: float = TOLERANCE_M, *, of: BuildingParts | None = None
+    ) -> DecisionSheet:
         """Return the dimensions that people order by, each with its interval and a word on relying on it.
 
-        Half an interval up to `tolerance_m` metres may be relied on.
+        Half an interval up to `tolerance_m` metres may be relied on. `of` is its `building()`, if that is at
+        hand.
 
         Raises
         ------
@@ -123,7 +128,7 @@ class Completion(CompletedModel):
         if not (np.isfinite(tolerance_m) and tolerance_m > 0):
             raise InputError(f"the tolerance is {tolerance_m} m: give a positive length")
         unknown = any(seen.scan.sensor == MESH_SENSOR and not seen.is_noisy for seen in self.observations)
-        return decision_sheet(self.building(), tolerance_m, is_exact_unknown=unknown)
+        return decision_sheet(of or self.building(), tolerance_m, errors_unknown=unknown)
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.
@@ -147,13 +152,16 @@ class Completion(CompletedModel):
                 ".obj, .dxf, .svg, .ifc, .e57, .json (polygons); observed and inferred .ply are written by "
                 "save"
             )
-        return _export(_Content.of(self, [suffix]), target)
+        building = self.building() if suffix in _BUILDINGS else None
+        return _export(_Content.of(self, suffix, building), target)
 
 
 def write_model(
     completion: Completion,
     folder: str | PathLike[str],
     record: Mapping[str, Any],
+    *,
+    building: BuildingParts,
     decisions: DecisionSheet,
     exports: Sequence[str] = (),
 ) -> None:
@@ -167,6 +175,8 @@ def write_model(
         Made if it is not there.
     record : dict
         What completion.json holds (`completion_record`).
+    building : BuildingParts
+        What drawings and IFC hold.
     decisions : DecisionSheet
         What decisions.csv holds.
     exports : sequence of "glb", "obj", "dxf", "svg", "ifc", "e57" or "json"
@@ -182,7 +192,7 @@ def write_model(
     with locked(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
             path = stage.path(name)
-            _export(_Content.of(completion, [path.suffix]), path)  # gone before the next is made
+            _export(_Content.of(completion, path.suffix, building), path)  # gone before the next is made
         derived = completion.derived
         for name, parts in (
             ("observed.ply", derived.observed_parts(int(record["observed_step"]))),
@@ -212,7 +222,7 @@ def placed(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Itera
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Content:
-    """What files of some suffixes hold, in world coordinates; empty where none of them asks for it."""
+    """What a file of one suffix holds, in world coordinates; the rest is empty."""
 
     parts: Sequence[MeshPart]
     polygons: Mapping[str, Any]
@@ -221,12 +231,12 @@ class _Content:
     building: BuildingParts | None
 
     @classmethod
-    def of(cls, completion: Completion, suffixes: Collection[str]) -> _Content:
-        is_e57 = ".e57" in suffixes
+    def of(cls, completion: Completion, suffix: str, building: BuildingParts | None) -> _Content:
+        is_e57 = suffix == ".e57"
         return cls(
-            parts=model_parts(completion) if {".glb", ".obj"} & {*suffixes} else (),
-            polygons=polygons_record(completion) if ".json" in suffixes else {},
-            building=completion.building() if {".dxf", ".svg", ".ifc"} & {*suffixes} else None,
+            parts=model_parts(completion) if suffix in (".glb", ".obj") else (),
+            polygons=polygons_record(completion) if suffix == ".json" else {},
+            building=building if suffix in _BUILDINGS else None,
             clouds=list(inferred_points(completion)) if is_e57 else (),
             scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
         )

@@ -106,12 +106,13 @@ class JointErrors:
         """Half of the interval in which a number lies with a probability of `level` (Student 1908).
 
         `contrast` gives the derivative (k,) by each surface, `shifts` the one (3,) by its place; `more_sd`
-        is the standard deviation of what no surface has a part in.
+        is the standard deviation of what no surface has a part in. Infinite where a covariance is not known.
         """
         freedom = min((self.freedom[k] for k in contrast), default=np.inf)
         above = (1 + level) / 2
         factor = float(stdtrit(freedom, above) if np.isfinite(freedom) else ndtri(above))
-        return factor * float(np.hypot(np.sqrt(self.variance(contrast, shifts)), more_sd))
+        half = factor * float(np.hypot(np.sqrt(self.variance(contrast, shifts)), more_sd))
+        return half if np.isfinite(half) else np.inf
 
     def only(self, chosen: Sequence[bool] | BoolArray) -> JointErrors:
         """Return it for the surfaces (n,) that are `chosen` alone, counted anew."""

@@ -159,11 +159,20 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         run.watch.enter("save")
         said = completion_record(completion, verification, observed=how.observed)
         record = {**said, "warnings": warnings}
-        decisions = completion.decisions(how.tolerance_m)
+        building = completion.building()
+        decisions = completion.decisions(how.tolerance_m, of=building)
         lines = placement + lines_of(completion, verification) + lines_of_detail(said["observed_step"])
         lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
-        write_model(completion, run.stage.folder, record, decisions, how.exports)
+        write_model(
+            completion,
+            run.stage.folder,
+            record,
+            building=building,
+            decisions=decisions,
+            exports=how.exports,
+        )
+        del building
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
 
@@ -293,7 +302,7 @@ def lines_of_decisions(decisions: DecisionSheet) -> list[str]:
     if not decisions.dimensions:
         return []
     said = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
-    doubt = f"; {MESH_DOUBT}" if decisions.is_exact_unknown else ""
+    doubt = f"; {MESH_DOUBT}" if decisions.errors_unknown else ""
     return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {said}{doubt}"]
 
 

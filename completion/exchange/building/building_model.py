@@ -158,7 +158,7 @@ def building_model(
         plane_element(int(one["id"]), one, patches[int(one["id"]) - 1], world) for one in polygons["surfaces"]
     ]
     cylinders = [
-        cylinder_element(number, patch, world)
+        cylinder_element(number, patch, patch.grid.surface, world)
         for number, patch in enumerate(patches, start=1)
         if isinstance(patch.grid.surface, Cylinder)
     ]

@@ -112,6 +112,8 @@ class CylinderElement(Element):
     ----------
     ends : (2, 3) float
         Where its axis begins and ends, by its measured and inferred cells; world coordinates, metres.
+    surface : Cylinder
+        Its surface, working frame.
     radius_m, radius_sd_m : float
         Its radius, and the standard deviation of it.
     is_solid : bool
@@ -119,6 +121,7 @@ class CylinderElement(Element):
     """
 
     ends: FloatArray
+    surface: Cylinder
     radius_m: float
     radius_sd_m: float
     is_solid: bool
@@ -146,10 +149,9 @@ def plane_element(number: int, record: dict[str, Any], patch: Patch, world: Pose
     )
 
 
-def cylinder_element(number: int, patch: Patch, world: Pose) -> CylinderElement:
-    """Return a completed cylinder (of `Cylinder`), from end to end of its cells."""
-    grid, surface = patch.grid, patch.grid.surface
-    assert isinstance(surface, Cylinder)
+def cylinder_element(number: int, patch: Patch, surface: Cylinder, world: Pose) -> CylinderElement:
+    """Return a completed cylinder, the surface of its patch, from end to end of its cells."""
+    grid = patch.grid
     rows = np.flatnonzero((patch.observed | patch.hypothesised).any(axis=1))
     along = grid.corner[1] + grid.cell[1] * np.array([rows.min(), rows.max() + 1.0] if len(rows) else [0, 0])
     return CylinderElement(
@@ -158,6 +160,7 @@ def cylinder_element(number: int, patch: Patch, world: Pose) -> CylinderElement:
         patch=patch,
         world=world,
         ends=world.apply(surface.point + along[:, None] * surface.direction),
+        surface=surface,
         radius_m=float(surface.radius),
         radius_sd_m=float(np.sqrt(patch.stated.covariance[-1, -1])),
         is_solid=not surface.concave,

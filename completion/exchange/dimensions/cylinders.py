@@ -16,7 +16,6 @@ from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension, Support, half_interval
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cylinder
 
 _ENDS_IT = 0.5  # cosine between a plane's normal and an axis, from which on the plane ends a cylinder
 _MOST = 0.95  # of a cylinder's measured cells, beyond which the plane that ends it may cut off some
@@ -177,11 +176,10 @@ def _meetings(
 
 def _measured_end(cylinder: CylinderElement, which: int, share: float = 1.0) -> FloatArray:
     """The place (3,) on the axis up to which a share of the measured cells lie."""
-    grid, surface = cylinder.patch.grid, cylinder.patch.grid.surface
+    grid, surface = cylinder.patch.grid, cylinder.surface
     rows = np.nonzero(cylinder.patch.observed)[0]
     row = np.quantile(rows, share) + 1 if which else np.quantile(rows, 1 - share)
     along = grid.corner[1] + grid.cell[1] * row
-    assert isinstance(surface, Cylinder)
     return np.asarray(cylinder.world.apply((surface.point + along * surface.direction)[None])[0])
 
 

@@ -132,7 +132,7 @@ def between(
     return Dimension(
         kind=kind,
         value=value,
-        low=value - half,
+        low=max(value - half, 0.0),
         high=value + half,
         supports=supports,
         ends=ends,

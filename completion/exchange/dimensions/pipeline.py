@@ -30,19 +30,19 @@ class DecisionSheet:
         By kind, the greatest first.
     tolerance_m : float
         Half an interval up to which they are relied on, metres.
-    is_exact_unknown : bool
+    errors_unknown : bool
         Whether nothing is known of how wrong the scans are, as of a mesh; then none may be relied on.
     """
 
     dimensions: tuple[Dimension, ...]
     tolerance_m: float
-    is_exact_unknown: bool = False
+    errors_unknown: bool = False
 
     @property
     def advice(self) -> tuple[Advice, ...]:
         """What is said of each."""
         said = [advice(one, self.tolerance_m) for one in self.dimensions]
-        return tuple("check" if word == "rely" and self.is_exact_unknown else word for word in said)
+        return tuple("check" if word == "rely" and self.errors_unknown else word for word in said)
 
     def counts(self) -> dict[str, int]:
         """How many of them there are of each word."""
@@ -61,7 +61,7 @@ class DecisionSheet:
 
 
 def decision_sheet(
-    building: BuildingParts, tolerance_m: float = TOLERANCE_M, *, is_exact_unknown: bool = False
+    building: BuildingParts, tolerance_m: float = TOLERANCE_M, *, errors_unknown: bool = False
 ) -> DecisionSheet:
     """Return what people order by, each with the interval in which it lies and a word on relying on it.
 
@@ -71,7 +71,7 @@ def decision_sheet(
         What was completed.
     tolerance_m : float
         Half an interval up to which a dimension may be relied on, metres.
-    is_exact_unknown : bool
+    errors_unknown : bool
         Whether nothing is known of how wrong the scans are.
     """
     model = building.model
@@ -88,4 +88,4 @@ def decision_sheet(
 
     # 4. Columns and pipes.
     cylinders = cylinder_sizes(building)
-    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m, is_exact_unknown)
+    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m, errors_unknown)

@@ -24,7 +24,7 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
     told = list(zip(sheet.dimensions, sheet.advice, strict=True))
     rows = tuple(_row(one, word) for one, word in told[:_MOST_ROWS])
     said = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
-    doubt = f" {MESH_DOUBT}" if sheet.is_exact_unknown else ""
+    doubt = f" {MESH_DOUBT}" if sheet.errors_unknown else ""
     blocks = [Text(f"{count(len(told), 'dimension')}: {said}.{doubt} {told_rule(sheet.tolerance_m)}")]
     columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
     table = Table(columns, rows)

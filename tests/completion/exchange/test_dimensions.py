@@ -136,7 +136,7 @@ def test_the_sheet_is_a_table_that_programs_read():
         assert row["advice"] == "check"  # none is known to a millimetre
     assert sheet.counts() == {"rely": 0, "check": len(rows), "do not build": 0}
     assert DecisionSheet((), 0.01).to_csv() == ",".join(COLUMNS) + "\n"
-    unknown = replace(panorama().decisions(), is_exact_unknown=True)
+    unknown = replace(panorama().decisions(), errors_unknown=True)
     assert unknown.counts()["rely"] == 0
 
 

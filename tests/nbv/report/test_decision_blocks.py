@@ -30,7 +30,7 @@ def test_no_dimensions_no_section_and_many_are_cut_short():
 
 
 def test_of_a_mesh_none_may_be_relied_on():
-    sheet = replace(panorama().decisions(), is_exact_unknown=True)
+    sheet = replace(panorama().decisions(), errors_unknown=True)
     (section,) = decision_sections(sheet)
     assert "A mesh does not say how wrong it is" in section.blocks[0].text
     assert {row[-1].text for row in section.blocks[1].rows} == {"check"}
