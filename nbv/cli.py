@@ -233,7 +233,9 @@ def complete(
     ] = None,
     tolerance: Annotated[
         float,
-        typer.Option("--tolerance", metavar="M", min=1e-6, help="Half an interval that may be relied on."),
+        typer.Option(
+            "--tolerance", metavar="M", min=1e-6, max=100.0, help="Half an interval that may be relied on."
+        ),
     ] = 0.01,
     observed: Annotated[
         Literal["auto", "full"],

@@ -207,9 +207,11 @@ def _keys(uv: FloatArray) -> NDArray[np.int64]:
 
 def _find(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """The row of sorted `known` (n, 2) that is equal to each `wanted` (m, 2)."""
-    scale = int(known[:, 1].max() - known[:, 1].min()) + 2
-    low = known[:, 1].min()
-    flat, asked = (rows[:, 0] * scale + rows[:, 1] - low for rows in (known, wanted))
+    first, second = np.unique(known[:, 0]), np.unique(known[:, 1])  # ranks: whole numbers may be too large
+    flat, asked = (
+        np.searchsorted(first, rows[:, 0]) * len(second) + np.searchsorted(second, rows[:, 1])
+        for rows in (known, wanted)
+    )
     return np.asarray(np.searchsorted(flat, asked), dtype=np.int64)
 
 

@@ -115,7 +115,7 @@ def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
     scan = scan_from_station(points, origin, name)
     if "sigma_m" not in arrays.files:
         return scan
-    sigma = float(arrays["sigma_m"])
-    if not (np.isfinite(sigma) and sigma >= 0):
-        raise InputError(f"sigma_m is {sigma}; give metres from 0 on")
-    return scan.restated(sigma_m=sigma)
+    sigma = np.asarray(arrays["sigma_m"], dtype=np.float64)
+    if sigma.size != 1 or not (np.isfinite(sigma).all() and sigma.min() >= 0):
+        raise InputError(f"sigma_m is {sigma.tolist()}; give one number of metres from 0 on")
+    return scan.restated(sigma_m=float(sigma.reshape(())))
