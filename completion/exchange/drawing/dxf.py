@@ -50,6 +50,8 @@ def dxf_of(model: BuildingModel) -> bytes:
         _add_lines(space, plan.lines, "PLAN")
         _add_sections(space, model, sections, plan.told)
         _finish(document, model)
+        for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
+            document.classes.add_class(kind)
         text = io.StringIO()
         document.write(text)
     return document.encode(text.getvalue())

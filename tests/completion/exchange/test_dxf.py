@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: MIT
 """DXF read back by its own library: clean, on its layers, as many facets and folds as the model has."""
 
+import hashlib
 import io
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from completion.pipeline import complete
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
+from tests.helpers.data_paths import ROOT
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -104,6 +109,19 @@ def test_openings_are_closed_outlines():
     assert all(line.is_closed for line in lines)
     kinds = {line.get_xdata("UNSEEN")[1].value for line in lines}
     assert kinds >= {"window"}
+
+
+@pytest.mark.parametrize("seed", ["1", "2", "3"])
+def test_every_process_writes_the_same_bytes(seed):
+    program = (
+        "import hashlib; from completion.exchange.drawing.dxf import dxf_of; "
+        "from tests.helpers.exchange_examples import box; print(hashlib.sha256(dxf_of(box())).hexdigest())"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": seed}
+    said = subprocess.run(
+        [sys.executable, "-c", program], env=environment, cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert said.stdout.strip() == hashlib.sha256(dxf_of(box())).hexdigest()
 
 
 def test_the_same_model_gives_the_same_bytes_and_leaves_the_library_as_it_was(room):
