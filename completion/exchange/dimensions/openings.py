@@ -11,6 +11,7 @@ from completion.exchange.building.parts import BuildingParts
 from completion.exchange.dimensions.dimension import Dimension, Kind, Support, half_interval
 from scenes.checks import FloatArray
 
+_LEAST_M = 0.2  # of an opening's width and height
 _OF_SIDES = ("sd_m", "inwards_m", "outwards_m")
 _SAME_SIDE = 0.05  # of the extent, within which short sides are parts of the longest one there
 _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
@@ -19,12 +20,20 @@ _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it
 def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return width and height of each opening in a wall, from side to side where both are straight.
 
+    Of those that are 0.2 m wide and high at least: smaller ones are gaps in what was measured.
+
     A size is taken between the two longest sides that end the opening in its direction. An opening that has
     not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
     side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
     model, found = building.model, []
-    within = [(face.element, one) for face in building.faces if face.is_upright for one in face.openings]
+    within = [
+        (face.element, one)
+        for face in building.faces
+        if face.is_upright
+        for one in face.openings
+        if min(one.width_m, one.height_m) >= _LEAST_M
+    ]
     for wall, one in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
