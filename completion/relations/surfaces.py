@@ -28,6 +28,7 @@ from completion.uncertainty.pipeline import StatedFits
 from completion.uncertainty.sensor_errors import shift_by_sensors
 from scenes.checks import FloatArray
 from scenes.pose import Pose
+from scenes.scan.range_image import MESH_SENSOR
 
 MOST_LEAST, LEAST_LEAST, LEAST_SHARE = 1_200, 200, 0.004
 """Pixels of a surface that relations are inferred of: that share of a scan's, between the other two."""
@@ -182,6 +183,7 @@ def _errors(
         freedom=stated.freedom,
         shares=shares,
         pose_sd=np.array([seen.pose_error_m for seen in observations]) / POSE_BOUND,
+        is_known=not any(seen.scan.sensor == MESH_SENSOR and not seen.is_noisy for seen in observations),
     )
 
 

@@ -34,7 +34,7 @@ from scenes.formats.meshes.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
 from scenes.run.staged_outputs import Stage, locked
-from scenes.scan.range_image import MESH_SENSOR, RangeImage
+from scenes.scan.range_image import RangeImage
 
 _BUILDINGS = (".dxf", ".svg", ".ifc")
 _COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)
@@ -127,8 +127,7 @@ class Completion(CompletedModel):
         """
         if not (np.isfinite(tolerance_m) and tolerance_m > 0):
             raise InputError(f"the tolerance is {tolerance_m} m: give a positive length")
-        unknown = any(seen.scan.sensor == MESH_SENSOR and not seen.is_noisy for seen in self.observations)
-        return decision_sheet(of or self.building(), tolerance_m, errors_unknown=unknown)
+        return decision_sheet(of or self.building(), tolerance_m)
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.

@@ -65,6 +65,8 @@ class JointErrors:
         Share of each surface's pixels that each of s scans measured.
     pose_sd : (s,) float
         Standard deviation of each scan's place, along any direction, metres.
+    is_known : bool
+        Whether anything is known of how wrong the scans are. Of a mesh that somebody else made it is not.
     """
 
     own: tuple[FloatArray, ...]
@@ -74,6 +76,7 @@ class JointErrors:
     freedom: tuple[float, ...]
     shares: FloatArray
     pose_sd: FloatArray
+    is_known: bool = True
 
     def variance(self, contrast: Contrast, shifts: Mapping[int, FloatArray]) -> float:
         """Variance of a number that depends on some surfaces.
@@ -106,13 +109,14 @@ class JointErrors:
         """Half of the interval in which a number lies with a probability of `level` (Student 1908).
 
         `contrast` gives the derivative (k,) by each surface, `shifts` the one (3,) by its place; `more_sd`
-        is the standard deviation of what no surface has a part in. Infinite where a covariance is not known.
+        is the standard deviation of what no surface has a part in. Infinite where errors
+        or a covariance are not known.
         """
         freedom = min((self.freedom[k] for k in contrast), default=np.inf)
         above = (1 + level) / 2
         factor = float(stdtrit(freedom, above) if np.isfinite(freedom) else ndtri(above))
         half = factor * float(np.hypot(np.sqrt(self.variance(contrast, shifts)), more_sd))
-        return half if np.isfinite(half) else np.inf
+        return half if self.is_known and np.isfinite(half) else np.inf
 
     def only(self, chosen: Sequence[bool] | BoolArray) -> JointErrors:
         """Return it for the surfaces (n,) that are `chosen` alone, counted anew."""

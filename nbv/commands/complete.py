@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from completion.edits.file import read_edits
-from completion.exchange.dimensions.advice import MESH_DOUBT, TOLERANCE_M
+from completion.exchange.dimensions.advice import TOLERANCE_M
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from completion.extension.extent import Mode
 from completion.flattening.options import FlatteningOptions
@@ -302,7 +302,7 @@ def lines_of_decisions(decisions: DecisionSheet) -> list[str]:
     if not decisions.dimensions:
         return []
     said = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
-    doubt = f"; {MESH_DOUBT}" if decisions.errors_unknown else ""
+    doubt = f"; {decisions.told_doubt}" if decisions.told_doubt else ""
     return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {said}{doubt}"]
 
 

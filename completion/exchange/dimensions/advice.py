@@ -12,7 +12,7 @@ Advice = Literal["rely", "check", "do not build"]
 TOLERANCE_M = 0.010
 """Half an interval up to which dimensions are relied on where nobody says how exact they must be, metres."""
 
-MESH_DOUBT = "A mesh does not say how wrong it is: none may be relied on unless --sigma M says so."
+UNKNOWN = "A mesh does not say how wrong it is: no interval is known unless --sigma M says so."
 _LEAST_MEASURED, _LEAST_EXISTENCE = 0.5, 0.8
 
 

@@ -8,8 +8,10 @@ import io
 from collections import Counter
 from dataclasses import dataclass
 
+import numpy as np
+
 from completion.exchange.building.parts import BuildingParts
-from completion.exchange.dimensions.advice import TOLERANCE_M, Advice, advice
+from completion.exchange.dimensions.advice import TOLERANCE_M, UNKNOWN, Advice, advice
 from completion.exchange.dimensions.cylinders import cylinder_sizes
 from completion.exchange.dimensions.dimension import Dimension
 from completion.exchange.dimensions.heights import room_heights
@@ -30,19 +32,20 @@ class DecisionSheet:
         By kind, the greatest first.
     tolerance_m : float
         Half an interval up to which they are relied on, metres.
-    errors_unknown : bool
-        Whether nothing is known of how wrong the scans are, as of a mesh; then none may be relied on.
     """
 
     dimensions: tuple[Dimension, ...]
     tolerance_m: float
-    errors_unknown: bool = False
 
     @property
     def advice(self) -> tuple[Advice, ...]:
         """What is said of each."""
-        said = [advice(one, self.tolerance_m) for one in self.dimensions]
-        return tuple("check" if word == "rely" and self.errors_unknown else word for word in said)
+        return tuple(advice(one, self.tolerance_m) for one in self.dimensions)
+
+    @property
+    def told_doubt(self) -> str:
+        """What is said where intervals are not known, as of a mesh; nothing else."""
+        return "" if all(np.isfinite(one.half) for one in self.dimensions) else UNKNOWN
 
     def counts(self) -> dict[str, int]:
         """How many of them there are of each word."""
@@ -50,7 +53,10 @@ class DecisionSheet:
         return {word: said[word] for word in ("rely", "check", "do not build")}
 
     def to_csv(self) -> str:
-        """What `decisions.csv` holds: lengths in metres, areas in m2, volumes in m3, as `unit` says."""
+        """What `decisions.csv` holds: lengths in metres, areas in m2, volumes in m3, as `unit` says.
+
+        An interval that is not known ends at inf.
+        """
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerow(COLUMNS)
@@ -60,9 +66,7 @@ class DecisionSheet:
         return text.getvalue()
 
 
-def decision_sheet(
-    building: BuildingParts, tolerance_m: float = TOLERANCE_M, *, errors_unknown: bool = False
-) -> DecisionSheet:
+def decision_sheet(building: BuildingParts, tolerance_m: float = TOLERANCE_M) -> DecisionSheet:
     """Return what people order by, each with the interval in which it lies and a word on relying on it.
 
     Parameters
@@ -71,8 +75,6 @@ def decision_sheet(
         What was completed.
     tolerance_m : float
         Half an interval up to which a dimension may be relied on, metres.
-    errors_unknown : bool
-        Whether nothing is known of how wrong the scans are.
     """
     model = building.model
 
@@ -88,4 +90,4 @@ def decision_sheet(
 
     # 4. Columns and pipes.
     cylinders = cylinder_sizes(building)
-    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m, errors_unknown)
+    return DecisionSheet((*rooms, *bodies, *openings, *cylinders), tolerance_m)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -14,11 +14,13 @@ from completion.exchange.building.building_model import REST
 from completion.exchange.building.cut import CutLine, Plan, plan_of
 from completion.exchange.building.elements import PlaneElement
 from completion.exchange.building.parts import BuildingParts
+from completion.exchange.building.storeys import Storey
 from completion.exchange.dimensions.dimension import Dimension, between
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
 _PARALLEL = float(np.cos(np.radians(5.0)))  # how far walls may be from parallel and have a width between them
+_HEADROOM_M = 1.8  # above a floor, up to which a surface reaches that may part what is before and behind it
 _LEAST_M = 0.3  # of a width, and of the stretch along which two walls face each other
 _PLACES = np.linspace(0.1, 0.9, 17)[np.argsort(np.abs(np.linspace(0.1, 0.9, 17) - 0.5), kind="stable")]
 _AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
@@ -32,7 +34,7 @@ def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
         plan = plan_of(model if number == 0 else replace(model, floor_m=storey.elevation_m))
         rooms = [room.outline for room in building.rooms if room.storey == number and room.closed]
         walls = sorted((face.element for face in storey.walls), key=lambda wall: wall.number)
-        found += room_widths(walls, plan, model.errors, rooms)
+        found += room_widths(walls, plan, model.errors, rooms, barriers=_barriers(building, storey))
     return tuple(found)
 
 
@@ -41,23 +43,27 @@ def room_widths(
     plan: Plan,
     errors: JointErrors,
     rooms: Sequence[shapely.Geometry] = (),
+    *,
+    barriers: Collection[int] = (),
 ) -> tuple[Dimension, ...]:
     """Return the widths between walls that face each other in a plan, with nothing of a wall between them.
 
     They are taken square to the first wall, where that is measured on both sides if there is such a place,
     and else as near the middle as walls let. One whose middle lies in one of the outlines of `rooms` ends in
-    that room, and does not go through its door. The greatest come first.
+    that room, and does not go through its door. None goes through a wall, or a surface of the numbers
+    `barriers`. The greatest come first.
     """
     own = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
+    closed = {*own, *barriers}
     solid = [
         shapely.LineString(line.points[:, :2])
         for line in plan.lines
-        if line.surface in own or line.kind == "wall"
+        if line.surface in closed or line.kind == "wall"
     ]
     rest = [
         shapely.LineString(line.points[:, :2])
         for line in plan.lines
-        if line.surface not in own and line.kind not in ("wall", REST)
+        if line.surface not in closed and line.kind not in ("wall", REST)
     ]
     borders = shapely.union_all([room.exterior for room in rooms])
     obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
@@ -72,6 +78,12 @@ def room_widths(
             ends = _ends((one, other), (own[one.number], own[other.number]), plan.height_m, obstacles)
             found += [] if ends is None else [between("room width", ends, (one, other), errors)]
     return tuple(sorted(found, key=lambda dimension: -dimension.value))
+
+
+def _barriers(building: BuildingParts, storey: Storey) -> set[int]:
+    """Numbers of the upright surfaces that may part a storey: those as high as people need."""
+    least = storey.elevation_m + _HEADROOM_M
+    return {face.number for face in building.faces if face.is_upright and face.highest_m >= least}
 
 
 def _ends(

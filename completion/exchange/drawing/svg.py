@@ -37,6 +37,7 @@ text { fill: #000; font-size: 2.6px; }
 .frame { stroke-width: 0.25; }
 """.strip()
 _TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
+_TOLD_UNKNOWN = "Widths between walls in metres; how exact they are is not known."
 _TOLD_INFERRED = " Blue ones rest on inferred wall."
 _SCALE_BAR_MM = 50.0  # its length at most
 
@@ -155,7 +156,10 @@ def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Letteri
         if one.kind != "room area" or abs(one.ends[0, 2] - plan.height_m) > _STOREY_M:
             continue
         middle = paper.place(one.ends)[0]
-        text = f"{one.value:.2f} \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f} m\u00b2"
+        half = ""
+        if np.isfinite(one.half):
+            half = f" \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f}"
+        text = f"{one.value:.2f}{half} m\u00b2"
         for off in _BESIDE_MM:
             put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
             if put is not None:
@@ -167,11 +171,14 @@ def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Letteri
 def _told_widths(drawn: Sequence[str]) -> list[str]:
     """What is said of widths, if any are drawn."""
     is_inferred = any("on-inferred" in text for text in drawn)
-    return [_TOLD_WIDTHS + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+    told = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
+    return [told + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
 
 
 def told_width(dimension: Dimension) -> str:
-    """Return a width as drawings show it: metres to the millimetre, the interval rounded up."""
+    """Return a width as drawings show it: metres to the millimetre, the interval, if known, rounded up."""
+    if not np.isfinite(dimension.half):
+        return f"{dimension.value:.3f}"
     digits = 3 if dimension.half >= 5e-4 else 4
     half = np.ceil(dimension.half * 10**digits - 1e-9) / 10**digits
     return f"{dimension.value:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"

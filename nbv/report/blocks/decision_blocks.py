@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.exchange.dimensions.advice import MESH_DOUBT, Advice, told_rule
+from completion.exchange.dimensions.advice import Advice, told_rule
 from completion.exchange.dimensions.dimension import Dimension
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from nbv.report.page.page import Cell, Section, State, Table, Text
@@ -24,7 +24,7 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
     told = list(zip(sheet.dimensions, sheet.advice, strict=True))
     rows = tuple(_row(one, word) for one, word in told[:_MOST_ROWS])
     said = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
-    doubt = f" {MESH_DOUBT}" if sheet.errors_unknown else ""
+    doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
     blocks = [Text(f"{count(len(told), 'dimension')}: {said}.{doubt} {told_rule(sheet.tolerance_m)}")]
     columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
     table = Table(columns, rows)
@@ -39,7 +39,8 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
 
 def _row(one: Dimension, word: Advice) -> tuple[Cell, ...]:
     digits = int(np.clip(np.ceil(-np.log10(max(one.half, 1e-12))) + 1, 2, 4))
-    numbers = [f"{number:.{digits}f}" for number in (one.value, one.low, one.high)]
+    ends = (one.low, one.high) if np.isfinite(one.half) else ()
+    numbers = [f"{one.value:.{digits}f}", *(f"{end:.{digits}f}" for end in ends), *("not known",) * 2][:3]
     return (
         Cell(one.kind),
         Cell(" ".join(map(str, one.surfaces)), swatch=surface_colour(one.surfaces[0])),

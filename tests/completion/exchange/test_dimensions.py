@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from completion.exchange.dimensions.advice import advice, told_rule
-from completion.exchange.dimensions.pipeline import COLUMNS, DecisionSheet
+from completion.exchange.dimensions.pipeline import COLUMNS, DecisionSheet, decision_sheet
 from completion.uncertainty.joint_errors import NO_ERRORS, RelatedErrors
 from completion.uncertainty.shared_errors import SharedErrors
 from scenes.checks import InputError
@@ -136,8 +136,17 @@ def test_the_sheet_is_a_table_that_programs_read():
         assert row["advice"] == "check"  # none is known to a millimetre
     assert sheet.counts() == {"rely": 0, "check": len(rows), "do not build": 0}
     assert DecisionSheet((), 0.01).to_csv() == ",".join(COLUMNS) + "\n"
-    unknown = replace(panorama().decisions(), errors_unknown=True)
-    assert unknown.counts()["rely"] == 0
+
+
+def test_of_a_mesh_no_interval_is_known_until_somebody_says_how_wrong_it_is():
+    errors = replace(panorama().errors, is_known=False)
+    building = panorama().building()
+    sheet = decision_sheet(replace(building, model=replace(building.model, errors=errors)))
+    assert {one.high for one in sheet.dimensions} == {np.inf}
+    assert min(one.low for one in sheet.dimensions) == 0
+    assert sheet.counts()["rely"] == 0
+    assert "unless --sigma M says so" in sheet.told_doubt
+    assert panorama().decisions().told_doubt == ""
 
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan"), float("inf")])

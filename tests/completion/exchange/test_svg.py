@@ -102,6 +102,7 @@ def test_intervals_are_rounded_up():
         (0.0021, "4.000 \u00b1 0.003"),
         (0.00012, "4.0004 \u00b1 0.0002"),
         (0.0, "4.0004 \u00b1 0.0001"),
+        (np.inf, "4.000"),
     ):
         assert told_width(length(4.0004, half)) == told
 

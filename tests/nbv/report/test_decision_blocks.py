@@ -3,6 +3,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from nbv.report.blocks.decision_blocks import decision_sections
 from nbv.report.completion_report import completion_page
@@ -30,10 +32,13 @@ def test_no_dimensions_no_section_and_many_are_cut_short():
 
 
 def test_of_a_mesh_none_may_be_relied_on():
-    sheet = replace(panorama().decisions(), errors_unknown=True)
+    one = replace(panorama().decisions().dimensions[0], low=0.0, high=np.inf)
+    sheet = DecisionSheet((one,), 0.01)
     (section,) = decision_sections(sheet)
     assert "A mesh does not say how wrong it is" in section.blocks[0].text
-    assert {row[-1].text for row in section.blocks[1].rows} == {"check"}
+    (row,) = section.blocks[1].rows
+    assert [cell.text for cell in row[2:5]] == ["6.00 m", "not known", "not known"]
+    assert row[-1].text == "check"
 
 
 def test_the_report_of_a_completion_has_it():
