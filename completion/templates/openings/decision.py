@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: MIT
+"""Decision: whether an opening is there, what it is, and what of it nobody saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.observe.observation import Observation
+from completion.templates.openings.recess import FACES, SIDES, Recess, expect
+from completion.templates.openings.sides import Estimate
+from completion.templates.openings.wall import Wall
+from completion.templates.openings.wall_beams import WallBeams, WallFrame
+from completion.templates.template import Given, Side, Status, TemplateFit
+from scenes.checks import FloatArray, IntArray
+
+_BY_TILE = 4.0  # nats: of a tile that confirms or contradicts
+_LEAST_M = 0.3  # of width and height
+_REFUTED = 0.3  # share of a side's tiles
+_FEWEST_SEEN = 2  # sides
+_ON_FACE = 3.0  # standard deviations
+_REVEALED = 10  # points on reveals, from which on they are seen
+_IS_IMAGE = 0.5  # share of what lies behind that stands before, too
+DOOR_M = 1.6  # height from which on what stands on the floor is a doorway
+_CLOSED_M = 0.15  # depth up to which a door's leaf lies behind its wall
+NAMES = ("u", "sill", "width", "height", "depth")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opened:
+    """A recess as it was fitted, and what speaks for it."""
+
+    frame: WallFrame
+    recess: Recess
+    known: dict[str, Estimate]
+    sides: tuple[Side, ...]
+    floor: float | None
+    image_share: float
+    wall: Wall
+
+
+def decide(
+    opened: Opened, beams: WallBeams, observations: Sequence[Observation], given: Given
+) -> TemplateFit:
+    """Return the opening as a feature, found, ambiguous or refused, with the reason in one sentence."""
+    assignment, on_reveals = _assigned(opened.recess, beams, observations)
+    kind, reason, status = _judged(opened, on_reveals)
+    x, covariance = _parameters(opened)
+    recess, depth = opened.recess, opened.known["depth"]
+    held = tuple(name for name in NAMES if name in given)
+    for name in held:
+        covariance[NAMES.index(name)] = covariance[:, NAMES.index(name)] = 0.0
+    confirmed = sum(side.confirmed for side in opened.sides)
+    contradicted = sum(side.contradicted for side in opened.sides)
+    return TemplateFit(
+        kind=kind,
+        status=status,
+        names=NAMES,
+        x=x,
+        covariance=covariance,
+        sides=opened.sides,
+        evidence=_BY_TILE * (confirmed - contradicted),
+        faces=FACES,
+        assignment=assignment,
+        reason=reason,
+        geometry={
+            "corners": opened.frame.points(recess.corners()),
+            "depth_m": depth.value,
+            "depth_sd_m": depth.deviation,
+            "is_closed": recess.is_closed,
+            "into": opened.frame.axes[1],
+            "surface": opened.wall.number,
+        },
+        held=held,
+    )
+
+
+def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
+    """Kind, reason and status."""
+    kind, doubt = _kind(opened)
+    width, height = opened.recess.size
+    if min(width, height) < _LEAST_M:
+        return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
+    for side in opened.sides:
+        refuted = side.contradicted > side.confirmed and side.contradicted >= _REFUTED * side.total
+        if refuted and not (side.name == "bottom" and opened.floor is not None):
+            return (
+                kind,
+                (f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"),
+                Status.NONE,
+            )
+    seen = [side.name for side in opened.sides if side.is_seen]
+    if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
+        told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
+        return kind, told, Status.NONE
+    if on_reveals < _REVEALED and opened.image_share > _IS_IMAGE and not opened.recess.is_closed:
+        told = f"opening or mirror: {opened.image_share:.0%} of what lies behind is the image of what stands"
+        return kind, f"{told} before it, and no reveal was measured", Status.AMBIGUOUS
+    return kind, doubt, Status.FOUND
+
+
+def _kind(opened: Opened) -> tuple[str, str]:
+    """Doorway, window or niche, and what is doubtful of that."""
+    recess, stands = opened.recess, opened.floor is not None
+    if recess.is_closed:
+        if stands and recess.size[1] > DOOR_M and recess.depth <= _CLOSED_M:
+            return "doorway", f"closed {1000 * recess.depth:.0f} mm behind the wall"
+        return "niche", ""
+    bottom = next(side for side in opened.sides if side.name == "bottom")
+    if stands:
+        return "doorway", ""
+    if bottom.is_seen:
+        return "window", ""
+    return ("doorway" if recess.size[1] > DOOR_M else "window"), "its foot was not seen: doorway or window"
+
+
+def _parameters(opened: Opened) -> tuple[FloatArray, FloatArray]:
+    """Left side, sill, width, height and depth (5,), and their covariance (5, 5)."""
+    recess = opened.recess
+    sd = {side.name: side.deviation for side in opened.sides}
+    base = 0.0 if opened.floor is None else opened.floor
+    x = np.array([recess.left, recess.bottom - base, *recess.size, recess.depth])
+    deviations = np.array([*(sd[name] for name in SIDES), opened.known["depth"].deviation])
+    jacobian = np.zeros((5, 5))
+    jacobian[[0, 1, 2, 2, 3, 3, 4], [0, 2, 1, 0, 3, 2, 4]] = 1, 1, 1, -1, 1, -1, 1
+    variance = np.square(np.where(np.isfinite(deviations), deviations, 1e3))
+    return x, (jacobian * variance) @ jacobian.T
+
+
+def _assigned(recess: Recess, beams: WallBeams, observations: Sequence[Observation]) -> tuple[IntArray, int]:
+    """Face of each pixel of all scans in turn, 0 for none, and how many are of reveals."""
+    start = np.cumsum([0, *(seen.scan.ranges.size for seen in observations)])
+    out = np.zeros(int(start[-1]), np.int64)
+    held = {name: np.array([getattr(recess, name)]) for name in SIDES}
+    left, right = held.pop("left"), held.pop("right")
+    depth = np.array([recess.depth])
+    expected, _, face = expect(beams, left, right, **held, depth=depth, is_closed=recess.is_closed)
+    with np.errstate(invalid="ignore"):
+        on = np.abs(beams.ranges - expected[:, 0]) <= _ON_FACE * beams.deviation
+    past = beams.ranges - beams.wall_range > _ON_FACE * beams.deviation  # else it may be the wall
+    on &= (face[:, 0] > 0) & np.isfinite(beams.ranges)
+    out[start[beams.scan[on]] + beams.pixel[on]] = face[on, 0]
+    return out, int((on & past & (face[:, 0] <= 4)).sum())

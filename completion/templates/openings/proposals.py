@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""Proposals: rectangles of a wall that beams go through, best first, to whole cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from completion.templates.openings.recess import Recess
+from completion.templates.openings.rectangle import best_rectangle
+from completion.templates.openings.wall_beams import WallBeams
+from scenes.checks import BoolArray, FloatArray
+
+CELL_M = 0.05
+_MOST_CELLS = 200  # along the longer side of the chart
+_GAPS = 1.5  # distances between beams in a cell
+_MOST_NATS = 6.0  # that one cell may say
+_PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
+_LEAST_NATS = 25.0  # of a rectangle that is worth a look
+_LEAST_M = 0.25  # of its sides
+_MOST = 16  # of one wall
+_SPECK_M2 = 0.02  # of wall: smaller pieces do not say how far it goes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallChart:
+    """What beams say of cells of a wall.
+
+    Attributes
+    ----------
+    corner : (2,) float
+        Least u and v, metres.
+    cell : float
+        Side of a cell, metres.
+    nats : (rows, columns) float
+        Odds for no wall, clipped; 0 where no beam says anything.
+    """
+
+    corner: FloatArray
+    cell: float
+    nats: FloatArray
+
+    @classmethod
+    def of(cls, beams: WallBeams) -> WallChart:
+        """Return the chart that holds all beams; cells are not smaller than beams lie apart."""
+        low, high = beams.uv.min(axis=0), beams.uv.max(axis=0)
+        gap = float(np.nanquantile(beams.gap, 0.75))
+        cell = max(CELL_M, _GAPS * gap, float((high - low).max()) / _MOST_CELLS)
+        shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
+        column, row = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1).T
+        odds = np.clip(beams.odds(), -_MOST_NATS, _MOST_NATS)
+        nats = np.bincount(row * shape[1] + column, odds, minlength=int(shape.prod())).reshape(shape)
+        return cls(low, cell, np.clip(nats, -_MOST_NATS, _MOST_NATS))
+
+    def hull(self) -> BoolArray:
+        """Cells (rows, columns) within the convex hull of the wall's larger pieces."""
+        part, n = ndimage.label(self.nats < -1.0, np.ones((3, 3)))
+        sizes = np.bincount(part.ravel(), minlength=n + 1)
+        large = sizes * self.cell**2 >= _SPECK_M2
+        large[0] = False
+        rows, columns = np.nonzero(large[part])
+        inside = np.zeros(self.nats.shape, np.uint8)
+        if len(rows) >= 3:
+            hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
+            cv2.fillConvexPoly(inside, hull, 1)
+        return inside.astype(np.bool_)
+
+
+def propose(beams: WallBeams) -> Iterator[tuple[Recess, float]]:
+    """Yield rectangles in the wall with the odds that they hold, nats, each clear of those before.
+
+    That without wall is worth something only within the hull of what was measured of the wall: beyond its
+    ends everything is open.
+    """
+    if not len(beams):
+        return
+    chart = WallChart.of(beams)
+    values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
+    for _ in range(_MOST):
+        found = best_rectangle(values)
+        if found.total < _LEAST_NATS:
+            return
+        values[found.top : found.bottom, found.left : found.right] = -_PRICE
+        left, bottom = chart.corner + chart.cell * np.array([found.left, found.top])
+        right, top = chart.corner + chart.cell * np.array([found.right, found.bottom])
+        recess = Recess(float(left), float(right), float(bottom), float(top))
+        if min(recess.size) >= _LEAST_M:
+            yield recess, found.total
