@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.boundary.continuation import Cue
@@ -21,11 +20,11 @@ from completion.extension.claims import overlap_m2, settle_claims
 from completion.extension.extent import find_extent
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
-from completion.merging.merged_surface import MergedSurface
+from completion.merging.merged_surface import number_pixels
 from completion.merging.pipeline import merge
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.key_frames import find_key_frames
-from completion.observe.observation import Observation, observe
+from completion.observe.observation import observe
 from completion.options import CompletionOptions
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
@@ -249,16 +248,6 @@ def complete_first(
     """Complete the first scan alone, without what a person says, and without texture."""
     plain = replace(options, texture=False, edits=(), stated_relations=(), flattening=None)
     return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
-
-
-def number_pixels(
-    surfaces: Sequence[MergedSurface], scan: int, observation: Observation
-) -> NDArray[np.int32]:
-    """Number the pixels (rows, columns) of one scan by the surface that they are of, from 1; 0 for none."""
-    owners = np.zeros(observation.scan.shape, np.int32)
-    for number, surface in enumerate(surfaces, start=1):
-        owners.ravel()[surface.pixels[scan].flat] = number
-    return owners
 
 
 def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:

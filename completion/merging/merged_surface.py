@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
@@ -64,3 +65,13 @@ class MergedSurface:
             points.append(seen.points_at(some))
             trim()
         return np.concatenate(points)
+
+
+def number_pixels(
+    surfaces: Sequence[MergedSurface], scan: int, observation: Observation
+) -> NDArray[np.int32]:
+    """Number the pixels (rows, columns) of one scan by the surface that they are of, from 1; 0 for none."""
+    owners = np.zeros(observation.scan.shape, np.int32)
+    for number, surface in enumerate(surfaces, start=1):
+        owners.ravel()[surface.pixels[scan].flat] = number
+    return owners

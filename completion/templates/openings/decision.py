@@ -81,7 +81,9 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     """Kind, reason and status."""
     kind, doubt = _kind(opened)
     width, height = opened.recess.size
-    if min(width, height) < _LEAST_M:
+    seen = [side.name for side in opened.sides if side.is_seen]
+    is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
+    if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
     for side in opened.sides:
         refuted = side.contradicted > side.confirmed and side.contradicted >= _REFUTED * side.total
@@ -91,7 +93,6 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
                 (f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"),
                 Status.NONE,
             )
-    seen = [side.name for side in opened.sides if side.is_seen]
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
         told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
         return kind, told, Status.NONE

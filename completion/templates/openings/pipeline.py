@@ -8,12 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from completion.templates.openings.decision import DOOR_M, Opened, decide
 from completion.templates.openings.mirror import image_share
 from completion.templates.openings.proposals import CELL_M, propose
 from completion.templates.openings.recess import SIDES, Recess
-from completion.templates.openings.sides import Estimate, fit_depth, fit_side, fit_turn, open_limits
+from completion.templates.openings.sides import (
+    Estimate,
+    fit_depth,
+    fit_side,
+    fit_turn,
+    near_side,
+    open_limits,
+)
 from completion.templates.openings.support import all_sides
 from completion.templates.openings.wall import Wall
 from completion.templates.openings.wall_beams import WallBeams, WallFrame, wall_beams
@@ -23,7 +31,6 @@ from scenes.surfaces.catalogue import Plane
 
 _BESIDE_M = 0.5  # round what was measured of a wall
 _ROUNDS = 2
-_FLOOR_SD_M = 0.003  # of a floor's height at a door
 _FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
 _OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
 _SIZE = {"left": "width", "right": "width", "bottom": "height", "top": "height"}
@@ -34,7 +41,7 @@ def find_openings_in(
     wall: Wall,
     observations: Sequence[Observation],
     up: FloatArray,
-    floors: Sequence[Plane],
+    floors: Sequence[SurfaceFit],
     given: Given,
 ) -> Iterator[TemplateFit]:
     """Yield the openings that are proposed in a wall, accepted or refused, the most probable first.
@@ -47,7 +54,7 @@ def find_openings_in(
         All scans, in one frame.
     up : (3,) float
         What is up in that frame.
-    floors : sequence of Plane
+    floors : sequence of SurfaceFit
         Level planes, of which one may be the floor before the wall.
     given : mapping
         What a person knows: "width", "height", "depth", "sill" (above the floor), metres.
@@ -70,7 +77,8 @@ def find_openings_in(
         # 4. Fit: sides, depth and turn, each by its posterior with the others as they are.
         recess, known, turn = _fitted(beams, rough, given, levels)
         turned = beams.turned(turn)
-        floor = _floor_of(recess, levels)
+        known = _with_wall(turned, recess, known, wall, frame.turned(turn))
+        floor = None if (level := _floor_of(recess, levels)) is None else level.value
 
         # 5. Support: tiles along each side, which confirm or contradict it.
         sides = all_sides(turned, recess, known, floor)
@@ -83,25 +91,25 @@ def find_openings_in(
 
 
 def _fitted(
-    beams: WallBeams, rough: Recess, given: Given, levels: Sequence[float]
+    beams: WallBeams, rough: Recess, given: Given, levels: Sequence[Estimate]
 ) -> tuple[Recess, dict[str, Estimate], float]:
     """The recess at its most probable, how well its parameters are known, and its turn in the wall."""
     floor, reach = _floor_of(rough, levels), 2 * CELL_M
-    recess = rough if floor is None else rough.moved("bottom", floor)
-    known = {"bottom": Estimate(recess.bottom, _FLOOR_SD_M)}
+    recess = rough if floor is None else rough.moved("bottom", floor.value)
+    known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
     sides = [side for side in SIDES if side != "bottom" or floor is None]
     for side in sides:
         known[side] = fit_side(beams, recess, side, reach)
         recess = recess.moved(side, known[side].value)
     turn, recess = fit_turn(beams, recess, reach)
-    beams = beams.turned(turn)
+    beams = beams.turned(turn.value)
     for _ in range(_ROUNDS):
         recess, known["depth"], odds = fit_depth(beams, recess, given.get("depth"))
         for side in sides:
             known[side] = fit_side(beams, recess, side, reach / 2)
             recess = recess.moved(side, known[side].value)
-    known["closed"] = Estimate(odds, 0.0)
-    return recess, known, turn
+    known |= {"closed": Estimate(odds, 0.0), "turn": turn}
+    return recess, known, turn.value
 
 
 def _with_unseen(
@@ -123,19 +131,43 @@ def _with_unseen(
             continue
         inner, outer = open_limits(beams, recess, side.name)
         recess = recess.moved(side.name, inner)
-        seen[side.name] = replace(side, deviation=abs(outer - inner) / np.sqrt(3.0))
+        seen[side.name] = replace(side, deviation=float(abs(outer - inner) / np.sqrt(3.0)))
     return recess, tuple(seen.values())
 
 
-def _height(frame: WallFrame, floor: Plane) -> float:
+def _with_wall(
+    beams: WallBeams, recess: Recess, known: dict[str, Estimate], wall: Wall, frame: WallFrame
+) -> dict[str, Estimate]:
+    """What is known of the sides, with what the errors of the wall's plane and of the turn add to it."""
+    out, centre = dict(known), recess.corners().mean(axis=0)
+    for side in SIDES:
+        axis = 0 if side in ("left", "right") else 1
+        near = near_side(beams, recess, side, CELL_M)
+        if not near.any() or not np.isfinite(known[side].deviation):
+            continue
+        place = np.where(np.arange(2) == axis, getattr(recess, side), centre)
+        off = wall.fit.standard_deviation(frame.points(place[None]))[0]
+        by_wall = float(off * np.median(np.abs(beams.slope[near, axis])))
+        by_turn = known["turn"].deviation * recess.size[1 - axis] / np.sqrt(12)
+        sd = float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
+        out[side] = Estimate(known[side].value, sd)
+    return out
+
+
+def _height(frame: WallFrame, fit: SurfaceFit) -> Estimate:
     """Height in the wall's frame at which a level plane meets the wall."""
-    normal = frame.axes @ floor.normal_direction
-    return float(-floor.distance(frame.origin[None])[0] / normal[2]) if abs(normal[2]) > 0.5 else np.inf
+    floor = fit.surface
+    normal = frame.axes @ floor.normal(frame.origin[None])[0]
+    if abs(normal[2]) < 0.5:
+        return Estimate(np.inf, np.inf)
+    off = float(floor.distance(frame.origin[None])[0])
+    sd = float(fit.standard_deviation(frame.origin[None])[0])
+    return Estimate(-off / normal[2], sd)
 
 
-def _floor_of(recess: Recess, levels: Sequence[float]) -> float | None:
+def _floor_of(recess: Recess, levels: Sequence[Estimate]) -> Estimate | None:
     """The level that an opening stands on, None for none: what is lower than people stands on none."""
     if recess.size[1] < DOOR_M:
         return None
-    near = [level for level in levels if abs(level - recess.bottom) <= _FLOOR_M]
-    return min(near, key=lambda level: abs(level - recess.bottom), default=None)
+    near = [level for level in levels if abs(level.value - recess.bottom) <= _FLOOR_M]
+    return min(near, key=lambda level: abs(level.value - recess.bottom), default=None)

@@ -21,7 +21,7 @@ _GAPS = 1.5  # distances between beams in a cell
 _MOST_NATS = 6.0  # that one cell may say
 _PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
 _LEAST_NATS = 25.0  # of a rectangle that is worth a look
-_LEAST_M = 0.25  # of its sides
+_LEAST_M = 0.15  # of its sides: part of it may be hidden
 _MOST = 16  # of one wall
 _SPECK_M2 = 0.02  # of wall: smaller pieces do not say how far it goes
 

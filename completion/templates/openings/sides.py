@@ -67,7 +67,7 @@ def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Estim
     return Estimate(mean, max(sd, _jackknife(tiles, places)))
 
 
-def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[float, Recess]:
+def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[Estimate, Recess]:
     """Return by what angle a recess is turned in its wall, from u towards v, and the recess in that frame.
 
     Walls stand upright and so do openings, to about a degree, which is the prior.
@@ -78,15 +78,15 @@ def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[float, Rec
     chosen = np.flatnonzero(near)
     some = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     centre = np.array([recess.left + recess.right, recess.bottom + recess.top]) / 2
-    best = 0.0
-    for half, count in ((np.radians(3.0), 25), (np.radians(0.3), 13)):
+    best = sd = 0.0
+    for half, count in ((np.radians(3.0), 25), (np.radians(0.3), 13), (np.radians(0.05), 13)):
         angles = best + np.linspace(-half, half, count)
-        logs = [_turned_likelihood(some, recess, centre, angle) for angle in angles]
-        best = float(angles[int(np.argmax(np.array(logs) - 0.5 * np.square(angles / _PLUMB)))])
+        logs = np.array([_turned_likelihood(some, recess, centre, angle) for angle in angles])
+        best, sd, _ = _posterior((logs - 0.5 * np.square(angles / _PLUMB))[None], angles)
     moved = _rotated(centre[None], best)[0] - centre
     u, v = (float(shift) for shift in moved)
     turned = replace(recess, left=recess.left + u, right=recess.right + u)
-    return best, replace(turned, bottom=recess.bottom + v, top=recess.top + v)
+    return Estimate(best, sd), replace(turned, bottom=recess.bottom + v, top=recess.top + v)
 
 
 def _rotated(uv: FloatArray, angle: float) -> FloatArray:

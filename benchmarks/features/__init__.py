@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Features against their truth: openings, holes, junctions, patches."""

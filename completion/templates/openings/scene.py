@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""The openings of all walls of a scan, each once, however many planes propose it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.merging.merged_surface import MergedSurface
+from completion.observe.observation import Observation
+from completion.templates.openings.pipeline import find_openings_in
+from completion.templates.openings.wall import Wall
+from completion.templates.template import Given, Status, TemplateFit, best_first
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Plane
+
+_LEVEL = 0.98  # cosine between a floor's normal and up
+_LEAST_POINTS = 500  # of a plane in which openings are sought
+_MOST_POINTS = 20_000
+_SAME_M = 0.15  # between the middles of what is one opening, beside half its width
+
+Each = Callable[[Callable[[int], list[TemplateFit]], Iterable[int]], list[list[TemplateFit]]]
+
+
+def find_openings(
+    surfaces: Sequence[MergedSurface],
+    observations: Sequence[Observation],
+    owners: Sequence[NDArray[np.int32]],
+    up: FloatArray,
+    *,
+    given: Given | None = None,
+    each: Each | None = None,
+) -> list[TemplateFit]:
+    """Return doorways, windows and niches of upright planes, found ones first, refused ones last.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        All that were found, in the frame of the observations.
+    observations : sequence of Observation
+        The scans.
+    owners : sequence of (rows, columns) int
+        Number, from 1, of the surface that each pixel is of; 0 for none.
+    up : (3,) float
+        What is up in that frame.
+    given : mapping, optional
+        What a person knows: "width", "height", "depth", metres.
+    each : callable, optional
+        Applies a function to all numbers, on threads for example.
+    """
+    floors = [one.fit for one in surfaces if _is_floor(one, up)]
+
+    def of_wall(number: int) -> list[TemplateFit]:
+        surface = surfaces[number]
+        if surface.n_pixels < _LEAST_POINTS or not isinstance(surface.fit.surface, Plane):
+            return []
+        points = surface.points(observations, _MOST_POINTS)
+        wall = Wall(surface.fit, points, number + 1, owners)
+        return list(find_openings_in(wall, observations, up, floors, given or {}))
+
+    numbers = range(len(surfaces))
+    found = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
+    return _each_once([fit for some in found for fit in some])
+
+
+def _is_floor(surface: MergedSurface, up: FloatArray) -> bool:
+    plane = surface.fit.surface
+    return isinstance(plane, Plane) and float(plane.normal_direction @ up) > _LEVEL
+
+
+def _each_once(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
+    """The fits, best first, without those of a parallel plane that are the same hole.
+
+    Of refused ones those go whose middle lies in one that is found.
+    """
+    kept: list[TemplateFit] = []
+    for fit in best_first(fits):
+        if not any(_is_same(fit, other) for other in kept):
+            kept.append(fit)
+    return kept
+
+
+def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
+    """Whether two holes look the same way and the middle of one lies within the other, near its plane."""
+    if other.status is Status.NONE and fit.status is not Status.NONE:
+        return False
+    into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
+    if float(into @ beyond) < _LEVEL:
+        return False
+    corners = np.asarray(other.geometry["corners"])
+    middle = np.asarray(fit.geometry["corners"]).mean(axis=0) - corners.mean(axis=0)
+    u, v = corners[1] - corners[0], corners[3] - corners[0]
+    across = abs(float(middle @ u)) / float(u @ u), abs(float(middle @ v)) / float(v @ v)
+    return max(across) < 0.5 and abs(float(middle @ beyond)) < _SAME_M
