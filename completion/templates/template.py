@@ -148,9 +148,20 @@ class Template(Protocol):
         Its faces, numbered from 1.
     """
 
-    kind: str
-    names: tuple[str, ...]
-    faces: tuple[str, ...]
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its k parameters."""
+        ...
+
+    @property
+    def faces(self) -> tuple[str, ...]:
+        """Its faces, numbered from 1."""
+        ...
 
     def bounds(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest value of each parameter (k,)."""

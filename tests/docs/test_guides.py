@@ -19,6 +19,7 @@ GUIDES = [
         for name in ("first-steps", "guide-study", "guide-completion", "guide-coverage")
     ),
     ROOT / "docs" / "coming-from.md",
+    ROOT / "docs" / "own-templates.md",
 ]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Solids: objects of several faces on a floor, as instances of what any template is."""

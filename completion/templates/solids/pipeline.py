@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""Solids on one page: an upright frame, a start by structure, the template, and what it measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from completion.templates.fit import NOTHING, fit_template
+from completion.templates.measured import Measured
+from completion.templates.solids.column import Column, column_starts
+from completion.templates.solids.stairs import Flight, Stairs, find_flight, trimmed
+from completion.templates.solids.upright import Upright
+from completion.templates.template import Given, Side, Status, TemplateFit, best_first
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+
+KINDS = ("stairs", "column")
+_UP = (0.0, 0.0, 1.0)
+_LEAST_TREADS = 3
+
+
+def find_solids(
+    measured: Measured,
+    kinds: Sequence[str],
+    given: Given = NOTHING,
+    *,
+    rng: np.random.Generator,
+    budget: int = 20_000,
+    up: Sequence[float] = _UP,
+) -> list[TemplateFit]:
+    """Find a flight of stairs or a column with a square base; the best first.
+
+    Parameters
+    ----------
+    measured : Measured
+        Points, and beams where there are.
+    kinds : sequence of str
+        Of "stairs", "column".
+    given : mapping
+        What is known: going, rise, count; width, top, radius; held exactly.
+    rng : Generator
+        Of the search.
+    budget : int
+        Evaluations at most, for each kind.
+    up : (3,) float
+        Which way is up; both stand upright.
+
+    Raises
+    ------
+    InputError
+        Another kind, an up without length, too few points.
+    """
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise InputError(f"there is no solid {unknown[0]}; there are {', '.join(KINDS)}")
+    axis = np.asarray(up, dtype=np.float64)
+    if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+        raise InputError(f"up is a direction of three numbers, got {up}")
+    frame = Upright.about(measured, axis)
+    find = {"stairs": _stairs, "column": _column}
+    return best_first([find[kind](frame, measured, given, rng=rng, budget=budget) for kind in kinds])
+
+
+def _stairs(
+    frame: Upright, measured: Measured, given: Given, *, rng: np.random.Generator, budget: int
+) -> TemplateFit:
+    """A flight where structure sees one, fitted to what lies about it."""
+    local = frame.local(measured.points)
+    flight = find_flight(local, measured, dict(given))
+    if isinstance(flight, str):
+        return _absent("stairs", Stairs.names, len(local), flight)
+    known = {name: value for name, value in given.items() if name in Stairs.names}
+    if "count" in given:
+        flight = flight._replace(n_steps=int(given["count"]))
+    for _ in range(2):
+        template, near = Stairs(frame, flight.n_steps, flight.x), _about_flight(local, flight)
+        part, start = _part(measured, near), flight.x[None]
+        fit = fit_template(template, part, known, rng=rng, budget=budget, starts=start)
+        seen = [
+            k for k in range(flight.n_steps) if any(fit.sides[n].is_seen for n in (k, k + flight.n_steps))
+        ]
+        if "count" in given or not seen or len(seen) == flight.n_steps:
+            break
+        flight = trimmed(flight, fit.x, seen)  # a step at an end that nothing shows is none
+    count = flight.n_steps
+    heading, forward, height, going, rise = fit.x
+    way, middle = np.array([np.cos(heading), np.sin(heading)]), float(flight.sides.mean())
+    steps = np.arange(count)
+    along = forward + (steps + 0.5) * going
+    flat = along[:, None] * way + middle * np.array([-way[1], way[0]])
+    geometry = {
+        "count": count,
+        "width": float(np.ptp(flight.sides)),
+        "axis": way @ frame.turn[:2],
+        "centres": frame.outside(np.column_stack([flat, height + steps * rise])),
+    }
+    treads = sum(side.is_seen for side in fit.sides[:count])
+    if fit.status is Status.FOUND and treads < _LEAST_TREADS:
+        fit = replace(fit, status=Status.AMBIGUOUS, reason=f"only {treads} treads were seen")
+    return replace(fit, assignment=_spread(fit, near), geometry=geometry)
+
+
+def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
+    """Which points (n, 3) lie about a flight, a step more on all sides."""
+    heading, forward, height, going, rise = flight.x
+    along = local[:, :2] @ [np.cos(heading), np.sin(heading)] - forward
+    across = local[:, :2] @ [-np.sin(heading), np.cos(heading)]
+    up = local[:, 2] - height
+    inside = (along > -going) & (along < (flight.n_steps + 1) * going)
+    inside &= (up > -1.5 * rise) & (up < (flight.n_steps + 0.5) * rise)
+    return np.asarray(inside & (across > flight.sides[0]) & (across < flight.sides[1]))
+
+
+def _column(
+    frame: Upright, measured: Measured, given: Given, *, rng: np.random.Generator, budget: int
+) -> TemplateFit:
+    """A column among the points."""
+    starts = column_starts(frame.local(measured.points), dict(given))
+    if isinstance(starts, str):
+        return _absent("column", Column.names, len(measured.points), starts)
+    known = {name: value for name, value in given.items() if name in Column.names}
+    fit = fit_template(Column(frame), measured, known, rng=rng, budget=budget, starts=starts)
+    x, y, _, width, top, radius = fit.x
+    if fit.status is not Status.NONE:
+        seen = {side.name for side in fit.sides if side.is_seen}
+        if "shaft" not in seen or not any(name.startswith("side") for name in seen):
+            reason = f"shaft and base belong to a column: seen were {', '.join(sorted(seen))}"
+            fit = replace(fit, status=Status.NONE, reason=reason)
+        elif width < 2 * radius:
+            fit = replace(fit, status=Status.NONE, reason="the base is narrower than the shaft")
+    place = frame.outside(np.array([[x, y, top]]))
+    return replace(fit, geometry={"radius": radius, "axis": frame.turn[2], "centres": place})
+
+
+def _part(measured: Measured, which: BoolArray) -> Measured:
+    """What was measured of some points (n,); all beams."""
+    beam = None if measured.beam_of_point is None else measured.beam_of_point[which]
+    return replace(measured, points=measured.points[which], beam_of_point=beam, faces=None)
+
+
+def _spread(fit: TemplateFit, near: BoolArray) -> IntArray:
+    """The assignment of all points (n,)."""
+    found = np.zeros(len(near), dtype=fit.assignment.dtype)
+    found[near] = fit.assignment
+    return found
+
+
+def _absent(kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
+    """A solid that structure does not show."""
+    return TemplateFit(
+        kind=kind,
+        status=Status.NONE,
+        names=names,
+        x=np.full(len(names), np.nan),
+        covariance=np.full((len(names), len(names)), np.inf),
+        sides=tuple[Side, ...](),
+        evidence=-np.inf,
+        faces=(),
+        assignment=np.zeros(n, dtype=np.int64),
+        reason=reason,
+    )
