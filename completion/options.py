@@ -19,6 +19,7 @@ from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
+from completion.templates.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
 
@@ -63,6 +64,8 @@ class CompletionOptions:
         What a person says of the surfaces.
     relations : RelationOptions, optional
         How exactly things are built, and which relations of surfaces are inferred; when None, none are.
+    features : FeatureOptions, optional
+        Which openings are fitted whole, and what is known of them; when None, none are.
     stated_relations : tuple of StatedRelation
         What a person says that surfaces are, or are not, to each other.
     flattening : FlatteningOptions, optional
@@ -90,6 +93,7 @@ class CompletionOptions:
     cues: tuple[Cue, ...] = ALL_CUES
     edits: tuple[Edit, ...] = ()
     relations: RelationOptions | None = BUILT
+    features: FeatureOptions | None = FITTED
     stated_relations: tuple[StatedRelation[Anchor], ...] = ()
     flattening: FlatteningOptions | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)

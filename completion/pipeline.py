@@ -32,6 +32,9 @@ from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
+from completion.templates.openings.accepted import with_openings
+from completion.templates.openings.scene import find_openings
+from completion.templates.template import TemplateFit
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits
@@ -140,15 +143,27 @@ def complete(
         numbered = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
         seen = Scans(tuple(observations), tuple(map(steps.keep, numbered)), tolerance, keys, steps.spill)
 
-        # 5. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
+        # 5. Features: fit doorways and windows whole, from the beams that pass through them.
+        up = world_from_reference.matrix[2, :3]
+        features: list[TemplateFit] = []
+        if options.features is not None:
+            features = find_openings(
+                surfaces,
+                observations,
+                owners=seen.owners,
+                up=up,
+                each=lambda work, numbers: steps.each("features", work, numbers),
+            )
+        known_open = with_openings(related.surfaces, features)
+
+        # 6. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [
             steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
             for one in surfaces
         ]
-        up = world_from_reference.matrix[2, :3]
         adjacency = find_adjacency(surfaces, boundaries, seen, up)
 
-        # 6. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
+        # 7. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
         # probable. Where several claim a place, the most probable one has it.
         def extended(index: int) -> Patch | None:
             said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
@@ -162,7 +177,7 @@ def complete(
             patch = extend(
                 boundaries[index],
                 extent,
-                related.surfaces[index],
+                known_open[index],
                 related.stated[index],
                 scans=seen,
                 number=index + 1,
@@ -175,7 +190,7 @@ def complete(
         relations = related.found and related.found.numbered([one is not None for one in every])
         patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
 
-        # 7. Texture: continue the colour of each surface over its inferred part.
+        # 8. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
 
         def textured(index: int) -> ChartTexture | None:
@@ -183,11 +198,11 @@ def complete(
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
-        # 8. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
+        # 9. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(one)) for one in observations]
         found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
 
-        # 9. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
+        # 10. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
         flat = options.flattening
         flattened = (
             steps.each(

@@ -122,6 +122,31 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FittedOpening:
+    """An opening fitted as a whole and accepted by evidence; working frame, metres.
+
+    Attributes
+    ----------
+    outline : (4, 3) float
+        Corners from the lower left, anticlockwise as seen from the room; sides lead from each to the next.
+    deviation : (4,) float
+        Standard deviation of each side across itself.
+    seen : (4,) float
+        Share of each side that was seen; 0 of one that nobody saw.
+    slack : (4, 2) float
+        How far inwards and outwards a side may be off that nobody saw; 0 of others.
+    number : int
+        Which feature it is, from 1.
+    """
+
+    outline: FloatArray
+    deviation: FloatArray
+    seen: FloatArray
+    slack: FloatArray
+    number: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEdits:
     """What a person says of one surface; working frame, metres."""
 
@@ -129,6 +154,12 @@ class SurfaceEdits:
     ends: tuple[Plane, ...] = ()  # where it ends; it lies on their normals' side
     wishes: tuple[Wish, ...] = ()  # what is accepted and rejected; later ones prevail
     openings: tuple[FloatArray, ...] = ()  # (n, 3) outlines in which there is nothing
+    fitted: tuple[FittedOpening, ...] = ()  # what was fitted as a whole, and nobody said
+
+    @property
+    def outlines(self) -> tuple[FloatArray, ...]:
+        """Outlines (n, 3) of all openings, declared and fitted."""
+        return (*self.openings, *(one.outline for one in self.fitted))
 
     @property
     def is_joined(self) -> bool:
@@ -159,16 +190,16 @@ class SurfaceEdits:
         return inside
 
     def open_cells(self, grid: ChartGrid) -> BoolArray:
-        """Cells (rows, columns) whose centre lies in a declared opening."""
+        """Cells (rows, columns) whose centre lies in a declared or fitted opening."""
         inside = np.zeros(grid.shape, dtype=np.bool_)
-        for outline in self.openings:
+        for outline in self.outlines:
             inside |= _area(grid, outline)
         return inside
 
     def trims(self, grid: ChartGrid) -> tuple[Trim, ...]:
-        """Sides of declared openings, where the mesh of inferred cells is cut."""
+        """Sides of declared and fitted openings, where the mesh of inferred cells is cut."""
         trims = []
-        for outline in self.openings:
+        for outline in self.outlines:
             corners = outline_uv(grid.surface, outline)
             sign = -1.0 if Polygon(corners).exterior.is_ccw else 1.0
             for shift in _turns(grid):

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from completion.boundary.curves import Line
 from completion.boundary.edges import Edge
-from completion.edits.edit import SurfaceEdits, outline_uv
+from completion.edits.edit import FittedOpening, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.panels.outline import straight_corners, trace_cells
@@ -63,6 +63,8 @@ class Opening:
         How well each side is known, from that point to the next.
     declared : bool
         Whether a person drew it.
+    feature : int
+        Which feature of `features.json` it is, from 1; 0 for none.
     """
 
     area_m2: float
@@ -70,6 +72,7 @@ class Opening:
     points: FloatArray
     sides: Sides
     declared: bool = False
+    feature: int = 0
 
 
 def find_openings(patch: Patch) -> list[Opening]:
@@ -77,14 +80,15 @@ def find_openings(patch: Patch) -> list[Opening]:
 
     To what beams went through belongs the hidden area beside it that is inferred to be no surface. A hole
     that leaves the field of view, or that borders on area of which nothing is known, is not closed and is no
-    opening. Sides follow the surface's own edges where they lie near one. Declared openings come first, and
-    holes that they reach into are none beside them.
+    opening. Sides follow the surface's own edges where they lie near one. Declared openings come first, then
+    fitted ones, and holes that they reach into are none beside them.
     """
     solid = patch.observed | patch.hypothesised
     through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
     unfilled = (patch.shadows.region >= 0) & ~solid
     within = patch.is_within | solid
     openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
+    openings += [_fitted(patch, one, through) for one in patch.verdict.fitted]
     rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
     part, _ = ndimage.label((through | unfilled) & rest)
     seen = np.bincount(part[through])
@@ -111,6 +115,17 @@ def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
     known = np.zeros(len(corners))
     sides = Sides(known, known, known, measured=known)
     return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), sides, declared=True)
+
+
+def _fitted(patch: Patch, fitted: FittedOpening, through: BoolArray) -> Opening:
+    """An opening that was fitted as a whole: its sides are as well known as the fit says."""
+    corners = outline_uv(patch.grid.surface, fitted.outline)
+    area = float(shapely.Polygon(corners).area)
+    inside = SurfaceEdits(openings=(fitted.outline,)).open_cells(patch.grid)
+    seen = float((through & inside).sum()) * patch.grid.cell_area
+    inwards, outwards = fitted.slack.T
+    sides = Sides(fitted.deviation, inwards, outwards, measured=fitted.seen)
+    return Opening(area, min(seen / area, 1.0), fitted.outline, sides, feature=fitted.number)
 
 
 def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ NAMES = ("u", "sill", "width", "height", "depth")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opened:
-    """A recess as it was fitted, and what speaks for it."""
+    """A recess as it was fitted, what speaks for it, and how far in and out each side may be off."""
 
     frame: WallFrame
     recess: Recess
@@ -39,6 +39,7 @@ class Opened:
     floor: float | None
     image_share: float
     wall: Wall
+    slack: Mapping[str, tuple[float, float]]
 
 
 def decide(
@@ -72,6 +73,7 @@ def decide(
             "is_closed": recess.is_closed,
             "into": opened.frame.axes[1],
             "surface": opened.wall.number,
+            "slack": opened.slack,
         },
         held=held,
     )

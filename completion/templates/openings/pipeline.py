@@ -82,11 +82,11 @@ def find_openings_in(
 
         # 5. Support: tiles along each side, which confirm or contradict it.
         sides = all_sides(turned, recess, known, floor)
-        recess, sides = _with_unseen(turned, recess, sides, given)
+        recess, sides, slack = _with_unseen(turned, recess, sides, given)
         share = image_share(frame, turned.chosen(recess.holds(turned.uv)), observations)
 
         # 6. Decide: found, ambiguous, or none, and why.
-        opened = Opened(frame.turned(turn), recess, known, sides, floor, share, wall)
+        opened = Opened(frame.turned(turn), recess, known, sides, floor, share, wall, slack)
         yield decide(opened, turned, observations, given)
 
 
@@ -114,12 +114,13 @@ def _fitted(
 
 def _with_unseen(
     beams: WallBeams, recess: Recess, sides: tuple[Side, ...], given: Given
-) -> tuple[Recess, tuple[Side, ...]]:
+) -> tuple[Recess, tuple[Side, ...], dict[str, tuple[float, float]]]:
     """The recess with sides that nobody saw where beams still went through, as uncertain as that leaves them.
 
-    Of a width or height that is given, a side that was seen says where the other one is.
+    Of a width or height that is given, a side that was seen says where the other one is. How far inwards and
+    outwards each side may be off comes with it.
     """
-    seen = {side.name: side for side in sides}
+    seen, slack = {side.name: side for side in sides}, {side.name: (0.0, 0.0) for side in sides}
     for side in sides:
         if side.state is not Seen.UNSEEN:
             continue
@@ -130,9 +131,9 @@ def _with_unseen(
             seen[side.name] = replace(side, deviation=seen[opposite].deviation)
             continue
         inner, outer = open_limits(beams, recess, side.name)
-        recess = recess.moved(side.name, inner)
+        recess, slack[side.name] = recess.moved(side.name, inner), (0.0, abs(outer - inner))
         seen[side.name] = replace(side, deviation=float(abs(outer - inner) / np.sqrt(3.0)))
-    return recess, tuple(seen.values())
+    return recess, tuple(seen.values()), slack
 
 
 def _with_wall(

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""Accepted: found openings as what completion takes for open, side by side as sure as it was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from completion.edits.application import EditedSurface
+from completion.edits.edit import FittedOpening
+from completion.templates.template import Side, Status, TemplateFit
+
+_ORDER = ("bottom", "right", "top", "left")  # sides from each corner to the next
+
+
+def with_openings(surfaces: Sequence[EditedSurface], features: Sequence[TemplateFit]) -> list[EditedSurface]:
+    """Return the surfaces with the openings that were found in them; ambiguous and refused ones change nothing.
+
+    A side that nobody saw lies half way between where beams went through and the next measured wall, where
+    there is one within the opening's own size; else where beams went through.
+    """
+    out = list(surfaces)
+    for number, fit in enumerate(features, start=1):
+        if fit.status is not Status.FOUND or fit.geometry.get("is_closed"):
+            continue
+        index = int(str(fit.geometry["surface"])) - 1
+        one = out[index]
+        edits = replace(one.edits, fitted=(*one.edits.fitted, _fitted(fit, number)))
+        out[index] = replace(one, edits=edits)
+    return out
+
+
+def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
+    corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
+    sides: dict[str, Side] = {side.name: side for side in fit.sides}
+    slack = fit.geometry["slack"]
+    assert isinstance(slack, dict)
+    off = np.zeros((4, 2))
+    for k, name in enumerate(_ORDER):
+        reach = float(np.sum(slack[name]))
+        outwards = corners[(k + 2) % 4] - corners[(k + 1) % 4]
+        size = float(np.linalg.norm(outwards))
+        if 0 < reach < size:
+            shift = -outwards / size * reach / 2
+            corners[[k, (k + 1) % 4]] += shift
+            off[k] = reach / 2
+        elif reach > 0:
+            off[k] = 0.0, reach
+    deviation = np.array([sides[name].deviation for name in _ORDER])
+    seen = np.array([sides[name].confirmed / sides[name].total for name in _ORDER])
+    return FittedOpening(corners, deviation, seen, off, number)
