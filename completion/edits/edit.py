@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -195,6 +195,10 @@ class SurfaceEdits:
         for outline in self.outlines:
             inside |= _area(grid, outline)
         return inside
+
+    def declared_cells(self, grid: ChartGrid) -> BoolArray:
+        """Cells (rows, columns) whose centre lies in a declared opening."""
+        return replace(self, fitted=()).open_cells(grid)
 
     def trims(self, grid: ChartGrid) -> tuple[Trim, ...]:
         """Sides of declared and fitted openings, where the mesh of inferred cells is cut."""

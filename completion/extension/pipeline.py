@@ -25,6 +25,7 @@ from completion.evidence.weighing import weigh
 from completion.extension.beyond import as_far_as_probable
 from completion.extension.confidence import estimate
 from completion.extension.extent import Extent, Mode, lay_grid, with_ends
+from completion.extension.fitted_openings import lay_openings
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.extension.silence import silent_cells, trust
 from completion.fitting.result import SurfaceFit
@@ -109,16 +110,21 @@ def extend(
     confidence = estimate(grid, regions, labelling, extent, evidence)
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
-    silent = silent_cells(evidence, hidden)
     probable = hidden & (confidence >= least) & ~edits.rejected(grid)
     filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
+
+    # 6. Openings: lay those that were fitted whole into what is filled, to their exact sides.
+    filled, confidence, edits = lay_openings(
+        grid, hidden, filled, confidence, open_=evidence.open, edits=edits
+    )
     occluded = filled & (evidence.labels == Label.OCCLUDED)
 
-    # 6. Silence: where nothing came back, how probably that is surface, by what is around.
+    # 7. Silence: where nothing came back, how probably that is surface, by what is around.
+    silent = silent_cells(evidence, hidden)
     confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=extent.encloses)
     filled = occluded | (filled & silent & (confidence >= least))
 
-    # 7. Trim: cut cells along the continued edges, declared openings and the edges of the view.
+    # 8. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
     filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
     looking = np.flatnonzero(scans.views.may_see(ball_around(grid.bounds(), grid.cell)))
@@ -126,7 +132,7 @@ def extend(
     filled, confidence, cut = trimmed_to_frames(grid, evidence, filled, confidence, frames)
     trims = (*trims, *cut)
 
-    # 8. Provenance: why each cell is in the model.
+    # 9. Provenance: why each cell is in the model.
     provenance = provenance_of(grid, extent, evidence.observed, filled)
     provenance[filled & silent] = Provenance.NO_RETURN
     by_edit = accepted & ~_connected_cells(probable, measured, grid) | _beyond_edited_ends(grid, extent)
@@ -159,7 +165,7 @@ def _possible(grid: ChartGrid, evidence: Evidence, edits: SurfaceEdits) -> BoolA
     """
     silent = np.isin(evidence.labels, (Label.UNLIT, Label.NO_RETURN)) & ~evidence.through
     hidden = (silent | (evidence.labels == Label.OCCLUDED)) & ~evidence.open
-    hidden &= ~evidence.observed & ~edits.open_cells(grid)
+    hidden &= ~evidence.observed & ~edits.declared_cells(grid)
     if isinstance(grid.surface, Cylinder):
         hidden &= ~evidence.rings_passed()[:, None]
     return np.asarray(hidden)

@@ -16,10 +16,9 @@ _ORDER = ("bottom", "right", "top", "left")  # sides from each corner to the nex
 
 
 def with_openings(surfaces: Sequence[EditedSurface], features: Sequence[TemplateFit]) -> list[EditedSurface]:
-    """Return the surfaces with the openings that were found in them; ambiguous and refused ones change nothing.
+    """Return the surfaces with the openings that were found in them; others change nothing.
 
-    A side that nobody saw lies half way between where beams went through and the next measured wall, where
-    there is one within the opening's own size; else where beams went through.
+    A side that nobody saw lies where beams still went through, and may lie farther out.
     """
     out = list(surfaces)
     for number, fit in enumerate(features, start=1):
@@ -37,17 +36,7 @@ def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
     sides: dict[str, Side] = {side.name: side for side in fit.sides}
     slack = fit.geometry["slack"]
     assert isinstance(slack, dict)
-    off = np.zeros((4, 2))
-    for k, name in enumerate(_ORDER):
-        reach = float(np.sum(slack[name]))
-        outwards = corners[(k + 2) % 4] - corners[(k + 1) % 4]
-        size = float(np.linalg.norm(outwards))
-        if 0 < reach < size:
-            shift = -outwards / size * reach / 2
-            corners[[k, (k + 1) % 4]] += shift
-            off[k] = reach / 2
-        elif reach > 0:
-            off[k] = 0.0, reach
+    off = np.array([slack[name] for name in _ORDER])
     deviation = np.array([sides[name].deviation for name in _ORDER])
-    seen = np.array([sides[name].confirmed / sides[name].total for name in _ORDER])
+    seen = np.array([sides[name].is_seen * sides[name].confirmed / sides[name].total for name in _ORDER])
     return FittedOpening(corners, deviation, seen, off, number)
