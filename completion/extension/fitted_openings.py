@@ -14,6 +14,7 @@ from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 
 _GOES_ON = 0.95  # probability of surface just past a side that was seen: of openings fitted so, all had it
+_RIGHT, _SIDEWAYS = 1, (1, 3)
 _INWARDS = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])  # of bottom, right, top, left
 
 
@@ -25,11 +26,13 @@ def lay_openings(
     *,
     open_: BoolArray,
     edits: SurfaceEdits,
+    least: float,
 ) -> tuple[BoolArray, FloatArray, SurfaceEdits]:
     """Lay the fitted openings of a surface into what was inferred of it.
 
     A side that was seen holds behind the occluder too: up to it all is open, past it the surface goes on. One
-    that nobody saw goes as far as the hole does without it.
+    that nobody saw goes as far as the hole does without it, but an opening seen over a length s goes on for e
+    more with probability s / (s + e) only (Gott 1993), save down to the floor.
 
     Parameters
     ----------
@@ -41,6 +44,8 @@ def lay_openings(
         Probability of surface.
     edits : SurfaceEdits
         With the openings.
+    least : float
+        Probability from which on a cell is filled.
 
     Returns
     -------
@@ -55,9 +60,10 @@ def lay_openings(
         at, size = _local(grid, one)
         part = _touching(hole, _within(at, np.zeros(2), size))
         low, high = _reaching(one, at, size, part, step=float(grid.cell.max()))
-        inside, past = _within(at, low, high), _past_seen(one, at, low, high)
-        beside = part & hidden & past
-        filled[beside], confidence[beside] = True, np.maximum(confidence[beside], _GOES_ON)
+        inside, past = _within(at, low, high), _past_seen(one, at, low, high, step=float(grid.cell.max()))
+        surface = np.where(part & hidden & past, _GOES_ON, _ended(one, at, size) * (hidden & ~filled))
+        beside = (surface >= least) & (surface > confidence)
+        filled[beside], confidence[beside] = True, surface[beside]
         filled[inside & hidden] = False
         confidence[inside & hidden] = np.minimum(confidence[inside & hidden], 1 - _GOES_ON)
         laid.append(_moved(one, low, high, size))
@@ -104,15 +110,31 @@ def _reaching(
         np.minimum.at(ends, column[beside & ~hole], out[beside & ~hole])
         known = ends[np.isfinite(ends)]
         reach = min(float(np.median(known)) - step / 2, outwards) if len(known) else 0.0
+        reach = min(reach, size[axis]) if side in _SIDEWAYS else reach
         (high if sign > 0 else low)[axis] += sign * max(reach, 0.0)
     return low, high
 
 
-def _past_seen(one: FittedOpening, at: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Cells (rows, columns) past sides that were seen, and past no other."""
+def _ended(one: FittedOpening, at: FloatArray, size: FloatArray) -> FloatArray:
+    """Probability (rows, columns) that the opening has ended past a side that nobody saw; 0 elsewhere."""
+    out = np.zeros(at.shape[:2])
+    for side in _SIDEWAYS:
+        if one.seen[side] > 0:
+            continue
+        beyond = at[..., 0] - size[0] if side == _RIGHT else -at[..., 0]
+        band = (beyond > 0) & (at[..., 1] > 0) & (at[..., 1] < size[1])
+        out[band] = beyond[band] / (size[0] + beyond[band])
+    return out
+
+
+def _past_seen(
+    one: FittedOpening, at: FloatArray, low: FloatArray, high: FloatArray, *, step: float
+) -> BoolArray:
+    """Cells (rows, columns) past sides that were seen, or are known to two cells, and past no other."""
     beyond = [at[..., 1] < low[1], at[..., 0] > high[0], at[..., 1] > high[1], at[..., 0] < low[0]]
-    seen = [cells for cells, share in zip(beyond, one.seen, strict=True) if share > 0]
-    unseen = [cells for cells, share in zip(beyond, one.seen, strict=True) if share == 0]
+    known = (one.seen > 0) | (one.slack.sum(axis=1) < 2 * step)
+    seen = [cells for cells, is_known in zip(beyond, known, strict=True) if is_known]
+    unseen = [cells for cells, is_known in zip(beyond, known, strict=True) if not is_known]
     none = np.zeros(at.shape[:2], dtype=np.bool_)
     return np.asarray(np.any([none, *seen], axis=0) & ~np.any([none, *unseen], axis=0))
 

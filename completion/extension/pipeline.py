@@ -115,7 +115,7 @@ def extend(
 
     # 6. Openings: lay those that were fitted whole into what is filled, to their exact sides.
     filled, confidence, edits = lay_openings(
-        grid, hidden, filled, confidence, open_=evidence.open, edits=edits
+        grid, hidden, filled, confidence, open_=evidence.open, edits=edits, least=least
     )
     occluded = filled & (evidence.labels == Label.OCCLUDED)
 
