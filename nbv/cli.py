@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -327,8 +328,8 @@ def fit(
     shared: Shared,
     points: Annotated[str, typer.Argument(metavar="POINTS", help="A file of points or scans; PATH#k.")],
     shape: Annotated[
-        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"],
-        typer.Option("--shape", help="What to fit; auto chooses by evidence."),
+        Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus", "patch"],
+        typer.Option("--shape", help="What to fit; auto chooses by evidence; a patch needs --between."),
     ] = "auto",
     metric: Annotated[
         Literal["euclidean", "taubin", "algebraic"],
@@ -363,9 +364,45 @@ def fit(
             "--axis", metavar="X,Y,Z", help="A direction, given and held: of the axis, or a plane's normal."
         ),
     ] = None,
+    between: Annotated[
+        Path | None,
+        typer.Option(
+            "--between",
+            metavar="FILE",
+            help="JSON: the planes and cylinders around a free-form patch, and how it joins each.",
+            show_default=False,
+        ),
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="step",
+            help="Of a patch, with -o: also its B-spline face for CAD.",
+            show_default=False,
+        ),
+    ] = None,
     units: UnitsOption = "m",
 ) -> None:
-    """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres."""
+    """Fit a surface to points: JSON with parameters and their standard deviations on stdout, in metres.
+
+    A patch is a free-form surface, connected, tangent or orthogonal to the surfaces of --between FILE.
+    """
+    if (shape == "patch") != (between is not None):
+        raise typer.BadParameter("--shape patch and --between FILE belong together")
+    exports = parse_choices(export or (), ("step",), "--export")
+    if shape == "patch":
+        if metric != "euclidean" or robust or rays or any(one is not None for one in (origin, radius, axis)):
+            raise typer.BadParameter(
+                "a patch knows no --metric, --robust, --rays, --origin, --radius, --axis"
+            )
+        from nbv.commands.fit import run_patch_fit
+
+        assert between is not None
+        run_patch_fit(shared, points, between=between, exports=exports, units=units)
+        return
+    if exports:
+        raise typer.BadParameter("--export is for --shape patch")
     stood = None if origin is None else parse_numbers(origin, 3, "--origin")
     given = {"radius": radius, "axis": None if axis is None else parse_numbers(axis, 3, "--axis")}
     from nbv.commands.fit import run_fit

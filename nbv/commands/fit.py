@@ -1,20 +1,29 @@
 # SPDX-License-Identifier: MIT
-"""`unseen fit`: a surface through points, with the uncertainty of its parameters, as JSON on stdout."""
+"""`unseen fit`: a surface or a patch through points, with its uncertainty, as JSON on stdout."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import typer
 
+from completion.exchange.step.curves.kernel import kernel
+from completion.exchange.step.freeform.patch_face import patch_step
+from completion.fitting.patches.file import PatchRequest, read_boundaries
+from completion.fitting.patches.pipeline import fit_patch
+from completion.fitting.patches.result import PatchFit
 from completion.fitting.pipeline import fit
-from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, inflated
+from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, inflated, surface_parameters
 from completion.fitting.selection import Selection, select
 from nbv.commands.process.run import Shared, running
+from scenes.checks import InputError
 from scenes.files.point_files import PointCloud, read_points
 from scenes.files.scan_files import Units
-from scenes.run.atomic import json_text, write_json
+from scenes.run.atomic import json_text, write_bytes, write_json
+
+_PLACES = 9  # along u and along v, at which a patch's deviation is told
 
 
 def run_fit(
@@ -88,3 +97,81 @@ def fit_record(
         "options": options,
         "warnings": list(cloud.warnings),
     }
+
+
+def run_patch_fit(
+    shared: Shared, points: str, *, between: Path, exports: tuple[str, ...] = (), units: Units = "m"
+) -> None:
+    """Fit a patch between the surfaces of a file, and print it as JSON; with an output file also there.
+
+    STEP is written beside the output file.
+    """
+    default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
+    with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
+        run.watch.enter("load")
+        if "step" in exports:
+            if shared.out is None:
+                raise InputError("--export step writes its file beside the output file: give -o FILE")
+            kernel()  # what is missing is said before the work
+        asked = read_boundaries(between)
+        if shared.out is not None:
+            run.read([points, str(between), *(str(file) for file in asked.files)])
+        cloud = read_points(points, units)
+        run.watch.enter("fit")
+        try:
+            found = fit_patch(cloud.points, asked.boundaries, controls=asked.controls, free=asked.free)
+        except InputError as error:
+            raise FitError(f"{points} between {between}: {error}") from error
+        options = {"shape": "patch", "between": between.name, "export": list(exports), "units": units}
+        held = patch_record(found, cloud, asked, options)
+        run.warn(held["warnings"])
+        if shared.out is not None:
+            run.watch.enter("save")
+            write_json(run.path(), held)
+            if "step" in exports:
+                write_bytes(run.path(f"{run.out.stem}.step"), patch_step(found.patch, run.out.stem))
+            run.keep(options)
+        if shared.as_json or not shared.quiet:
+            typer.echo(json_text(held).rstrip())
+
+
+def patch_record(
+    found: PatchFit, cloud: PointCloud, asked: PatchRequest, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Return a patch ready for JSON: the spline, how well points and boundaries are met, how sure it is.
+
+    Lengths in metres, angles in radians; `angle` is null along a boundary that is connected alone.
+    `deviation` is by u, then by v.
+    """
+    places = np.linspace(0.0, 1.0, _PLACES)
+    grid = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1)
+    deviation = found.deviation(grid.reshape(-1, 2)).reshape(_PLACES, _PLACES)
+    knots_u, knots_v = found.patch.knots
+    boundaries = {
+        side: {
+            "join": str(one.join),
+            "surface": {"shape": one.surface.kind, "parameters": surface_parameters(one.surface)},
+            "angle": None if np.isnan(found.joins[side].angle) else found.joins[side].angle,
+            "gap": found.joins[side].gap,
+        }
+        for side, one in found.boundaries.items()
+    }
+    return {
+        "shape": "patch",
+        "controls": found.patch.controls.tolist(),
+        "knots": {"u": knots_u.tolist(), "v": knots_v.tolist()},
+        "degree": list(found.patch.degree),
+        "rms": found.rms,
+        "n": found.n,
+        "unconstrained_rms": found.unconstrained_rms,
+        "ratio": found.ratio,
+        "boundaries": boundaries,
+        "deviation": {
+            "median": float(np.median(deviation)), "largest": float(deviation.max()),
+            "u": places.tolist(), "v": places.tolist(), "at": deviation.tolist(),
+        },
+        "free": asked.free,
+        "n_points": len(cloud.points),
+        "options": options,
+        "warnings": [*cloud.warnings, *found.warnings],
+    }  # fmt: skip

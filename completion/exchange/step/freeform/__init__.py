@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Free-form faces: patches as STEP."""

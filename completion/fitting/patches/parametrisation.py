@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""Parametrisation: where points lie between the four boundaries, before anything is fitted.
+
+The points are seen along their least extent; those beside a cylinder are unrolled about it first. There a
+frame is laid along the traces of the surfaces, or, where these have none, along the narrowest rectangle. In
+strips across it the points end at four curves: these are the boundaries. Of the eight ways to name them that
+one holds whose curves lie nearest to their surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from completion.fitting.patches.boundary import Boundaries
+from completion.fitting.patches.patch import SIDES, SideName
+from scenes.checks import FloatArray, IntArray
+from scenes.surfaces.catalogue import Cylinder
+
+_STRIPS, _DEGREE = 24, 4  # strips across the frame, and the polynomial that their ends are smoothed by
+_FOLLOWED = 2  # the same for ends of a patch
+_END = 0.01  # share of a strip's points beyond its ends
+_NEAREST = 0.05  # share of the points by which a surface's trace is told
+_MIRRORS = ((False, False), (False, True), (True, False), (True, True))  # of u and of v
+_CLOSE = 0.3  # radii from an axis, within which points are not unrolled about it
+_TRACE = 0.2  # length of the mean trace, of those of one, from which on it decides
+
+
+class _Chart(NamedTuple):
+    """Points seen along their least extent."""
+
+    axes: FloatArray  # (k or 1, 3, 3) of each point: directions of the coordinates that the frame is of
+    frame: FloatArray  # (3, 3) rows: across what is seen first, the least extent last
+    flat: FloatArray  # (k, 2)
+
+    @classmethod
+    def of(cls, points: FloatArray, boundaries: Boundaries) -> _Chart:
+        """Return how points (k, 3) are seen, unrolled about the cylinder about which they turn farthest."""
+        placed, axes, most = points, np.eye(3)[None], 0.0
+        for one in boundaries.values():
+            if isinstance(one.surface, Cylinder) and (span := span_about(points, one.surface)) > most:
+                placed, axes, most = *_unrolled(points, one.surface), span
+        offset = placed - placed.mean(axis=0)
+        frame = np.linalg.svd(offset, full_matrices=False)[2]
+        return cls(axes, frame, offset @ frame[:2].T)
+
+    def turned(self, directions: FloatArray, which: IntArray) -> FloatArray:
+        """Return directions (j, 3) at some of the points (j,), as the chart sees them (j, 2)."""
+        axes = np.broadcast_to(self.axes if len(self.axes) == 1 else self.axes[which], (len(which), 3, 3))
+        return np.asarray(np.einsum("jab,jb->ja", axes, directions) @ self.frame[:2].T)
+
+
+def span_about(points: FloatArray, tube: Cylinder) -> float:
+    """Return the angle, radians, that points (k, 3) take up about an axis; 0 where some lie close to it."""
+    angle, reach = _polar(points, tube)
+    if reach.min() < _CLOSE * tube.radius:
+        return 0.0
+    turns = np.sort(angle)
+    return float(2 * np.pi - np.diff(np.append(turns, turns[0] + 2 * np.pi)).max())
+
+
+def _polar(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]:
+    offset = points - tube.point
+    zero = tube.zero_direction
+    x, y = offset @ zero, offset @ np.cross(tube.direction, zero)
+    return np.arctan2(y, x), np.hypot(x, y)
+
+
+def _unrolled(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]:
+    """Arc, height and distance from the axis of points (k, 3), and these directions at each (k, 3, 3)."""
+    angle, reach = _polar(points, tube)
+    turns = np.sort(angle)
+    gaps = np.diff(np.append(turns, turns[0] + 2 * np.pi))
+    cut = turns[int(np.argmax(gaps))] + gaps.max() / 2
+    arc = np.mod(angle - cut, 2 * np.pi) * float(reach.mean())
+    normal, up = tube.normal(points) * (-1.0 if tube.concave else 1.0), tube.direction
+    placed = np.column_stack([arc, (points - tube.point) @ up, reach])
+    axes = np.stack([np.cross(up, normal), np.broadcast_to(up, points.shape), normal], axis=1)
+    return placed, axes
+
+
+class Parametrised(NamedTuple):
+    """Parameters of points, and how far each named boundary's points are from its surface (rms)."""
+
+    uv: FloatArray  # (k, 2)
+    off: Mapping[SideName, float]
+
+
+def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
+    """Return where points (k, 3) lie between their boundaries."""
+    chart = _Chart.of(points, boundaries)
+    turn = _turn(points, chart, boundaries)
+    seen = chart.flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    xy = np.column_stack([_between(some, _strip_ends(some, _DEGREE)) for some in (seen, seen[:, ::-1])])
+    near = {name: _near_side(xy, name) for name in SIDES}
+    best, least = xy, np.inf
+    off = dict[SideName, float]()
+    for swaps, mirrors in product((False, True), _MIRRORS):
+        named = _named(swaps, mirrors)
+        told = {
+            name: float(np.sqrt(np.mean(one.surface.distance(points[near[named[name]]]) ** 2)))
+            for name, one in boundaries.items()
+        }
+        turned = xy[:, ::-1] if swaps else xy
+        cost = sum(told.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
+        if cost < least:
+            best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, told
+    return Parametrised(np.ascontiguousarray(best), off)
+
+
+def stretched(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
+    """Return parameters (k, 2) stretched so that the points end at those sides of the patch which are `ends`.
+
+    A side to which nothing holds a patch wanders along it from round to round; so it is taken back.
+    """
+    found = uv.copy()
+    for column, letter in enumerate("uv"):
+        seen = uv if column == 0 else uv[:, ::-1]
+        told = _strip_ends(seen, _FOLLOWED)
+        low, high = (np.clip(one, *most) for one, most in zip(told.T, ((0.0, 0.3), (0.7, 1.0)), strict=True))
+        low = low if f"{letter}0" in ends else np.full(len(uv), _END)
+        high = high if f"{letter}1" in ends else np.full(len(uv), 1 - _END)
+        found[:, column] = _between(seen, np.column_stack([low, high]))
+    return found
+
+
+def _turn(points: FloatArray, chart: _Chart, boundaries: Boundaries) -> float:
+    """The angle by which the frame is turned, radians, by the surfaces' traces, else by the hull."""
+    total, weight = 0j, 0.0
+    for one in boundaries.values():
+        away = np.abs(one.surface.distance(points))
+        nearest = np.argsort(away, kind="stable")[: max(8, int(_NEAREST * len(points)))]
+        across = chart.turned(one.surface.normal(points[nearest]), nearest).mean(axis=0)
+        size = float(np.linalg.norm(across))
+        total += size * np.exp(4j * np.arctan2(across[1], across[0]))
+        weight += 1.0
+    if boundaries and abs(total) > _TRACE * weight:
+        return float(np.angle(total) / 4)
+    hull = chart.flat[ConvexHull(chart.flat).vertices]
+    sides = np.roll(hull, -1, axis=0) - hull
+    turns = np.arctan2(sides[:, 1], sides[:, 0])
+    areas = [np.prod(np.ptp(hull @ np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]]), axis=0))
+             for t in turns]  # fmt: skip
+    return float(turns[int(np.argmin(areas))])
+
+
+def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
+    """Where points (k, 2) end along x at the height of each: their ends (k, 2), smoothed over strips of y."""
+    x, y = seen.T
+    low, high = np.quantile(y, [0.0, 1.0])
+    scaled = 2 * (y - low) / max(high - low, 1e-300) - 1
+    strip = np.minimum(((scaled + 1) / 2 * _STRIPS).astype(np.int64), _STRIPS - 1)
+    middles, ends, sizes = list[float](), list[FloatArray](), list[int]()
+    for number in range(_STRIPS):
+        own = strip == number
+        if np.count_nonzero(own) >= 3:
+            middles.append(float(scaled[own].mean()))
+            ends.append(np.quantile(x[own], [_END, 1 - _END]))
+            sizes.append(int(np.count_nonzero(own)))
+    degree = min(degree, max(0, len(middles) - 2))
+    weights = np.sqrt(np.array(sizes, dtype=np.float64))
+    fitted = np.polynomial.legendre.legfit(np.array(middles), np.array(ends), degree, w=weights)
+    return np.asarray(np.polynomial.legendre.legval(scaled, fitted).T)
+
+
+def _between(seen: FloatArray, ends: FloatArray) -> FloatArray:
+    """Where points (k, 2) lie along x between ends (k, 2), beyond which a small share of them is."""
+    width = np.maximum(ends[:, 1] - ends[:, 0], 0.05 * np.median(ends[:, 1] - ends[:, 0]))
+    return np.clip(_END + (1 - 2 * _END) * (seen[:, 0] - ends[:, 0]) / width, 0.0, 1.0)
+
+
+def _near_side(xy: FloatArray, name: SideName) -> IntArray:
+    """Numbers of the points (j,) nearest to a side, its corners apart."""
+    along, across = (xy[:, 1], xy[:, 0]) if name[0] == "u" else (xy[:, 0], xy[:, 1])
+    away = np.where((along > 0.1) & (along < 0.9), np.abs(across - float(name[1])), np.inf)
+    return np.argsort(away, kind="stable")[: max(4, int(0.03 * len(xy)))]
+
+
+def _named(swaps: bool, mirrors: tuple[bool, bool]) -> dict[SideName, SideName]:
+    """Which side of the frame each boundary is."""
+    held = dict[SideName, SideName]()
+    for name in SIDES:
+        letter = name[0] if not swaps else ("v" if name[0] == "u" else "u")
+        end = int(name[1]) ^ mirrors[0 if name[0] == "u" else 1]
+        held[name] = f"{letter}{end}"  # type: ignore[assignment]
+    return held
+
+
+def _is_right_handed(swaps: bool, mirrors: tuple[bool, bool]) -> bool:
+    return (swaps + sum(mirrors)) % 2 == 0

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""The patch: a tensor product B-spline surface, its points, normals and boundaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from completion.fitting.patches.basis import Basis, basis
+from scenes.checks import FloatArray, InputError, frozen_copy
+
+SideName = Literal["u0", "u1", "v0", "v1"]
+SIDES: tuple[SideName, ...] = ("u0", "u1", "v0", "v1")
+"""The boundaries of a patch: where u is 0, where it is 1, and so on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SplinePatch:
+    """A B-spline surface over u and v in [0, 1], clamped, between even knots.
+
+    Parameters
+    ----------
+    controls : (n, m, 3) float
+        Control points, u first, in the unit of the points.
+    degree : (int, int)
+        Along u and along v.
+
+    Raises
+    ------
+    InputError
+        Controls of another shape, or fewer along a side than its degree needs.
+
+    Examples
+    --------
+    >>> flat = np.stack(np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4), [0.0], indexing="ij"), -1)
+    >>> SplinePatch(flat[:, :, 0]).at(np.array([[0.25, 0.5]])).round(6).tolist()
+    [[0.25, 0.5, 0.0]]
+    """
+
+    controls: FloatArray
+    degree: tuple[int, int]
+
+    def __init__(self, controls: object, degree: tuple[int, int] = (3, 3)) -> None:
+        held = np.asarray(controls, dtype=np.float64)
+        if held.ndim != 3 or held.shape[2] != 3:
+            raise InputError(f"expected controls with shape (n, m, 3), got {held.shape}")
+        for n, one in zip(held.shape[:2], degree, strict=True):
+            basis(n, one)
+        object.__setattr__(self, "controls", frozen_copy(held))
+        object.__setattr__(self, "degree", degree)
+
+    @property
+    def bases(self) -> tuple[Basis, Basis]:
+        """The bases along u and along v."""
+        n, m, _ = self.controls.shape
+        return basis(n, self.degree[0]), basis(m, self.degree[1])
+
+    @property
+    def knots(self) -> tuple[FloatArray, FloatArray]:
+        """The knots along u (n + degree + 1,) and along v (m + degree + 1,), each end repeated."""
+        along_u, along_v = self.bases
+        return along_u.knots, along_v.knots
+
+    def at(self, uv: FloatArray, order: tuple[int, int] = (0, 0)) -> FloatArray:
+        """Return the points (k, 3), or derivatives of an order, at parameters (k, 2)."""
+        rows = products(self.bases, uv, order)
+        return np.asarray(rows @ self.controls.reshape(-1, 3))
+
+    def normals(self, uv: FloatArray) -> FloatArray:
+        """Return the unit normals (k, 3), along u x v, at parameters (k, 2); NaN where there is none."""
+        across = np.cross(self.at(uv, (1, 0)), self.at(uv, (0, 1)))
+        with np.errstate(all="ignore"):
+            return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+    def moved(self, factor: float, offset: FloatArray) -> SplinePatch:
+        """Return it made larger by a factor, then moved by (3,)."""
+        return SplinePatch(self.controls * factor + offset, self.degree)
+
+
+def products(bases: tuple[Basis, Basis], uv: FloatArray, order: tuple[int, int] = (0, 0)) -> csr_array:
+    """Return the products (k, n m) of the bases' derivatives at parameters (k, 2), as a sparse matrix."""
+    along_u, along_v = bases
+    values = along_u.local(uv[:, 0], order[0])[:, :, None] * along_v.local(uv[:, 1], order[1])[:, None, :]
+    first = along_u.span(uv[:, 0]) * along_v.n + along_v.span(uv[:, 1])
+    inner = np.arange(along_u.degree + 1)[:, None] * along_v.n + np.arange(along_v.degree + 1)
+    n_each = inner.size
+    columns = (first[:, None] + inner.ravel()).astype(np.int32)
+    ends = np.arange(0, (len(uv) + 1) * n_each, n_each, dtype=np.int32)
+    return csr_array((values.ravel(), columns.ravel(), ends), shape=(len(uv), along_u.n * along_v.n))
+
+
+def side_places(side: SideName, along: FloatArray) -> FloatArray:
+    """Return the parameters (k, 2) of places (k,) along a boundary."""
+    end = np.full(len(along), float(side[1]))
+    return np.column_stack([end, along] if side[0] == "u" else [along, end])
+
+
+def side_rows(side: SideName, n: int, m: int) -> tuple[FloatArray, FloatArray]:
+    """Return the numbers (k,) of the controls on a boundary, and of those one row inside, row after row."""
+    number = np.arange(n * m).reshape(n, m)
+    turned = number if side[0] == "u" else number.T
+    return (turned[0], turned[1]) if side[1] == "0" else (turned[-1], turned[-2])

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: MIT
+"""Free-form patches on one page: from points, and the surfaces around, to a patch that joins these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from completion.fitting.patches.boundary import Boundaries, Boundary, check_boundaries
+from completion.fitting.patches.constraints import equations_of
+from completion.fitting.patches.doubts import BEYOND, doubts_of
+from completion.fitting.patches.feet import feet_of
+from completion.fitting.patches.freedom import Freedom
+from completion.fitting.patches.parametrisation import parametrised, span_about
+from completion.fitting.patches.patch import SideName, SplinePatch
+from completion.fitting.patches.result import PatchFit, measured_join
+from completion.fitting.patches.rounds import (
+    ON_ALL,
+    STEPS,
+    State,
+    fitted,
+    information,
+    next_round,
+    released,
+    rms_of,
+    settled,
+)
+from completion.fitting.result import FitError
+from scenes.checks import FloatArray, InputError, check_points
+from scenes.surfaces.catalogue import Cylinder, Plane
+
+_SMOOTHING = 1e-9
+"""Weight of the thin plate, a point: of a patch as large as its points scatter, far below their errors."""
+
+_MOST_SIDE = 64  # controls
+_USUAL, _POINTS_EACH = 10, 4.0  # controls along a side, and points for each, when not given
+_SPAN = 0.15  # radians about a cylinder, which a polynomial of degree five follows within 1e-7
+_FAR = 1.0  # sizes of the cloud, beyond which a surface bounds nothing
+
+
+def fit_patch(
+    points: object,
+    boundaries: Mapping[SideName, Boundary],
+    *,
+    controls: tuple[int, int] | None = None,
+    free: bool = False,
+    smoothing: float = _SMOOTHING,
+) -> PatchFit:
+    """Fit a free-form patch to points, joined along its boundaries to planes exactly, to cylinders nearly so.
+
+    Cubic B-splines, of degree five along cylinders. After Fisher (2004), Applying knowledge to reverse
+    engineering problems, figure 2; distances to tangent planes as Pottmann, Leopoldseder & Hofer (2002),
+    Approximation with active B-spline curves and surfaces, minimise them.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Of the patch alone, in any unit.
+    boundaries : mapping
+        What it meets along "u0", "u1", "v0", "v1"; sides that are not named end where the points do.
+    controls : (int, int), optional
+        Control points along u and along v; by default as many as the points bear, at most 10.
+    free : bool
+        Whether the surfaces may move with what the patch says of them, as little as they are well known.
+    smoothing : float
+        Weight of the thin plate, a point.
+
+    Raises
+    ------
+    FitError
+        Points that bear no patch, or surfaces that they do not meet; the message says why in numbers.
+    InputError
+        Arrays of wrong shape, joins that exclude each other, controls too few or too many.
+
+    Examples
+    --------
+    >>> xy = np.random.default_rng(0).uniform(0, 1, (2000, 2))
+    >>> hill = np.column_stack([xy, 0.1 * np.sin(np.pi * xy[:, 0]) ** 2])
+    >>> floor = Boundary(Plane((0, 0, 0), (0, 0, 1)), "tangent")
+    >>> found = fit_patch(hill, {"u0": floor, "u1": floor})
+    >>> found.joins["u0"].angle < 1e-12
+    True
+    """
+    # 1. Check, and take the points to the origin at unit size.
+    cloud = _checked(points)
+    check_boundaries(boundaries)
+    centre, size = cloud.mean(axis=0), float(np.sqrt(np.mean(np.var(cloud, axis=0)) * 3))
+    places, around = (cloud - centre) / size, _scaled(boundaries, centre, size)
+    degree = _degrees(around)
+    shape = _shape(controls, degree, places, around)
+
+    # 2. Parametrise: the four curves where the points end, each named by the surface that it lies on.
+    start = parametrised(places, around)
+    _check_met(start.off, boundaries, size)
+
+    # 3. Fit: feet of the points, then controls under the joins' equations, less and less smooth.
+    state = fitted(State(SplinePatch(np.zeros((*shape, 3)), degree), start.uv, around), places, smoothing)
+
+    # 4. Compare with a patch joined to nothing: what is left of the points there is their error.
+    loose = state._replace(around={})
+    for _ in range(ON_ALL):
+        loose = next_round(loose, places, smoothing)
+    error, _ = rms_of(loose.patch, feet_of(loose.patch, places, loose.uv, STEPS))
+
+    # 5. Free: surfaces move with the controls; then once more with the surfaces where they came to be.
+    if free and around:
+        state = released(state, places, Freedom(around, size), error**2, smoothing)
+        state = next_round(state, places, smoothing)
+    state = state._replace(patch=settled(state.patch, state.around))
+
+    # 6. Measure residuals and joins, in the unit of the points.
+    feet = feet_of(state.patch, places, state.uv, STEPS)
+    rms, n = rms_of(state.patch, feet, around)
+    patch = state.patch.moved(size, centre)
+    met = _unscaled(state.around, boundaries, centre, size) if free else boundaries
+    found = PatchFit(
+        patch=patch,
+        boundaries=met,
+        rms=rms * size,
+        unconstrained_rms=error * size,
+        n=n,
+        joins={side: measured_join(patch, side, one) for side, one in met.items()},
+        information=information(state, places, smoothing),
+        equations=equations_of(state.patch, state.around).independent(),
+    )
+    apart = np.linalg.norm(places - state.patch.at(feet.uv), axis=1)
+    return replace(found, warnings=doubts_of(found, float(np.mean(~feet.is_inside & (apart > BEYOND * rms)))))
+
+
+def _checked(points: object) -> FloatArray:
+    cloud = check_points("points", points)
+    least = 4 * 4
+    if len(cloud) < least:
+        raise FitError(f"{len(cloud)} points bear no patch; at least {least} do")
+    spread = np.linalg.svd(cloud - cloud.mean(axis=0), compute_uv=False) / np.sqrt(len(cloud))
+    if spread[1] <= 1e-6 * max(spread[0], 1e-300):
+        raise FitError(
+            f"{len(cloud)} points lie on one line or in one spot: they scatter by {spread.tolist()}"
+        )
+    return cloud
+
+
+def _scaled(boundaries: Boundaries, centre: FloatArray, size: float) -> Boundaries:
+    """The surfaces with their lengths over `size`, from `centre` (3,) on."""
+    return {side: replace(one, surface=_resized(one.surface, -centre / size, 1 / size))
+            for side, one in boundaries.items()}  # fmt: skip
+
+
+def _unscaled(around: Boundaries, given: Boundaries, centre: FloatArray, size: float) -> Boundaries:
+    return {side: replace(given[side], surface=_resized(one.surface, centre, size))
+            for side, one in around.items()}  # fmt: skip
+
+
+def _resized(surface: Plane | Cylinder, offset: FloatArray, factor: float) -> Plane | Cylinder:
+    point = surface.point * factor + offset
+    if isinstance(surface, Plane):
+        return Plane(point, surface.normal_direction, surface.u_direction)
+    radius = surface.radius * factor
+    return Cylinder(point, surface.direction, radius, surface.zero_direction, surface.concave)
+
+
+def _degrees(around: Boundaries) -> tuple[int, int]:
+    """Cubic, and of degree five along a cylinder, which a cubic follows too coarsely."""
+    bent = {side[0] for side, one in around.items() if isinstance(one.surface, Cylinder)}
+    return (5 if "v" in bent else 3), (5 if "u" in bent else 3)
+
+
+def _shape(
+    controls: tuple[int, int] | None, degree: tuple[int, int], places: FloatArray, around: Boundaries
+) -> tuple[int, int]:
+    """How many controls along u and along v: as asked for, or as points and cylinders need."""
+    if controls is None:
+        usual = int(np.clip(np.sqrt(len(places) / _POINTS_EACH), 4, _USUAL))
+        needed = {"u": usual, "v": usual}
+        for side, one in around.items():
+            if isinstance(one.surface, Cylinder):
+                along = "v" if side[0] == "u" else "u"
+                spans = int(np.ceil(span_about(places, one.surface) / _SPAN))
+                needed[along] = min(max(needed[along], 5 + spans), _MOST_SIDE)
+        return max(needed["u"], degree[0] + 1), max(needed["v"], degree[1] + 1)
+    for n, least, name in zip(controls, degree, "uv", strict=True):
+        if not least + 1 <= n <= _MOST_SIDE:
+            raise InputError(
+                f"{n} controls along {name}: from {least + 1} (degree {least}) to {_MOST_SIDE} are possible"
+            )
+    return controls
+
+
+def _check_met(off: Mapping[SideName, float], boundaries: Boundaries, size: float) -> None:
+    for side, far in off.items():
+        if far > _FAR:
+            kind = boundaries[side].surface.kind
+            raise FitError(
+                f"{side}: where the points end next to its {kind} they are {far * size:.4g} from it, and "
+                f"they scatter by {size:.4g} in all; is it the right surface, in the unit of the points?"
+            )
