@@ -61,7 +61,9 @@ def lay_openings(
         part = _touching(hole, _within(at, np.zeros(2), size))
         low, high = _reaching(one, at, size, part, step=float(grid.cell.max()))
         inside, past = _within(at, low, high), _past_seen(one, at, low, high, step=float(grid.cell.max()))
-        surface = np.where(part & hidden & past, _GOES_ON, _ended(one, at, size) * (hidden & ~filled))
+        surface = np.where(
+            part & hidden & past, _GOES_ON, _ended(one, at, size, (low[1], high[1])) * (hidden & ~filled)
+        )
         beside = (surface >= least) & (surface > confidence)
         filled[beside], confidence[beside] = True, surface[beside]
         filled[inside & hidden] = False
@@ -115,15 +117,18 @@ def _reaching(
     return low, high
 
 
-def _ended(one: FittedOpening, at: FloatArray, size: FloatArray) -> FloatArray:
-    """Probability (rows, columns) that the opening has ended past a side that nobody saw; 0 elsewhere."""
+def _ended(one: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[float, float]) -> FloatArray:
+    """Probability (rows, columns) that the opening has ended past a side that nobody saw; 0 elsewhere.
+
+    Elsewhere are also places below and above the `band` of it.
+    """
     out = np.zeros(at.shape[:2])
     for side in _SIDEWAYS:
         if one.seen[side] > 0:
             continue
         beyond = at[..., 0] - size[0] if side == _RIGHT else -at[..., 0]
-        band = (beyond > 0) & (at[..., 1] > 0) & (at[..., 1] < size[1])
-        out[band] = beyond[band] / (size[0] + beyond[band])
+        past = (beyond > 0) & (at[..., 1] > band[0]) & (at[..., 1] < band[1])
+        out[past] = beyond[past] / (size[0] + beyond[past])
     return out
 
 
