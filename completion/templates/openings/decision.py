@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.observe.observation import Observation
+from completion.templates.openings.proposals import WallChart
 from completion.templates.openings.recess import FACES, SIDES, Recess, expect
 from completion.templates.openings.sides import Estimate
 from completion.templates.openings.wall import Wall
@@ -22,6 +23,8 @@ _REFUTED = 0.3  # share of a side's tiles
 _FEWEST_SEEN = 2  # sides
 _ON_FACE = 3.0  # standard deviations
 _REVEALED = 10  # points on reveals, from which on they are seen
+_LEAST_AROUND = 0.8  # of a niche's area, that must be wall around it: pictures' frames are less
+_LEAST_NICHE_M = 0.03
 _IS_IMAGE = 0.5  # share of what lies behind that stands before, too
 DOOR_M = 1.6  # height from which on what stands on the floor is a doorway
 _CLOSED_M = 0.15  # depth up to which a door's leaf lies behind its wall
@@ -40,6 +43,7 @@ class Opened:
     image_share: float
     wall: Wall
     slack: Mapping[str, tuple[float, float]]
+    chart: WallChart | None
 
 
 def decide(
@@ -87,14 +91,11 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
     if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
-    for side in opened.sides:
-        refuted = side.contradicted > side.confirmed and side.contradicted >= _REFUTED * side.total
-        if refuted and not (side.name == "bottom" and opened.floor is not None):
-            return (
-                kind,
-                (f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"),
-                Status.NONE,
-            )
+    for side in refuted(opened.sides, has_floor=opened.floor is not None):
+        told = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
+        return kind, told, Status.NONE
+    if kind == "niche" and (told := _relief(opened)):
+        return kind, told, Status.NONE
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
         told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
         return kind, told, Status.NONE
@@ -102,6 +103,27 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
         told = f"opening or mirror: {opened.image_share:.0%} of what lies behind is the image of what stands"
         return kind, f"{told} before it, and no reveal was measured", Status.AMBIGUOUS
     return kind, doubt, Status.FOUND
+
+
+def refuted(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+    """Return the sides that more tiles contradict than confirm, a door's foot excepted."""
+    return [
+        side
+        for side in sides
+        if side.contradicted > side.confirmed
+        and side.contradicted >= _REFUTED * side.total
+        and not (side.name == "bottom" and has_floor)
+    ]
+
+
+def _relief(opened: Opened) -> str:
+    """Why a niche is none: a picture's frame stands around it, or it is as shallow as relief."""
+    recess, wall = opened.recess, 0.0 if opened.chart is None else opened.chart.wall_m2
+    area = float(np.prod(recess.size))
+    if wall < _LEAST_AROUND * area:
+        return f"what stands around it is a frame: {wall:.2f} m2 around {area:.2f} m2"
+    shallow = recess.depth < _LEAST_NICHE_M
+    return f"it is {1000 * recess.depth:.0f} mm deep: relief" if shallow else ""
 
 
 def _kind(opened: Opened) -> tuple[str, str]:

@@ -52,9 +52,14 @@ class WallChart:
         cell = max(CELL_M, _GAPS * gap, float((high - low).max()) / _MOST_CELLS)
         shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
         column, row = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1).T
-        odds = np.clip(beams.odds(), -_MOST_NATS, _MOST_NATS)
+        odds = np.clip(beams.nats, -_MOST_NATS, _MOST_NATS)
         nats = np.bincount(row * shape[1] + column, odds, minlength=int(shape.prod())).reshape(shape)
         return cls(low, cell, np.clip(nats, -_MOST_NATS, _MOST_NATS))
+
+    @property
+    def wall_m2(self) -> float:
+        """Area of the cells that are wall, square metres."""
+        return float(np.count_nonzero(self.nats < -1.0)) * self.cell**2
 
     def hull(self) -> BoolArray:
         """Cells (rows, columns) within the convex hull of the wall's larger pieces."""
@@ -70,15 +75,14 @@ class WallChart:
         return inside.astype(np.bool_)
 
 
-def propose(beams: WallBeams) -> Iterator[tuple[Recess, float]]:
+def propose(chart: WallChart | None) -> Iterator[tuple[Recess, float]]:
     """Yield rectangles in the wall with the odds that they hold, nats, each clear of those before.
 
     That without wall is worth something only within the hull of what was measured of the wall: beyond its
     ends everything is open.
     """
-    if not len(beams):
+    if chart is None:
         return
-    chart = WallChart.of(beams)
     values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
     for _ in range(_MOST):
         found = best_rectangle(values)

@@ -67,25 +67,6 @@ class Recess:
         )
 
 
-def log_likelihood(
-    beams: WallBeams,
-    left: FloatArray,
-    right: FloatArray,
-    *,
-    bottom: FloatArray,
-    top: FloatArray,
-    depth: FloatArray,
-    is_closed: bool,
-) -> FloatArray:
-    """Log density (n, k) of n beams under k recesses, whose sides and depths broadcast to (k,).
-
-    A beam outside the rectangle ends at the wall. Inside it ends at the nearest reveal that it reaches before
-    the depth, else at the back, or goes on anywhere beyond.
-    """
-    expected, least, _ = expect(beams, left, right, bottom=bottom, top=top, depth=depth, is_closed=is_closed)
-    return beams.log_density(expected, least)
-
-
 def expect(
     beams: WallBeams,
     left: FloatArray,

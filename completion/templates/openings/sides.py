@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.templates.openings.recess import SIDES, Recess, log_likelihood
+from completion.templates.openings.likelihood import log_likelihoods, recesses
+from completion.templates.openings.recess import SIDES, Recess
 from completion.templates.openings.wall_beams import WallBeams
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray
 
 _TILE_M = 0.10  # of a side: what is alike within one errs together
 _MOST_BEAMS = 6000  # near a side; every k-th of more
@@ -18,7 +19,6 @@ _FIVE_SD = 5.0
 _NOTHING = 0.4  # of the reach: as wide as that is what says nothing
 _LEAST_STEP_M = 1e-5
 _PLUMB = np.radians(1.0)
-_LEAST_LOG = -30.0
 _DEPTHS_M = np.array([0.0, *np.geomspace(0.01, 1.2, 60)])
 
 
@@ -100,10 +100,9 @@ def _turned_likelihood(beams: WallBeams, recess: Recess, centre: FloatArray, ang
         return 0.0
     turned = beams.turned(angle)
     moved = replace(turned, uv=turned.uv - _rotated(centre[None], angle) + centre)
-    sides = [np.array([getattr(recess, name)]) for name in SIDES]
-    held = {"bottom": sides[2], "top": sides[3], "depth": np.array([recess.depth])}
-    logs = log_likelihood(moved, sides[0], sides[1], **held, is_closed=recess.is_closed)
-    return float(np.maximum(logs, _LEAST_LOG).sum())
+    sought = recesses(recess, "depth", np.array([recess.depth]))
+    tile = np.zeros(len(beams), np.int64)
+    return float(log_likelihoods(moved, sought, is_closed=recess.is_closed, tile=tile).sum())
 
 
 def open_limits(beams: WallBeams, recess: Recess, side: str) -> tuple[float, float]:
@@ -115,7 +114,7 @@ def open_limits(beams: WallBeams, recess: Recess, side: str) -> tuple[float, flo
     sign = 1.0 if side in ("right", "top") else -1.0
     low, high = ((recess.bottom, recess.top), (recess.left, recess.right))[axis]
     within = (beams.uv[:, 1 - axis] > low) & (beams.uv[:, 1 - axis] < high)
-    odds, at = beams.odds(), sign * beams.uv[:, axis]
+    odds, at = beams.nats, sign * beams.uv[:, axis]
     near = at[within & (odds > 0) & recess.holds(beams.uv)]
     inner = float(np.quantile(near, 0.998)) if len(near) else sign * getattr(recess, side)
     walls = at[within & (odds < 0) & (at > inner)]
@@ -155,29 +154,15 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
 
 
 def _depth_tiles(beams: WallBeams, recess: Recess, depths: FloatArray, is_closed: bool) -> FloatArray:
-    held = {name: np.full(len(depths), getattr(recess, name)) for name in SIDES}
-    left, right = held.pop("left"), held.pop("right")
-    logs = log_likelihood(beams, left, right, **held, depth=depths, is_closed=is_closed)
     cells = np.floor(beams.uv / _TILE_M).astype(np.int64)
-    return _summed(logs, cells[:, 0] * 100_003 + cells[:, 1])
+    tile = cells[:, 0] * 100_003 + cells[:, 1]
+    return log_likelihoods(beams, recesses(recess, "depth", depths), is_closed=is_closed, tile=tile)
 
 
 def _by_tiles(beams: WallBeams, recess: Recess, side: str, places: FloatArray, axis: int) -> FloatArray:
     """Log likelihood (tiles, k) of k places of a side, of each stretch along it."""
-    held = {name: np.full(len(places), getattr(recess, name)) for name in SIDES}
-    held[side] = places
-    left, right = held.pop("left"), held.pop("right")
-    depth = np.full(len(places), recess.depth)
-    logs = log_likelihood(beams, left, right, **held, depth=depth, is_closed=recess.is_closed)
-    return _summed(logs, np.floor(beams.uv[:, 1 - axis] / _TILE_M).astype(np.int64))
-
-
-def _summed(logs: FloatArray, tile: IntArray) -> FloatArray:
-    """Sums (tiles, k) of rows (n, k) that are of one tile."""
-    _, which = np.unique(tile, return_inverse=True)
-    sums = np.zeros((int(which.max(initial=0)) + 1, logs.shape[1]))
-    np.add.at(sums, which, logs)
-    return sums
+    tile = np.floor(beams.uv[:, 1 - axis] / _TILE_M).astype(np.int64)
+    return log_likelihoods(beams, recesses(recess, side, places), is_closed=recess.is_closed, tile=tile)
 
 
 def _posterior(tiles: FloatArray, places: FloatArray) -> tuple[float, float, float]:

@@ -35,7 +35,7 @@ def side_support(
     margin = min(3 * known.deviation, _BAND_M / 2) if np.isfinite(known.deviation) else _BAND_M / 2
     gap = float(np.median(beams.gap[near & (np.abs(outwards) < _BAND_M)])) if near.any() else _BAND_M
     band = max(_BAND_M, 2.0 * (gap if np.isfinite(gap) else _BAND_M))
-    odds = np.clip(beams.odds(), -_MOST_OF_A_BEAM, _MOST_OF_A_BEAM)
+    odds = np.clip(beams.nats, -_MOST_OF_A_BEAM, _MOST_OF_A_BEAM)
     outside = _sums(odds, tile, n, where=near & (outwards > margin) & (outwards < margin + band))
     inside = _sums(odds, tile, n, where=near & (outwards < -margin) & (outwards > -margin - band))
     wall_outside, open_inside = outside < -_DECIDED, inside > _DECIDED

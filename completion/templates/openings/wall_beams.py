@@ -15,7 +15,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 
 _LEAST_SLOPE = 0.05  # sine between beam and wall: flatter beams do not say where they cross it
-_BLOCKED, _STRAY, _MEETS = 0.20, 0.01, 0.79  # shares of beams that something stops before, of strays, others
+BLOCKED, STRAY, MEETS = 0.20, 0.01, 0.79  # shares of beams that something stops before, of strays, others
 _NEAR = 6.0  # deviations of the range
 _NEIGHBOURS = 2  # pixels beside one that goes on which go on too; a stray return has none
 
@@ -78,6 +78,8 @@ class WallBeams:
         Standard deviation of a range on the wall, metres.
     gap : (n,) float
         Distance on the wall between neighbouring beams, metres.
+    nats : (n,) float
+        Log odds for no wall where it crosses, against wall; 0 where nothing came back.
     farthest : float
         The greatest range, metres.
     scan, pixel : (n,) int
@@ -91,6 +93,7 @@ class WallBeams:
     ranges: FloatArray
     deviation: FloatArray
     gap: FloatArray
+    nats: FloatArray
     farthest: float
     scan: IntArray
     pixel: IntArray
@@ -108,30 +111,20 @@ class WallBeams:
         back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]).T
         return replace(self, uv=self.uv @ back, slope=self.slope @ back)
 
-    def odds(self) -> FloatArray:
-        """Log odds (n,) of each beam for no wall where it crosses, against wall; 0 without a return."""
-        return self.log_density(np.full(len(self), np.inf), self.wall_range) - self.log_density(
-            self.wall_range, self.wall_range
-        )
 
-    def log_density(self, expected: FloatArray, least: FloatArray) -> FloatArray:
-        """Log density of the measured ranges, of the shape of `expected`, (n,) or (n, k).
+def odds_of(ranges: FloatArray, wall_range: FloatArray, deviation: FloatArray, farthest: float) -> FloatArray:
+    """Return the log odds (n,) of beams for no wall where they cross it, against wall; 0 without a return.
 
-        Where `expected` is inf the beam goes on beyond `least`, anywhere up to the greatest range. Before
-        what is expected something else may stop it. Where nothing came back the density is 1: that says
-        nothing of walls, which may be dark, or of openings.
-        """
-        shape = (-1,) + (1,) * (np.ndim(expected) - 1)
-        ranges, sd = self.ranges.reshape(shape), self.deviation.reshape(shape)
-        back = np.isfinite(ranges)
-        r = np.where(back, ranges, 0.0)
-        meets = np.isfinite(expected)
-        stop = np.where(meets, expected, least)
-        normal = np.exp(-0.5 * np.square((r - stop) / sd)) / (sd * np.sqrt(2 * np.pi))
-        room = np.maximum(self.farthest - stop, sd)
-        density = np.where(meets, normal, (r >= stop) / room) * _MEETS
-        density = density + _BLOCKED * (r < stop) / np.maximum(stop, 1e-9) + _STRAY / self.farthest
-        return np.where(back, np.log(density), 0.0)
+    A beam meets the wall, or goes on anywhere up to the greatest range; before that something else may stop
+    it, and a few are strays. Where nothing came back that says nothing: walls may be dark.
+    """
+    back = np.isfinite(ranges)
+    r = np.where(back, ranges, 0.0)
+    off = (r - wall_range) / deviation
+    other = BLOCKED * (off < 0) / np.maximum(wall_range, 1e-9) + STRAY / farthest
+    wall = MEETS * np.exp(-0.5 * np.square(off)) / (deviation * np.sqrt(2 * np.pi))
+    open_ = MEETS * (off >= 0) / np.maximum(farthest - wall_range, deviation)
+    return np.where(back, np.log(open_ + other) - np.log(wall + other), 0.0)
 
 
 def wall_beams(
@@ -162,7 +155,7 @@ def wall_beams(
     if not found:
         none, pairs = np.zeros(0), np.zeros((0, 2))
         empty = np.zeros(0, np.int64)
-        return WallBeams(pairs, pairs, none, none, none, none, none, 1.0, empty, empty)
+        return WallBeams(pairs, pairs, none, none, none, none, none, none, 1.0, empty, empty)
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
     joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
     return WallBeams(**joined, farthest=max(one.farthest for one in found))
@@ -192,35 +185,36 @@ def _of_scan(
     into = directions[pixel, 1]
     noise = seen.noise.deviation(away[pixel])
     sd = np.sqrt(np.square(noise) + np.square((wall.fit.rms + seen.pose_error_m) / into))
-    beams = WallBeams(
+    farthest = float(ranges[valid].max(initial=1.0)) * 1.05
+    sd = np.maximum(sd, 1e-6)
+    measured = ranges.ravel()[pixel].copy()
+    near = np.abs(np.where(np.isfinite(measured), measured, 0.0) - away[pixel]) < _NEAR * sd
+    measured[near & _is_of_another(wall, number, pixel)] = np.inf
+    on = np.zeros(shape, dtype=np.bool_)
+    on.ravel()[pixel] = odds_of(measured, away[pixel], sd, farthest) > 0
+    beside = ndimage.convolve(on.astype(np.int8), np.ones((3, 3), np.int8), mode="constant") - on
+    measured[(on & (beside < _NEIGHBOURS)).ravel()[pixel]] = np.inf
+    return WallBeams(
         uv=uv[pixel],
         slope=directions[pixel][:, [0, 2]] / into[:, None],
         stretch=1 / into,
         wall_range=away[pixel],
-        ranges=ranges.ravel()[pixel],
-        deviation=np.maximum(sd, 1e-6),
+        ranges=measured,
+        deviation=sd,
         gap=_gaps(uv.reshape(*shape, 2)).ravel()[pixel],
-        farthest=float(ranges[valid].max(initial=1.0)) * 1.05,
+        nats=odds_of(measured, away[pixel], sd, farthest),
+        farthest=farthest,
         scan=np.full(len(pixel), number),
         pixel=pixel,
     )
-    beams.ranges[_is_of_another(beams, wall, number)] = np.inf  # of a copy
-    on = np.zeros(shape, dtype=np.bool_)
-    on.ravel()[pixel] = np.isfinite(beams.ranges) & (beams.odds() > 0)
-    beside = ndimage.convolve(on.astype(np.int8), np.ones((3, 3), np.int8), mode="constant") - on
-    alone = (on & (beside < _NEIGHBOURS)).ravel()[pixel]
-    beams.ranges[alone] = np.inf
-    return beams
 
 
-def _is_of_another(beams: WallBeams, wall: Wall, scan: int) -> BoolArray:
-    """Beams (n,) that end near the wall's plane but on another surface, as on a floor that meets it."""
+def _is_of_another(wall: Wall, scan: int, pixel: IntArray) -> BoolArray:
+    """Pixels (n,) that are of another surface, as of a floor that meets the wall."""
     if not wall.owners:
-        return np.zeros(len(beams), dtype=np.bool_)
-    owner = wall.owners[scan].ravel()[beams.pixel]
-    with np.errstate(invalid="ignore"):
-        near = np.abs(beams.ranges - beams.wall_range) < _NEAR * beams.deviation
-    return np.asarray(near & (owner > 0) & (owner != wall.number))
+        return np.zeros(len(pixel), dtype=np.bool_)
+    owner = wall.owners[scan].ravel()[pixel]
+    return np.asarray((owner > 0) & (owner != wall.number))
 
 
 def _gaps(uv: FloatArray) -> FloatArray:

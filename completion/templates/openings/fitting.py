@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""Fitting: a recess at its most probable place in its wall, and how well each of its parameters is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit
+from completion.templates.openings.decision import DOOR_M, refuted
+from completion.templates.openings.proposals import CELL_M
+from completion.templates.openings.recess import SIDES, Recess
+from completion.templates.openings.sides import (
+    Estimate,
+    fit_depth,
+    fit_side,
+    fit_turn,
+    near_side,
+    open_limits,
+)
+from completion.templates.openings.support import all_sides
+from completion.templates.openings.wall import Wall
+from completion.templates.openings.wall_beams import WallBeams, WallFrame
+from completion.templates.template import Given, Seen, Side
+
+_ROUNDS = 2
+_FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
+_OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
+_SIZE = {"left": "width", "right": "width", "bottom": "height", "top": "height"}
+_UNKNOWN = Estimate(0.0, np.inf)
+
+
+def fit_recess(
+    beams: WallBeams, rough: Recess, given: Given, levels: Sequence[Estimate]
+) -> tuple[Recess, dict[str, Estimate], float]:
+    """Return the recess at its most probable, how well its parameters are known, and its turn in the wall.
+
+    Of what the sides refute at once neither depth nor turn is sought.
+    """
+    floor, reach = floor_of(rough, levels), 2 * CELL_M
+    recess = rough if floor is None else rough.moved("bottom", floor.value)
+    known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
+    sides = [side for side in SIDES if side != "bottom" or floor is None]
+    for side in sides:
+        known[side] = fit_side(beams, recess, side, reach)
+        recess = recess.moved(side, known[side].value)
+    first = all_sides(beams, recess, known, None if floor is None else floor.value)
+    if refuted(first, has_floor=floor is not None):
+        return recess, known | {"depth": _UNKNOWN, "turn": Estimate(0.0, 0.0)}, 0.0
+    turn, recess = fit_turn(beams, recess, reach)
+    beams = beams.turned(turn.value)
+    for _ in range(_ROUNDS):
+        recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
+        for side in sides:
+            known[side] = fit_side(beams, recess, side, reach / 2)
+            recess = recess.moved(side, known[side].value)
+    return recess, known | {"turn": turn}, turn.value
+
+
+def with_unseen(
+    beams: WallBeams, recess: Recess, sides: tuple[Side, ...], given: Given
+) -> tuple[Recess, tuple[Side, ...], dict[str, tuple[float, float]]]:
+    """Return the recess with sides that nobody saw where beams still went through, as uncertain as that is.
+
+    Of a width or height that is given, a side that was seen says where the other one is. How far inwards and
+    outwards each side may be off comes with it.
+    """
+    seen, slack = {side.name: side for side in sides}, {side.name: (0.0, 0.0) for side in sides}
+    for side in sides:
+        if side.state is not Seen.UNSEEN:
+            continue
+        opposite, size = _OPPOSITE[side.name], given.get(_SIZE[side.name])
+        if size is not None and seen[opposite].is_seen:
+            sign = 1.0 if side.name in ("right", "top") else -1.0
+            recess = recess.moved(side.name, getattr(recess, opposite) + sign * size)
+            seen[side.name] = replace(side, deviation=seen[opposite].deviation)
+            continue
+        inner, outer = open_limits(beams, recess, side.name)
+        recess, slack[side.name] = recess.moved(side.name, inner), (0.0, abs(outer - inner))
+        seen[side.name] = replace(side, deviation=float(abs(outer - inner) / np.sqrt(3.0)))
+    return recess, tuple(seen.values()), slack
+
+
+def with_wall(
+    beams: WallBeams, recess: Recess, known: dict[str, Estimate], wall: Wall, frame: WallFrame
+) -> dict[str, Estimate]:
+    """Return what is known of the sides, with what errors of the wall's plane and of the turn add to it."""
+    out, centre = dict(known), recess.corners().mean(axis=0)
+    for side in SIDES:
+        axis = 0 if side in ("left", "right") else 1
+        near = near_side(beams, recess, side, CELL_M)
+        if not near.any() or not np.isfinite(known[side].deviation):
+            continue
+        place = np.where(np.arange(2) == axis, getattr(recess, side), centre)
+        off = wall.fit.standard_deviation(frame.points(place[None]))[0]
+        by_wall = float(off * np.median(np.abs(beams.slope[near, axis])))
+        by_turn = known["turn"].deviation * recess.size[1 - axis] / np.sqrt(12)
+        sd = float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
+        out[side] = Estimate(known[side].value, sd)
+    return out
+
+
+def height_of(frame: WallFrame, fit: SurfaceFit) -> Estimate:
+    """Return the height in the wall's frame at which a level plane meets the wall."""
+    floor = fit.surface
+    normal = frame.axes @ floor.normal(frame.origin[None])[0]
+    if abs(normal[2]) < 0.5:
+        return Estimate(np.inf, np.inf)
+    off = float(floor.distance(frame.origin[None])[0])
+    sd = float(fit.standard_deviation(frame.origin[None])[0])
+    return Estimate(-off / normal[2], sd)
+
+
+def floor_of(recess: Recess, levels: Sequence[Estimate]) -> Estimate | None:
+    """Return the level that an opening stands on, None for none: what is lower than people stands on none."""
+    if recess.size[1] < DOOR_M:
+        return None
+    near = [level for level in levels if abs(level.value - recess.bottom) <= _FLOOR_M]
+    return min(near, key=lambda level: abs(level.value - recess.bottom), default=None)
