@@ -49,14 +49,15 @@ def fit_recess(
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted(first, has_floor=floor is not None):
         return recess, known | {"depth": _UNKNOWN, "turn": Estimate(0.0, 0.0)}, 0.0
-    turn, recess = fit_turn(beams, recess, reach)
-    beams = beams.turned(turn.value)
+    total = 0.0
     for _ in range(_ROUNDS):
         recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
+        known["turn"], recess = fit_turn(beams, recess, reach / 2)
+        beams, total = beams.turned(known["turn"].value), total + known["turn"].value
         for side in sides:
             known[side] = fit_side(beams, recess, side, reach / 2)
             recess = recess.moved(side, known[side].value)
-    return recess, known | {"turn": turn}, turn.value
+    return recess, known, total
 
 
 def with_unseen(
