@@ -59,7 +59,9 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
     """
     n = len(measured.points)
     if n < _LEAST_POINTS:
-        return absent("junction", NAMES, n, f"{n} points are too few for a junction ({_LEAST_POINTS})")
+        return TemplateFit.absent(
+            "junction", NAMES, n, f"{n} points are too few for a junction ({_LEAST_POINTS})"
+        )
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in NAMES[:2]}
     return _told(_fitted(unit, held), unit, tuple(held))
@@ -213,19 +215,3 @@ def _judged(
     if sides[2].deviation > _VAGUE * shorter:
         return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
     return Status.FOUND, ""
-
-
-def absent(kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
-    """Return what is told of n points that show no such thing."""
-    return TemplateFit(
-        kind=kind,
-        status=Status.NONE,
-        names=names,
-        x=np.full(len(names), np.nan),
-        covariance=np.full((len(names), len(names)), np.inf),
-        sides=(),
-        evidence=-np.inf,
-        faces=(),
-        assignment=np.zeros(n, dtype=np.int64),
-        reason=reason,
-    )
