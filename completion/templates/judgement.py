@@ -42,9 +42,10 @@ def knowledge(template: Template, measured: Measured, sought: Equations, refined
     _, nearest = template.distance(measured.points, x)
     faces = np.where(refined.inliers, nearest, 0)
     kept = refined.inliers
-    cells = neighbour_cells(measured.points[kept], faces[kept], measured.spacing)
-    normals = _gradient(template, measured.points[kept], x, 0.01 * refined.sigma)
-    excess = inflation(refined.distances[kept], normals, cells)
+    points, residuals = measured.points[kept], refined.distances[kept]
+    normals = _gradient(template, points, x, 0.01 * refined.sigma)
+    cells = neighbour_cells(points, residuals, normals, faces[kept], measured.spacing)
+    excess = inflation(residuals, normals, cells)
     box = box_covariance(refined, excess)
     deviations = np.full(len(template.faces), np.inf)
     across = np.sqrt(np.einsum("ni,ij,nj->n", refined.jacobian, box, refined.jacobian))

@@ -154,8 +154,27 @@ def inflation(distances: FloatArray, normals: FloatArray, cells: IntArray) -> fl
     return max(float(np.mean(mean**2 * count[full]) / np.mean(distances**2)), 1.0)
 
 
-def neighbour_cells(points: FloatArray, faces: IntArray, spacing: float) -> IntArray:
-    """Face and cube (n, 4) of points (n, 3) on numbered faces (n,): about sqrt(n) points share one."""
+def neighbour_cells(
+    points: FloatArray, distances: FloatArray, normals: FloatArray, faces: IntArray, spacing: float
+) -> IntArray:
+    """Return face and cube (n, 4) of points: about sqrt(n) of them share one.
+
+    Points are first moved onto the surface: cubes of points as measured would part those above it from those
+    below.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        As measured.
+    distances, normals : (n,) and (n, 3) float
+        From the surface, and their gradients, of any length.
+    faces : (n,) int
+        On which each is.
+    spacing : float
+        Typical distance between neighbours.
+    """
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    points = points - distances[:, None] * normals / np.maximum(length, 1e-300)
     side = max(spacing, 1e-300) * max(len(points), 1) ** 0.25
     return np.column_stack([faces, np.floor(points / side).astype(np.int64)])
 

@@ -120,6 +120,22 @@ class TemplateFit:
     geometry: Mapping[str, object] = field(default_factory=dict)
     held: tuple[str, ...] = ()
 
+    @classmethod
+    def absent(cls, kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
+        """Return what is told where nothing among n points could be fitted."""
+        return cls(
+            kind=kind,
+            status=Status.NONE,
+            names=names,
+            x=np.full(len(names), np.nan),
+            covariance=np.diag(np.full(len(names), np.inf)),
+            sides=(),
+            evidence=-np.inf,
+            faces=(),
+            assignment=np.zeros(n, dtype=np.int64),
+            reason=reason,
+        )
+
     @property
     def unseen(self) -> tuple[str, ...]:
         """Names of the sides that were not seen."""

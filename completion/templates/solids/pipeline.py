@@ -13,7 +13,7 @@ from completion.templates.measured import Measured
 from completion.templates.solids.column import Column, column_starts
 from completion.templates.solids.stairs import Flight, Stairs, find_flight, trimmed
 from completion.templates.solids.upright import Upright
-from completion.templates.template import Given, Side, Status, TemplateFit, best_first
+from completion.templates.template import Given, Status, TemplateFit, best_first
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 KINDS = ("stairs", "column")
@@ -70,7 +70,7 @@ def _stairs(
     local = frame.local(measured.points)
     flight = find_flight(local, measured, dict(given))
     if isinstance(flight, str):
-        return _absent("stairs", Stairs.names, len(local), flight)
+        return TemplateFit.absent("stairs", Stairs.names, len(local), flight)
     known = {name: value for name, value in given.items() if name in Stairs.names}
     if "count" in given:
         flight = flight._replace(n_steps=int(given["count"]))
@@ -119,7 +119,7 @@ def _column(
     """A column among the points."""
     starts = column_starts(frame.local(measured.points), dict(given))
     if isinstance(starts, str):
-        return _absent("column", Column.names, len(measured.points), starts)
+        return TemplateFit.absent("column", Column.names, len(measured.points), starts)
     known = {name: value for name, value in given.items() if name in Column.names}
     fit = fit_template(Column(frame), measured, known, rng=rng, budget=budget, starts=starts)
     x, y, _, width, top, radius = fit.x
@@ -145,19 +145,3 @@ def _spread(fit: TemplateFit, near: BoolArray) -> IntArray:
     found = np.zeros(len(near), dtype=fit.assignment.dtype)
     found[near] = fit.assignment
     return found
-
-
-def _absent(kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
-    """A solid that structure does not show."""
-    return TemplateFit(
-        kind=kind,
-        status=Status.NONE,
-        names=names,
-        x=np.full(len(names), np.nan),
-        covariance=np.full((len(names), len(names)), np.inf),
-        sides=tuple[Side, ...](),
-        evidence=-np.inf,
-        faces=(),
-        assignment=np.zeros(n, dtype=np.int64),
-        reason=reason,
-    )

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""Descent: Levenberg-Marquardt on robust distances of a model, from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from completion.templates.junctions.mixture import Mixture
+from completion.templates.junctions.model import Model
+from scenes.checks import FloatArray
+
+_N_SAMPLE, _N_BEST = 600, 3  # points that all starts see; starts that see all points
+_CAUCHY = (0.3, 0.1, 0.03)  # scales at unit RMS
+_N_STEPS, _N_ROUNDS = 12, 30
+_DAMPING = 1e-3
+LEAST_SIGMA = 1e-6  # at unit RMS: what has no noise counts as this
+_SAME = 1e-3  # at unit RMS: how far apart two surfaces may be and count as one
+
+Weights = Callable[[FloatArray], FloatArray]
+"""From distances (n,) to weights (n,)."""
+
+
+class Descended(NamedTuple):
+    """Where a descent ended."""
+
+    model: Model
+    mixture: Mixture  # of the distances
+    log_likelihood: float  # of all points that it saw
+    evaluations: int
+
+
+def cauchy(scale: float) -> Weights:
+    """Return Cauchy's weights at a scale, from distances (n,) to (n,)."""
+    return lambda distance: 1 / (1 + (distance / scale) ** 2)
+
+
+def descend(model: Model, points: FloatArray, weights: Weights, n_steps: int = _N_STEPS) -> tuple[Model, int]:
+    """Return the model after steps of reweighted, damped least squares on points (n, 3), and how many."""
+    damping, n_spent = _DAMPING, 0
+    distance, slopes = model.linearised(points)
+    for _ in range(n_steps):
+        weight = weights(distance)
+        matrix, gradient = slopes.T @ (weight[:, None] * slopes), slopes.T @ (weight * distance)
+        before = float(weight @ distance**2)
+        scale = np.maximum(np.diag(matrix), 1e-12 * max(float(np.trace(matrix)), 1e-300))
+        gained = False
+        for _ in range(6):
+            step = np.linalg.solve(matrix + damping * np.diag(scale), -gradient)
+            moved = model.moved(step)
+            new, new_slopes = moved.linearised(points)
+            n_spent += 1
+            if np.isfinite(new).all() and float(weight @ new**2) <= before:
+                gained = True
+                break
+            damping *= 10
+        if not gained:
+            break
+        model, distance, slopes = moved, new, new_slopes
+        damping = max(damping / 10, 1e-9)
+        if float(np.sqrt((step**2 * scale).sum())) < 1e-7 * max(np.sqrt(before), 1e-300):
+            break
+    return model, n_spent
+
+
+def descend_from(starts: Sequence[Model], points: FloatArray, reach: float) -> list[Descended]:
+    """Return where several starts lead, the most likely first.
+
+    Each goes down by Cauchy's weights at falling scales on 600 of the points; the three most likely go on as
+    mixtures of noise and outliers on all.
+
+    Parameters
+    ----------
+    starts : sequence of Model
+        Of one kind.
+    points : (n, 3) float
+        At unit RMS about the origin, as the models are.
+    reach : float
+        Of outliers, across the surface.
+    """
+    sample = points[:: max(1, len(points) // _N_SAMPLE)]
+    coarse = [_coarse(start, sample, reach) for start in starts]
+    coarse.sort(key=lambda one: -one.log_likelihood)
+    fine = [settled(one, points) for one in _distinct(coarse, sample)[:_N_BEST]]
+    spent = sum(one.evaluations for one in coarse)
+    fine.sort(key=lambda one: -one.log_likelihood)
+    return [one._replace(evaluations=one.evaluations + spent) for one in fine]
+
+
+def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
+    """Where Cauchy's weights lead on a sample (n, 3)."""
+    model, spent = start, 0
+    for scale in _CAUCHY:
+        model, n = descend(model, sample, cauchy(scale))
+        spent += n
+    distances = model.distance(sample)
+    mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
+    return Descended(model, mixture, float(mixture.log_densities(distances).sum()), spent)
+
+
+def _distinct(found: Sequence[Descended], sample: FloatArray) -> list[Descended]:
+    """Those that are not the same surface as one before."""
+    kept: list[Descended] = []
+    sizes: list[FloatArray] = []
+    for one in found:
+        size = np.abs(one.model.distance(sample))
+        if all(np.abs(size - other).mean() > _SAME for other in sizes):
+            kept.append(one)
+            sizes.append(size)
+    return kept
+
+
+def settled(found: Descended, points: FloatArray) -> Descended:
+    """Return where all points (n, 3) lead, weighed by how likely each is noise, until the scale stands."""
+    model, mixture, spent = found.model, found.mixture, found.evaluations
+    for _ in range(_N_ROUNDS):
+        before = mixture.sigma
+        mixture = Mixture.of(model.distance(points), mixture.reach, before, LEAST_SIGMA)
+        model, n = descend(model, points, mixture.weights, 4)
+        spent += n
+        if abs(mixture.sigma - before) < 1e-4 * before:
+            break
+    distances = model.distance(points)
+    mixture = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
+    return Descended(model, mixture, float(mixture.log_densities(distances).sum()), spent)
