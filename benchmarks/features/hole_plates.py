@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: MIT
+"""Plates with patterns of holes, or blank ones, with patches lost and outliers added."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+from completion.templates.measured import Measured
+from scenes.checks import BoolArray, FloatArray
+
+SIZE = (140.0, 90.0)  # mm, of a plate
+_HIGH = 10.0  # mm: how far from the plate outliers reach
+_MARGIN = 4.0  # mm between a hole and the plate's side
+_PATCHES = ("disc", "ellipse", "strip", "star", "cloud", "rectangle")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateTruth:
+    """A plate: what holes it has, in the frame of the points; `shown` tells the share of each rim left."""
+
+    kind: str
+    centres: FloatArray  # (n, 3)
+    radius: float
+    pitches: tuple[float, ...]
+    shown: FloatArray  # (n,)
+    measured: Measured
+
+
+def plate(
+    rng: np.random.Generator,
+    kind: str,
+    *,
+    sigma: float = 0.1,
+    lost: float = 0.3,
+    outliers: float = 0.1,
+    round_only: bool = False,
+) -> PlateTruth:
+    """A plate of one point a square millimetre with "hole-row", "hole-grid", "bolt-circle" or "blank"."""
+    radius = float(rng.uniform(3.0, 6.0))
+    flat, pitches = _centres(rng, kind, radius)
+    points = rng.uniform(0, 1, (rng.poisson(SIZE[0] * SIZE[1]), 2)) * SIZE
+    kept = np.ones(len(points), dtype=np.bool_)
+    for centre in flat:
+        kept &= np.hypot(*(points - centre).T) > radius
+    points = points[kept]
+    gone = LostPatches(rng, lost, round_only=round_only)
+    points = points[~gone(points)]
+    shown = np.array([_shown(centre, radius, gone) for centre in flat])
+    space = np.column_stack([points, np.zeros(len(points))]) + sigma * rng.normal(size=(len(points), 3))
+    n_out = round(outliers * len(points) / (1 - outliers))
+    stray = rng.uniform(0, 1, (n_out, 3)) * (*SIZE, 2 * _HIGH) - (0, 0, _HIGH)
+    space = rng.permutation(np.concatenate([space, stray]))
+    turn, moved = Rotation.random(random_state=rng), rng.uniform(-500, 500, 3)
+    centres = turn.apply(np.column_stack([flat, np.zeros(len(flat))])) + moved
+    measured = Measured(turn.apply(space) + moved, noise=sigma, spacing=0.5)
+    return PlateTruth(kind, centres, radius, pitches, shown, measured)
+
+
+def _centres(rng: np.random.Generator, kind: str, radius: float) -> tuple[FloatArray, tuple[float, ...]]:
+    """Centres (n, 2) within the plate, and the pitches, or the radius of the circle."""
+    while kind != "blank":
+        angle = rng.uniform(0, 2 * np.pi)
+        along = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-along[1], along[0]])
+        pitches = tuple(rng.uniform(2.5, 5.0, 2) * radius)
+        if kind == "hole-row":
+            n = int(rng.integers(4, 9))
+            flat, pitches = np.arange(n)[:, None] * pitches[0] * along, pitches[:1]
+        elif kind == "hole-grid":
+            shape = rng.integers(2, 5, 2)
+            if shape.max() < 3:
+                continue
+            i, j = (g.ravel()[:, None] for g in np.indices(shape))
+            flat = i * pitches[0] * along + j * pitches[1] * across
+        else:
+            n = int(rng.integers(4, 11))
+            circle = float(rng.uniform(1.3, 2.5) * radius / np.sin(np.pi / n))
+            turns = angle + 2 * np.pi * np.arange(n) / n
+            flat, pitches = circle * np.column_stack([np.cos(turns), np.sin(turns)]), (circle,)
+        flat = flat - flat.min(axis=0) + radius + _MARGIN
+        room = np.array(SIZE) - flat.max(axis=0) - radius - _MARGIN
+        if (room > 0).all():
+            return flat + rng.uniform(0, 1, 2) * room, pitches
+    return np.zeros((0, 2)), ()
+
+
+def _shown(centre: FloatArray, radius: float, gone: LostPatches) -> float:
+    """Share of directions in which the plate is there just outside a hole."""
+    turns = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    ring = np.column_stack([np.cos(turns), np.sin(turns)])
+    there = [~gone(centre + (radius + out) * ring) for out in (0.2, 1.0)]
+    return float((there[0] & there[1]).mean())
+
+
+class LostPatches:
+    """Patches of many shapes, as much of the plate as told."""
+
+    _CELL = 0.1  # mm
+
+    def __init__(self, rng: np.random.Generator, share: float, *, round_only: bool = False) -> None:
+        shape = tuple(int(side / self._CELL) for side in SIZE)
+        self._lost: BoolArray = np.zeros(shape, dtype=np.bool_)
+        while self._lost.mean() < share:
+            name = "disc" if round_only else _PATCHES[int(rng.integers(len(_PATCHES)))]
+            centre = rng.uniform(0, 1, 2) * SIZE
+            size = float(rng.uniform(3.0, 9.0))
+            low = np.maximum(((centre - 3 * size) / self._CELL).astype(int), 0)
+            high = np.minimum(((centre + 3 * size) / self._CELL).astype(int), shape)
+            x, y = np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij")
+            place = (np.stack([x, y], axis=-1) + 0.5) * self._CELL - centre
+            window = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+            self._lost[window] |= _patch(rng, name, place, size, self._CELL)
+
+    def __call__(self, places: FloatArray) -> BoolArray:
+        """Tell which places (n, 2) are lost."""
+        cell = (places / self._CELL).astype(int)
+        inside = ((cell >= 0) & (cell < self._lost.shape)).all(axis=1)
+        lost = ~inside
+        lost[inside] = self._lost[tuple(cell[inside].T)]
+        return lost
+
+
+def _patch(rng: np.random.Generator, name: str, place: FloatArray, size: float, cell: float) -> BoolArray:
+    """Which of the places (k, l, 2) about a patch's centre belong to it."""
+    angle = rng.uniform(0, np.pi)
+    x = place @ [np.cos(angle), np.sin(angle)]
+    y = place @ [-np.sin(angle), np.cos(angle)]
+    stretch = rng.uniform(1.2, 2.5)
+    if name == "disc":
+        return np.hypot(x, y) < size
+    if name == "ellipse":
+        return np.hypot(x / stretch, y) * np.sqrt(stretch) < size
+    if name == "rectangle":
+        return (np.abs(x) < 0.9 * size * np.sqrt(stretch)) & (np.abs(y) < 0.9 * size / np.sqrt(stretch))
+    if name == "strip":
+        return (np.abs(x) < 2 * size) & (np.abs(y) < 0.3 * size)
+    if name == "star":
+        turn, edge = np.arctan2(y, x), np.ones_like(x)
+        for k in range(2, 7):
+            edge += rng.normal(0, 0.25 / np.sqrt(k)) * np.cos(k * turn + rng.uniform(0, 2 * np.pi))
+        return np.hypot(x, y) < size * np.maximum(edge, 0.1)
+    rough = ndimage.gaussian_filter(rng.normal(size=x.shape), 0.25 * size / cell)
+    return (np.hypot(x, y) < 1.5 * size) & (rough > 0)

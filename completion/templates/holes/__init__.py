@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Hole patterns: rows, grids and bolt circles of equal holes in a plane."""

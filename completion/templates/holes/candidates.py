@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""Candidates: single circles that may be holes, each by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft, ndimage
+
+from completion.templates.holes.measuring.openings import Openings
+from completion.templates.holes.measuring.survey import Survey
+from completion.templates.holes.rims import rim_scores
+from scenes.checks import FloatArray
+
+LEAST = 1.8  # spacings: radius of the smallest hole
+_STEP, _RATIO = 0.4, 1.12  # spacings, and ratio, between radii that are tried
+_LARGEST = 0.22  # of the plate's longest side
+_RING = 1.5  # spacings: width of the ring
+_EMPTY, _MET = 0.12, 0.3  # of the points expected: most within the disc, least on the ring
+_MOST_PLACES, _MOST, _N_ROUNDS = 300, 60, 6
+_LEAST_EVIDENCE = 3.0  # nats
+_SHRINK = (0.5, 0.25, 0.12)  # spacings: steps of the local search
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Circles that may be holes.
+
+    Attributes
+    ----------
+    centres : (m, 2) float
+        In the plate's chart.
+    radii : (m,) float
+        Of them.
+    evidence : (m,) float
+        Log odds of each, nats.
+    """
+
+    centres: FloatArray
+    radii: FloatArray
+    evidence: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+
+def candidates(survey: Survey, opened: Openings, radius: float | None = None) -> Candidates:
+    """Find circles with an empty inside and plate around, of any radius or of one that is given.
+
+    For each radius two convolutions count the plate's points in the disc and on the ring about every cell;
+    local maxima are weighed, and moved to where they are most evident.
+    """
+    radii = _radii(survey) if radius is None else np.array([radius])
+    places = [_places(survey, float(one)) for one in radii]
+    centres = np.concatenate([place for place, _ in places])
+    sizes = np.repeat(radii, [len(place) for place, _ in places])
+    best = np.argsort(-np.concatenate([score for _, score in places]), kind="stable")[: 4 * _MOST_PLACES]
+    centres, sizes = centres[best], sizes[best]
+    if not len(centres):
+        return Candidates(centres, sizes, np.zeros(0))
+    soft = np.full(len(sizes), 0.35 * survey.spacing)
+    evidence = rim_scores(survey, centres, sizes, soft).evidence
+    best = np.argsort(-evidence, kind="stable")[:_MOST_PLACES]
+    found = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
+    more = opened.evidence(found.centres, found.radii, survey.spacing)
+    return _distinct(replace(found, evidence=found.evidence + more))
+
+
+def _radii(survey: Survey) -> FloatArray:
+    """Radii to try, closer together than the spacing where they are small."""
+    extent = np.array(survey.counts.shape) * survey.cell
+    found, radius = list[float](), LEAST * survey.spacing
+    while radius < _LARGEST * extent.max():
+        found.append(radius)
+        radius = max(radius + _STEP * survey.spacing, min(radius * _RATIO, radius + 2 * survey.spacing))
+    return np.array(found)
+
+
+def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
+    """Centres (m, 2) of circles of one radius, and how much of the ring less of the disc is filled (m,)."""
+    ring, disc = radius + _RING * survey.spacing, radius - 0.5 * survey.cell
+    half = int(np.ceil(ring / survey.cell)) + 1
+    padded = np.pad(survey.counts, half)
+    expected = np.pad(survey.densities, half, mode="edge") * np.pi
+    shape = tuple(fft.next_fast_len(n + 2 * half, real=True) for n in padded.shape)
+    across = np.arange(-half, half + 1) * survey.cell
+    far = np.hypot(across[:, None], across[None])
+    image = fft.rfft2(padded, shape)
+
+    def counted(kernel: FloatArray) -> FloatArray:
+        summed = fft.irfft2(image * fft.rfft2(kernel, shape), shape)
+        return np.asarray(summed[half : half + padded.shape[0], half : half + padded.shape[1]])
+
+    inside = counted((far <= disc).astype(np.float64)) / (expected * disc**2)
+    around = counted(((far > disc) & (far <= ring)).astype(np.float64)) / (expected * (ring**2 - disc**2))
+    score = around - 3 * inside
+    top = ndimage.maximum_filter(score, size=3) == score
+    cells = np.argwhere(top & (inside < _EMPTY) & (around > _MET))
+    centres = survey.corner + (cells - half + 0.5) * survey.cell
+    return centres, score[tuple(cells.T)] * np.sqrt(radius / survey.spacing)
+
+
+def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
+    """The candidates moved, step by step, to the most evident circles near them."""
+    centres, radii, evidence = begun.centres.copy(), begun.radii.copy(), begun.evidence.copy()
+    moves = np.concatenate([np.eye(3), -np.eye(3)])
+    moves = moves[moves[:, 2] == 0] if is_given else moves
+    for step in _SHRINK:
+        length = step * survey.spacing
+        soft = max(0.7 * length, survey.plate.noise)
+        evidence = rim_scores(survey, centres, radii, np.full(len(radii), soft)).evidence
+        active = np.arange(len(radii))
+        for _ in range(_N_ROUNDS):
+            tried = centres[active, None] + moves[None, :, :2] * length
+            sizes = np.maximum(radii[active, None] + moves[None, :, 2] * length, LEAST * survey.spacing)
+            flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), np.full(sizes.size, soft))
+            values = flat.evidence.reshape(sizes.shape)
+            best = values.argmax(axis=1)
+            rises = values.max(axis=1) > evidence[active] + 1e-9
+            rows = np.flatnonzero(rises)
+            active, best = active[rows], best[rows]
+            centres[active], radii[active] = tried[rows, best], sizes[rows, best]
+            evidence[active] = values[rows, best]
+            if not len(active):
+                break
+        kept = np.argsort(-evidence, kind="stable")[: max(_MOST, len(evidence) // 2)]
+        distinct = _distinct(Candidates(centres[kept], radii[kept], evidence[kept]), 2 * _MOST)
+        centres, radii, evidence = distinct.centres.copy(), distinct.radii.copy(), distinct.evidence.copy()
+    return Candidates(centres, radii, evidence)
+
+
+def _distinct(found: Candidates, most: int = _MOST) -> Candidates:
+    """The most evident, of which centres or radii differ by a fourth of the radius."""
+    order = np.argsort(-found.evidence, kind="stable")
+    kept = list[int]()
+    for k in order:
+        if found.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
+            break
+        gap = np.hypot(*(found.centres[kept] - found.centres[k]).T) if kept else np.zeros(0)
+        nearly = (gap < 0.25 * found.radii[k]) & (
+            np.abs(found.radii[kept] - found.radii[k]) < 0.25 * found.radii[k]
+        )
+        if not nearly.any():
+            kept.append(int(k))
+    return Candidates(found.centres[kept], found.radii[kept], found.evidence[kept])

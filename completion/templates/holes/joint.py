@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Joint weighing: a whole pattern by all its holes, and the part of its lattice that is most evident."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from completion.templates.holes.candidates import Candidates
+from completion.templates.holes.chance import log_chance
+from completion.templates.holes.measuring.openings import Openings
+from completion.templates.holes.measuring.survey import Survey
+from completion.templates.holes.patterns import CIRCLE, GRID, ROW, Pattern
+from completion.templates.holes.proposals import Proposal
+from completion.templates.holes.rims import rim_scores
+from completion.templates.holes.webs import are_joined
+from scenes.checks import BoolArray, FloatArray, IntArray
+
+_MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
+_LEAST, _GREATEST = -6.0, 9.0  # nats of one hole in the choice of a window
+_MOST_UNMATCHED = 5.0  # nats of a hole that was no candidate
+_UNKNOWN = -0.5  # nats: a hole that nobody saw is worth less than none
+_SOFT = 0.2  # spacings: how exactly a proposal's holes are placed
+_OPEN = 5  # of 16 sectors side by side without a rim: an open side
+_SEEN, _FILLED = 1.5, 3.0  # nats from which a hole is seen, or surface fills it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighed:
+    """A pattern and what says that it is there.
+
+    Attributes
+    ----------
+    pattern : Pattern
+        Of the plate's chart.
+    places, chosen : (n,) int
+        Its holes that are candidates, and their numbers.
+    evidence : float
+        Less the log of how many such patterns chance makes, with what its other holes add; nats.
+    holes : (count,) float
+        Log odds of each hole.
+    rims : (count, 16) bool
+        Sectors in which the plate begins at the rim.
+    filled : (count,) bool
+        Whether measured surface fills it.
+    joined : bool
+        Whether nothing of the plate is between neighbours.
+    """
+
+    pattern: Pattern
+    places: IntArray
+    chosen: IntArray
+    evidence: float
+    holes: FloatArray
+    rims: BoolArray
+    filled: BoolArray
+    joined: bool
+
+    @property
+    def seen(self) -> BoolArray:
+        """Return which holes (count,) were seen."""
+        return np.asarray((self.holes > _SEEN) & (self.rims.sum(axis=1) >= 3) & ~self.filled)
+
+    @property
+    def open_holes(self) -> BoolArray:
+        """Return which holes (count,) have a whole side, 112 degrees or more, without a rim."""
+        twice = np.concatenate([self.rims, self.rims], axis=1)
+        runs = np.stack([~twice[:, k : k + _OPEN].any(axis=1) for k in range(self.rims.shape[1])])
+        return np.asarray(runs.any(axis=0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """What patterns of one plate are weighed on."""
+
+    survey: Survey
+    opened: Openings
+    found: Candidates
+    area: float
+
+    def weighed(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
+        """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings."""
+        found, spacing = self.found, self.survey.spacing
+        holes, rims, filled = self.holes(pattern, soft)
+        places, chosen = proposal.places, proposal.chosen
+        chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=spacing)
+        other = np.ones(pattern.count, dtype=np.bool_)
+        other[places] = False
+        more = np.clip(holes[other], _LEAST, _MOST_UNMATCHED).sum()
+        freedom = 3 * len(places) - len(pattern.x) - 1
+        loss = float(np.maximum(found.evidence[chosen] - holes[places], 0.0).sum()) - freedom
+        evidence = float(more - chance - max(loss, 0.0))
+        joined = are_joined(pattern, self.survey)
+        return Weighed(
+            pattern=pattern, places=places, chosen=chosen, evidence=evidence, holes=holes, rims=rims,
+            filled=filled, joined=joined,
+        )  # fmt: skip
+
+    def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
+        survey, centres = self.survey, pattern.centres
+        radii = np.full(pattern.count, pattern.radius)
+        width = max(soft * survey.spacing, survey.plate.noise)
+        # points on the rim itself are outside: of exact ones there are many
+        inner = np.maximum(radii - width, 0.5 * radii)
+        scores = rim_scores(survey, centres, inner, np.full(pattern.count, width))
+        more = self.opened.evidence(centres, radii, survey.spacing)
+        return scores.evidence + more, scores.seen, scores.filled > _FILLED
+
+
+def windowed(proposal: Proposal, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
+    """Weigh the part of a proposal's lattice whose holes' evidence sums to most.
+
+    An exact search of all windows with at least three holes along (two by two in grids), or with the counts
+    that are given. None where fewer candidates are left than a pattern needs.
+    """
+    pattern, margin = proposal.pattern, _MARGIN[proposal.pattern.kind]
+    if pattern.kind == CIRCLE:
+        return ground.weighed(pattern, proposal, _SOFT)
+    n_along, n_across = pattern.shape
+    asked = (given.get("count"), given.get("count_2") if pattern.kind == GRID else 1)
+    margins = [max(margin, int(n or 0) - size) for n, size in zip(asked, pattern.shape, strict=True)]
+    margins = [margins[0], margins[1] if pattern.kind == GRID else 0]
+    low = (-margins[0], -margins[1])
+    wide = pattern.resized(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
+    value = np.clip(ground.holes(wide, _SOFT)[0], _LEAST, _GREATEST) + _UNKNOWN
+    window = _best_window(value.reshape(wide.shape), pattern.kind, asked)
+    if window is None:
+        return None
+    i, j, shape = window
+    kept = wide.resized((i, j), shape)
+    at = np.stack(np.divmod(proposal.places, n_across)) - np.array([[i + low[0]], [j + low[1]]])
+    inside = ((at >= 0) & (at < np.array(shape)[:, None])).all(axis=0)
+    if inside.sum() < 3 + (pattern.kind == GRID):
+        return None
+    places = at[0, inside] * shape[1] + at[1, inside]
+    chance = replace(proposal, pattern=kept, places=places, chosen=proposal.chosen[inside])
+    return ground.weighed(kept, chance, _SOFT)
+
+
+def _best_window(
+    value: FloatArray, kind: str, asked: tuple[float | None, float | None]
+) -> tuple[int, int, tuple[int, int]] | None:
+    """First place and shape of the window of values (k, l) with the greatest sum."""
+    summed = np.pad(value.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    least = (3, 1) if kind == ROW else (2, 2)
+    best, most = None, -np.inf
+    sizes = [[int(n)] if n is not None else range(m, size + 1)
+             for n, m, size in zip(asked, least, value.shape, strict=True)]  # fmt: skip
+    for a in sizes[0]:
+        for b in sizes[1]:
+            if a > value.shape[0] or b > value.shape[1]:
+                continue
+            total = summed[a:, b:] - summed[:-a, b:] - summed[a:, :-b] + summed[:-a, :-b]
+            if total.max() > most:
+                most = float(total.max())
+                i, j = np.unravel_index(int(total.argmax()), total.shape)
+                best = (int(i), int(j), (a, b))
+    return best

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Openings: what tells a hole from lost data: beams that went through it, and the wall of its bore."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.templates.holes.measuring.plates import Plate
+from completion.templates.measured import Beams, Measured
+from scenes.checks import BoolArray, FloatArray
+
+N_SECTORS = 8
+_WALL = 0.35  # spacings on either side of a rim within which points are the bore's
+_DEEP = 2.0, 3.0  # radii and spacings below a plate, as far as a bore is looked at
+_A_SECTOR, _CHANCE = 1.5, 2  # nats for a sector with a wall, and sectors that chance may fill
+_A_BOSS = 3.0  # times as much against a hole, where the wall rises on the outer side
+_PASSED, _MOST_PASSED = 4.0, 3  # nats a beam that went through, and beams that count
+_NONE_PASSED = 6.0  # nats where every place behind the plate gives an echo, and none came through
+_INNER = 0.85  # of the radius
+_N_RAYS, _COLUMN = 200, 1.2  # places of the plate from which surfaces are counted; spacings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Openings:
+    """What is measured off a plate and through it.
+
+    Attributes
+    ----------
+    outward : int
+        1 where the plate's normal points to its outer side, -1 against it, 0 unknown.
+    off : cKDTree or None
+        Of the chart's places of points off the plate.
+    heights : (m,) float
+        Of these points.
+    crossed : cKDTree or None
+        Of the places where beams crossed the plate's plane and came back from behind it.
+    behind : float
+        Share of the beams beyond or beside the plate's surface that came back from behind it.
+    reach : float
+        Of a bore's wall on either side of its rim.
+    """
+
+    outward: int
+    off: cKDTree | None
+    heights: FloatArray
+    crossed: cKDTree | None
+    behind: float
+    reach: float
+
+    def evidence(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
+        """Return log odds (m,) of holes against lost data at circles (m, 2), (m,), nats."""
+        return self._of_beams(centres, radii, spacing) + self._of_bores(centres, radii, spacing)
+
+    def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
+        if self.crossed is None:
+            return np.zeros(len(radii))
+        passed = self.crossed.query_ball_point(centres, _INNER * radii, return_length=True)
+        hoped = np.minimum(0.3 * np.pi * (_INNER * radii / spacing) ** 2, 1.0)
+        none = np.where(passed == 0, -_NONE_PASSED * self.behind * hoped, 0.0)
+        return np.asarray(_PASSED * np.minimum(passed, _MOST_PASSED) + none)
+
+    def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
+        up, down = self.walls(centres, radii, spacing)
+        gain = [_A_SECTOR * np.maximum(side.sum(axis=1) - _CHANCE, 0) for side in (up, down)]
+        if self.outward == 0:
+            return np.asarray(np.maximum(*gain) - np.minimum(*gain))
+        outer, inner = gain if self.outward > 0 else gain[::-1]
+        return np.asarray(inner - _A_BOSS * outer)
+
+    def walls(self, centres: FloatArray, radii: FloatArray, spacing: float) -> tuple[BoolArray, BoolArray]:
+        """Return in which of 8 sectors (m, 8) a wall stands on the rim above the plate, and below it."""
+        shape = (len(radii), N_SECTORS)
+        if self.off is None:
+            return np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+        lists = self.off.query_ball_point(centres, radii + 3 * self.reach, return_sorted=False)
+        owner = np.repeat(np.arange(len(radii)), [len(one) for one in lists])
+        members = np.concatenate([np.asarray(one, dtype=np.int64) for one in lists] or [owner])
+        offset, height = np.asarray(self.off.data)[members] - centres[owner], self.heights[members]
+        gap = np.hypot(*offset.T) - radii[owner]
+        sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1) * N_SECTORS).astype(np.int64)
+        sector %= N_SECTORS
+        near = np.abs(height) < _DEEP[0] * radii[owner] + _DEEP[1] * spacing
+        found = []
+        for side in (1, -1):
+            chosen = near & (side * height > 0)
+            on = chosen & (np.abs(gap) < self.reach)
+            beside = chosen & ~on & (gap > -3 * self.reach)
+            counted = [np.bincount((owner * N_SECTORS + sector)[which], minlength=shape[0] * N_SECTORS)
+                       for which in (on, beside)]  # fmt: skip
+            found.append((counted[0] > counted[1]).reshape(shape))
+        return found[0], found[1]
+
+
+def openings(plate: Plate, measured: Measured, spacing: float) -> Openings:
+    """Gather what tells holes from lost data."""
+    off = np.abs(plate.height) > 1.5 * plate.slab
+    beams, outward = measured.beams, 0
+    crossed, behind = None, 0.0
+    if beams is not None and len(beams.ranges):
+        outward = int(np.sign(np.median((beams.origins - plate.origin) @ plate.frame[2])))
+        crossed, behind = _through(plate, beams)
+    elif off.any():
+        outward = _outer_side(plate, spacing)
+    tree = cKDTree(plate.uv[off]) if off.any() else None
+    reach = max(_WALL * spacing, 3 * plate.noise)
+    return Openings(
+        outward=outward, off=tree, heights=plate.height[off], crossed=crossed, behind=behind, reach=reach
+    )
+
+
+def _through(plate: Plate, beams: Beams) -> tuple[cKDTree | None, float]:
+    """Places where beams went through the plane and came back, and how many did of those that met nothing."""
+    normal = plate.frame[2]
+    falling = beams.directions @ normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = ((plate.origin - beams.origins) @ normal) / falling
+    meets = np.isfinite(reach) & (reach > 0)
+    places = plate.chart(beams.origins[meets] + reach[meets, None] * beams.directions[meets])[0]
+    on = plate.uv[plate.is_on]
+    inside = ((places > on.min(axis=0)) & (places < on.max(axis=0))).all(axis=1)
+    ranges, reach, sine = beams.ranges[meets], reach[meets], np.abs(falling[meets])
+    beyond = inside & np.isfinite(ranges) & ((ranges - reach) * sine > 2 * plate.slab)
+    none = inside & ~np.isfinite(ranges)
+    behind = float(beyond.sum() / max((beyond | none).sum(), 1))
+    return (cKDTree(places[beyond]) if beyond.any() else None), behind
+
+
+def _outer_side(plate: Plate, spacing: float) -> int:
+    """On which side no solid is: from inside, lines meet surface an odd number of times."""
+    on = np.flatnonzero(plate.is_on)
+    places = plate.uv[on[:: max(1, len(on) // _N_RAYS)]]
+    off = np.abs(plate.height) > 1.5 * plate.slab
+    lists = cKDTree(plate.uv[off]).query_ball_point(places, _COLUMN * spacing)
+    votes = np.zeros((2, 2))
+    for one in lists:
+        heights = plate.height[off][one]
+        for row, side in enumerate((1, -1)):
+            along = np.sort(side * heights[side * heights > 0])
+            layers = np.split(along, np.flatnonzero(np.diff(along) > 1.5 * spacing) + 1)
+            steep = any(len(layer) and np.ptp(layer) > 2 * spacing for layer in layers)
+            near = len(along) and along[0] < spacing
+            if not steep and not near:
+                votes[row, len(layers) % 2 if len(along) else 0] += 1
+    odd = votes[:, 1] / np.maximum(votes.sum(axis=1), 1)
+    if max(odd) < 0.6 or abs(odd[0] - odd[1]) < 0.3:
+        return 0
+    return -1 if odd[0] > odd[1] else 1

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""Outcome: a pattern of holes in space, with what is known of each hole, and whether it is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from completion.templates.holes.bores import Walls
+from completion.templates.holes.joint import Weighed
+from completion.templates.holes.measuring.plates import Plate
+from completion.templates.holes.null import false_fit_probability
+from completion.templates.holes.patterns import GRID, PARAMETERS
+from completion.templates.holes.refinement import Refined
+from completion.templates.holes.rims import N_SECTORS
+from completion.templates.template import Side, Status, TemplateFit
+from scenes.checks import BoolArray, FloatArray
+
+_FALSE, _DOUBTFUL = 0.01, 0.5  # false fits of what is found, and of what is ambiguous
+_PARALLEL = 0.99  # cosine between axes
+_KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circle"}
+
+
+def fit_of(
+    plate: Plate, weighed: Weighed, refined: Refined, found: Walls, given: Mapping[str, float]
+) -> TemplateFit:
+    """Return the fit in space: parameters with covariance, a side a hole, and the decision."""
+    pattern = refined.pattern
+    names, x, slopes = _in_space(plate, refined)
+    covariance = slopes @ refined.covariance @ slopes.T
+    across = np.zeros(len(x))
+    across[:3] = plate.frame[2]
+    covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
+    probability = false_fit_probability(pattern.kind, weighed.evidence)
+    status, reason = _decision(weighed, probability)
+    assignment = plate.is_on.astype(np.int64)
+    real = found.number >= 0
+    assignment[found.number[real]] = found.owner[real] + 2
+    return TemplateFit(
+        kind=pattern.kind,
+        status=status,
+        names=names,
+        x=x,
+        covariance=covariance,
+        sides=_sides(weighed, refined),
+        evidence=weighed.evidence,
+        false_fit_probability=probability,
+        faces=("plate", *(f"hole {k + 1}" for k in range(pattern.count))),
+        assignment=assignment,
+        evaluations=refined.evaluations,
+        reason=reason,
+        geometry={
+            "count": pattern.count,
+            **({"counts": list(pattern.shape)} if pattern.kind == GRID else {}),
+            "centres": plate.space(pattern.centres),
+            "radius": pattern.radius,
+            "axis": plate.frame[2],
+        },
+        held=tuple(name for name in names if name in given),
+    )
+
+
+def nothing(kind: str, n_points: int, reason: str) -> TemplateFit:
+    """Return that there is no pattern of a kind, and why."""
+    empty = np.zeros(0)
+    return TemplateFit(
+        kind=kind, status=Status.NONE, names=(), x=empty, covariance=np.zeros((0, 0)), sides=(), evidence=0.0,
+        faces=(), assignment=np.zeros(n_points, np.int64), reason=reason,
+    )  # fmt: skip
+
+
+def _in_space(plate: Plate, refined: Refined) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Names (k,), values (k,), and derivatives (k, p + 1) by the chart's parameters and the radius."""
+    pattern = refined.pattern
+    along, across = plate.frame[:2]
+    cosine, sine = np.cos(pattern.x[2]), np.sin(pattern.x[2])
+    names = [f"{what}_{axis}" for what in ("centre", "direction") for axis in "xyz"]
+    names += [*PARAMETERS[pattern.kind][3:], "radius"]
+    x = [
+        *plate.space(pattern.x[None, :2])[0],
+        *(cosine * along + sine * across),
+        *pattern.x[3:],
+        pattern.radius,
+    ]
+    slopes = np.zeros((len(x), len(pattern.x) + 1))
+    slopes[:3, :2] = plate.frame[:2].T
+    slopes[3:6, 2] = cosine * across - sine * along
+    slopes[6:, 3:] = np.eye(len(x) - 6)
+    return tuple(names), np.array(x), slopes
+
+
+def _sides(weighed: Weighed, refined: Refined) -> tuple[Side, ...]:
+    """One side a hole: sectors of its rim that were seen, or all against it where it is filled."""
+    slopes = refined.pattern.slopes
+    spread = np.einsum("nip,pq,niq->n", slopes, refined.covariance[:-1, :-1], slopes) / 2
+    sides = []
+    for k, deviation in enumerate(np.sqrt(np.maximum(spread, 0.0))):
+        confirmed = int(weighed.rims[k].sum()) if weighed.seen[k] else 0
+        contradicted = N_SECTORS if weighed.filled[k] else 0
+        sides.append(Side(f"hole {k + 1}", confirmed, contradicted, N_SECTORS, float(deviation)))
+    return tuple(sides)
+
+
+def _decision(weighed: Weighed, probability: float) -> tuple[Status, str]:
+    """Whether a pattern is believed, and why not, or what is doubtful of it."""
+    what, seen = _KIND_NAMES[weighed.pattern.kind], int(weighed.seen.sum())
+    least = 4 if weighed.pattern.kind == GRID else 3
+    if seen < least:
+        return Status.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
+    if probability > _DOUBTFUL:
+        return Status.NONE, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
+    absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled
+    if absent.sum() + unseen.sum() > seen:
+        return Status.NONE, f"{seen} of {len(absent)} holes of the {what} were seen, less than half"
+    if weighed.joined:
+        return Status.AMBIGUOUS, f"no plate between neighbours of the {what}: slots look like it"
+    if weighed.open_holes[weighed.seen].all():
+        return Status.AMBIGUOUS, f"every hole of the {what} is open on a side: notches and slots look like it"
+    if probability > _FALSE:
+        return Status.AMBIGUOUS, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
+    said = [f"{_named(which)} {_is(which)} {why}" for which, why in
+            ((absent, "absent: measured surface fills it"), (unseen, "unseen")) if which.any()]  # fmt: skip
+    return Status.FOUND, "; ".join(said)
+
+
+def _named(which: BoolArray) -> str:
+    numbers = [str(k + 1) for k in np.flatnonzero(which)]
+    return f"hole{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
+
+
+def _is(which: BoolArray) -> str:
+    return "are" if which.sum() > 1 else "is"
+
+
+def distinct(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
+    """Leave out of fits of one kind, the best first, those whose holes lie over a better one's.
+
+    Holes seen from both faces of a plate are the same holes: places are compared along the axis.
+    """
+    kept = list[TemplateFit]()
+    for fit in fits:
+        if not any(_overlap(fit, other) for other in kept):
+            kept.append(fit)
+    return kept
+
+
+def _overlap(one: TemplateFit, other: TemplateFit) -> bool:
+    """Whether holes of two patterns with one axis lie over one another."""
+    axis, radius = np.asarray(other.geometry["axis"]), float(str(other.geometry["radius"]))
+    if abs(float(axis @ np.asarray(one.geometry["axis"]))) < _PARALLEL:
+        return False
+    gap = np.asarray(one.geometry["centres"])[:, None] - np.asarray(other.geometry["centres"])
+    gap = gap - (gap @ axis)[..., None] * axis
+    return bool((np.linalg.norm(gap, axis=2) < radius).any())

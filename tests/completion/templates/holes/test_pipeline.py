@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""Hole patterns: what is found of rows, grids and bolt circles, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from completion.templates.holes.patterns import KINDS
+from completion.templates.holes.pipeline import find_holes
+from completion.templates.measured import Measured
+from completion.templates.template import Seen, Status, TemplateFit
+from scenes.checks import FloatArray, InputError
+from tests.completion.templates.holes.measuring.plates import plate, row, without
+
+RADIUS, PITCH = 4.0, 15.0
+_BUDGET = 10**7
+
+
+def found(measured: Measured, kind: str, **given: float) -> TemplateFit:
+    """The best fit of a kind."""
+    return find_holes(measured, [kind], given, rng=np.random.default_rng(0), budget=_BUDGET)[0]
+
+
+def off(fit: TemplateFit, centres: FloatArray) -> float:
+    """How far true centres (n, 2) of the plate z = 0 are from the fit's, root mean square."""
+    space = np.column_stack([centres, np.zeros(len(centres))])
+    gap = np.linalg.norm(np.asarray(fit.geometry["centres"])[:, None] - space, axis=2)
+    return float(np.sqrt((gap.min(axis=0) ** 2).mean()))
+
+
+def test_a_row_is_found_and_counted() -> None:
+    fit = found(plate(np.random.default_rng(1), row(5, PITCH), RADIUS), "hole-row")
+    assert fit.status is Status.FOUND
+    assert fit.geometry["count"] == 5
+    assert off(fit, row(5, PITCH)) < 0.2
+    for name, true in (("pitch", PITCH), ("radius", RADIUS)):
+        assert abs(fit.value(name) - true) < 4 * fit.deviation(name)
+        assert 0 < fit.deviation(name) < 0.1
+    assert all(side.is_seen for side in fit.sides)
+
+
+def test_a_grid_and_a_bolt_circle_are_found_and_counted() -> None:
+    i, j = np.indices((3, 2)).reshape(2, -1)
+    grid = np.column_stack([(i - 1) * 16.0, (j - 0.5) * 20.0])
+    fit = found(plate(np.random.default_rng(2), grid, RADIUS), "hole-grid")
+    assert fit.status is Status.FOUND
+    assert fit.geometry["count"] == 6
+    assert sorted([fit.value("pitch"), fit.value("pitch_2")]) == pytest.approx([16.0, 20.0], abs=0.2)
+    turn = 2 * np.pi * np.arange(6) / 6
+    circle = 18 * np.column_stack([np.cos(turn), np.sin(turn)])
+    fit = found(plate(np.random.default_rng(3), circle, RADIUS), "bolt-circle")
+    assert fit.status is Status.FOUND
+    assert fit.geometry["count"] == 6
+    assert abs(fit.value("circle_radius") - 18) < 4 * fit.deviation("circle_radius")
+
+
+def test_a_blank_plate_and_lost_patches_are_refused() -> None:
+    blank = plate(np.random.default_rng(4), np.zeros((0, 2)), RADIUS)
+    lost = np.random.default_rng(5).uniform(-0.5, 0.5, (12, 2)) * (90, 50)
+    for fit in find_holes(without(blank, lost, 3.5), KINDS, {}, rng=np.random.default_rng(0), budget=_BUDGET):
+        assert fit.status is not Status.FOUND
+        assert fit.reason
+    assert found(Measured(blank.points[:50], 0.1, 0.5), "hole-row").status is Status.NONE
+
+
+def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted() -> None:
+    centres = row(5, PITCH)
+    whole = plate(np.random.default_rng(6), centres, RADIUS)
+    fit = found(without(whole, centres[2:3], 7.5), "hole-row")
+    assert (fit.status, fit.geometry["count"], fit.unseen) == (Status.FOUND, 5, ("hole 3",))
+    assert "hole 3 is unseen" in fit.reason
+    gap = plate(np.random.default_rng(7), np.delete(centres, 2, axis=0), RADIUS)
+    fit = found(gap, "hole-row")
+    assert fit.status is Status.FOUND
+    assert fit.sides[2].state is Seen.CONTRADICTED
+    assert "hole 3 is absent" in fit.reason
+
+
+def test_moved_or_in_another_unit_the_same_is_found() -> None:
+    measured = plate(np.random.default_rng(8), row(4, PITCH), RADIUS)
+    before = found(measured, "hole-row")
+    turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])
+    moved = replace(measured, points=turn.apply(measured.points) + shift)
+    after = found(moved, "hole-row")
+    assert after.geometry["count"] == before.geometry["count"] == 4
+    places = turn.apply(np.asarray(before.geometry["centres"])) + shift
+    gap = np.linalg.norm(np.asarray(after.geometry["centres"])[:, None] - places, axis=2).min(axis=0)
+    assert gap.max() < 0.15
+    small = found(measured.scaled(1e-3), "hole-row")
+    assert small.value("pitch") == pytest.approx(before.value("pitch") * 1e-3, rel=1e-3)
+    assert small.evidence == pytest.approx(before.evidence, abs=1.0)
+
+
+def test_the_order_of_points_matters_little_and_the_seed_decides() -> None:
+    measured = plate(np.random.default_rng(9), row(4, PITCH), RADIUS)
+    one, two = found(measured, "hole-row"), found(measured, "hole-row")
+    assert one.x.tobytes() == two.x.tobytes()
+    mixed = np.random.default_rng(10).permutation(len(measured.points))
+    other = found(replace(measured, points=measured.points[mixed]), "hole-row")
+    assert other.value("pitch") == pytest.approx(one.value("pitch"), abs=3 * one.deviation("pitch"))
+    np.testing.assert_array_equal(other.assignment, one.assignment[mixed])
+
+
+def test_given_values_are_held() -> None:
+    measured = plate(np.random.default_rng(11), row(5, PITCH), RADIUS)
+    fit = found(measured, "hole-row", pitch=15.05, radius=4.02, count=4)
+    assert (fit.value("pitch"), fit.value("radius"), fit.geometry["count"]) == (15.05, 4.02, 4)
+    assert fit.deviation("pitch") == fit.deviation("radius") == 0.0
+    assert set(fit.held) == {"pitch", "radius"}
+
+
+def test_unknown_kinds_and_impossible_values_are_refused() -> None:
+    blank = plate(np.random.default_rng(12), np.zeros((0, 2)), RADIUS)
+    with pytest.raises(InputError, match="no pattern of holes called door"):
+        found(blank, "door")
+    with pytest.raises(InputError, match=r"pitch is given as -1"):
+        found(blank, "hole-row", pitch=-1)
