@@ -34,6 +34,7 @@ from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
 from completion.templates.openings.accepted import with_openings
 from completion.templates.openings.scene import find_openings
+from completion.templates.openings.stated import place_openings
 from completion.templates.template import TemplateFit
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
@@ -146,12 +147,17 @@ def complete(
         # 5. Features: fit doorways and windows whole, from the beams that pass through them.
         up = world_from_reference.matrix[2, :3]
         features: list[TemplateFit] = []
-        if options.features is not None:
+        wanted = options.features
+        if wanted is not None and wanted.stated is not None:
+            features = place_openings(wanted.stated, surfaces, world_from_reference.inverse())
+        elif wanted is not None:
             features = find_openings(
                 surfaces,
                 observations,
                 owners=seen.owners,
                 up=up,
+                given=wanted.given,
+                kinds=wanted.kinds,
                 each=lambda work, numbers: steps.each("features", work, numbers),
             )
         known_open = with_openings(related.surfaces, features)
@@ -231,6 +237,7 @@ def complete(
         relations=relations,
         errors=related.errors.only([one is not None for one in every]),
         flattened=tuple(flattened),
+        features=tuple(features),
     )
 
 

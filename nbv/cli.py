@@ -33,6 +33,10 @@ from nbv.commands.options.views_cli import coverage, plan
 from nbv.commands.process.run import Shared
 
 _KINDS = ("walls", "floors", "ceilings", "pipes", "planes", "cylinders")
+_FEATURES = (
+    "doorway", "window", "niche", "hole-row", "hole-grid", "bolt-circle", "junction", "elbow", "column",
+    "stairs",
+)  # fmt: skip
 _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
 
   plan      how many views does a scene need, where, and what do they miss?
@@ -215,6 +219,14 @@ def complete(
             help="Square, parallel, in one plane: inferred; off; or with what a file states and forbids.",
         ),
     ] = "auto",
+    features: Annotated[
+        str,
+        typer.Option(
+            "--features",
+            metavar="auto|off|FILE",
+            help="Doorways and windows fitted whole; off; or those that a features.json found.",
+        ),
+    ] = "auto",
     flatten: Annotated[
         bool, typer.Option("--flatten", help="Take the ripple from measured planes, leave their relief.")
     ] = False,
@@ -276,6 +288,7 @@ def complete(
         texture=not no_texture,
         edits=edits,
         relations=relations,
+        features=features,
         flatten=flatten,
         exports=wanted,
         tolerance_m=tolerance,
@@ -467,6 +480,52 @@ def part(
         units=units,
     )
     run_part(shared, request)
+
+
+@app.command(short_help="Doorways, rows of holes, junctions, stairs: found whole.")
+@with_shared
+def feature(
+    shared: Shared,
+    material: Annotated[
+        list[str], typer.Argument(metavar="SCAN|POINTS|MESH...", help="Files or RGB-D folders; PATH#k.")
+    ],
+    find: Annotated[
+        list[str],
+        typer.Option(
+            "--find",
+            metavar="KIND",
+            help="doorway, window, niche, hole-row, hole-grid, bolt-circle, junction, elbow, column, stairs.",
+        ),
+    ],
+    given: Annotated[
+        str | None,
+        typer.Option(
+            "--given",
+            metavar="FILE",
+            help='What is known, held exactly: {"hole-row": {"count": 6}}.',
+            show_default=False,
+        ),
+    ] = None,
+    evaluations: Annotated[
+        int, typer.Option("--evaluations", metavar="N", min=1, help="Of each search at most.")
+    ] = 200_000,
+    origin: Origins = None,
+    intrinsics: Intrinsics = None,
+    depth_scale: DepthScale = None,
+    poses: Poses = None,
+    units: UnitsOption = "m",
+    up: ScanUpOption = "auto",
+) -> None:
+    """Find objects by what is known of them: features.json, features.ply, report.html.
+
+    Each is fitted whole from what fragments show of it, accepted or refused with the reason, and what nobody
+    saw of it is said. An interrupt leaves the best so far.
+    """
+    from nbv.commands.feature import FeatureRequest, run_feature
+
+    kinds = parse_choices(find, _FEATURES, "--find")
+    request = asked_scans(material, intrinsics, depth_scale, poses, origin=origin, units=units, up=up)
+    run_feature(shared, request, FeatureRequest(kinds=kinds, given=given, evaluations=evaluations))
 
 
 @app.command(short_help="Poses of scans from any start.")

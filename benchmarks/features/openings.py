@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -49,7 +50,7 @@ def openings(
             sides, depth, counts = [], [], np.zeros(3, np.int64)
             for seed in range(first, first + seeds):
                 case = opening_case(seed, kind, hidden, noise)
-                fits = find_features([case.scan], KINDS)
+                fits = find_features([case.scan], KINDS).fits
                 found = [fit for fit in fits if fit.status is not Status.NONE]
                 same = [fit for fit in found if _overlap(case, fit) > _SAME]
                 asked = sum(share >= _SEEN for share in case.seen.values()) >= 2
@@ -108,7 +109,7 @@ def nulls(
         most = [0.0]
         for seed in range(first, first + seeds):
             case = null_case(seed, kind, noise)
-            fits = find_features([case.scan], KINDS)
+            fits = find_features([case.scan], KINDS).fits
             false += any(fit.status is Status.FOUND for fit in fits)
             unsure += any(fit.status is Status.AMBIGUOUS for fit in fits)
             most += [fit.evidence for fit in fits]
@@ -119,7 +120,7 @@ def nulls(
 
 def _rectangle(case: WallCase, fit: TemplateFit) -> tuple[FloatArray, float]:
     """The fit's y and z of the near and far corner (4,) in the world, and how far it is from the wall."""
-    points = case.scan.world_from_sensor.apply(np.asarray(fit.geometry["corners"]))
+    points = np.asarray(fit.geometry["corners"])
     off = float(np.abs(points[:, 0] - case.x).max())
     return np.array([*points[:, 1:].min(axis=0), *points[:, 1:].max(axis=0)]), off
 
@@ -145,7 +146,7 @@ def _errors(case: WallCase, fit: TemplateFit) -> list[SideError]:
     ]
 
 
-def _tell(seed: int, case: WallCase, fits: list[TemplateFit]) -> None:
+def _tell(seed: int, case: WallCase, fits: Sequence[TemplateFit]) -> None:
     true = None if case.hole is None else np.round(case.hole, 3).tolist()
     seen = {name[0]: round(share, 2) for name, share in case.seen.items()}
     print(f"{case.kind} {seed} {true} depth {case.depth:.3f} hidden {case.hidden:.2f} seen {seen}")

@@ -40,6 +40,7 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
+from completion.templates.template import TemplateFit
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
@@ -263,6 +264,7 @@ class CompletedModel:
     relations: FoundRelations | None
     errors: JointErrors
     flattened: tuple[FlatScan, ...]
+    features: tuple[TemplateFit, ...]
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -79,6 +79,8 @@ class Completion(CompletedModel):
         How well its surfaces are known, jointly, working frame.
     flattened : tuple of FlatScan
         How measured planes are flattened in the meshes that are written, by scan; empty where nobody asked.
+    features : tuple of TemplateFit
+        Openings that were fitted whole, found, ambiguous and refused, working frame.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -21,6 +21,7 @@ from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.panel_files import panels_record
 from completion.result.verification import Finding, Verification, counterpart
+from completion.templates.features import feature_record, moved_geometry
 from scenes.checks import ColourArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.mesh.blocks import in_blocks
@@ -191,6 +192,11 @@ def completion_record(
         "observed_step": 1 if observed == "full" else completion.derived.observed_step,
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
+    pose = completion.world_from_reference
+    record["features"] = [
+        feature_record(replace(fit, geometry=moved_geometry(fit, pose.rotation, pose.translation)))
+        for fit in completion.features
+    ]
     if completion.flattened:
         record["flattening"] = whole_flattening(completion.flattened)
         for number, one in enumerate(record["surfaces"], start=1):
@@ -292,6 +298,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
                 "area_m2": opening.area_m2,
                 "seen_share": opening.seen_share,
                 "provenance": "user" if opening.declared else "inferred",
+                "feature": opening.feature,
                 "points": world.apply(opening.points),
             }
             for opening in surface.openings

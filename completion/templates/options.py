@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from completion.templates.template import TemplateFit
 from scenes.checks import InputError
 
 OPENINGS = ("doorway", "window", "niche")
@@ -21,6 +22,8 @@ class FeatureOptions:
         Some of "doorway", "window", "niche".
     given : mapping
         What a person knows of all of them: "width", "height", "depth", metres.
+    stated : tuple of TemplateFit, optional
+        Openings that are known (`openings.stated.read_openings`): these are used, and none are sought.
 
     Raises
     ------
@@ -30,6 +33,7 @@ class FeatureOptions:
 
     kinds: tuple[str, ...] = OPENINGS
     given: Mapping[str, float] = field(default_factory=dict)
+    stated: tuple[TemplateFit, ...] | None = None
 
     def __post_init__(self) -> None:
         for kind in self.kinds:

@@ -27,6 +27,8 @@ from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
+from completion.templates.openings.stated import read_openings
+from completion.templates.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
@@ -39,7 +41,7 @@ from scenes.files.scan_request import ScanRequest, read_request
 class CompleteRequest:
     """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
-    `search` is that of textures, `edits` a file, `relations` "auto", "off" or a file, `exports` the formats
+    `search` is that of textures, `edits` a file, `relations` and `features` "auto", "off" or a file, `exports` the formats
     ("obj", "e57", "dxf", "svg", "ifc") beside those that are always written, `observed` how many points
     observed.ply holds, `scheduler` who works; results do not depend on it.
     """
@@ -53,6 +55,7 @@ class CompleteRequest:
     texture: bool
     edits: str | None
     relations: str = "auto"
+    features: str = "auto"
     flatten: bool = False
     exports: tuple[str, ...] = ()
     tolerance_m: float = TOLERANCE_M
@@ -83,7 +86,15 @@ class CompleteRequest:
             edits=() if self.edits is None else read_edits(self.edits),
             relations=None if self.relations == "off" else BUILT,
             stated_relations=tuple(one for file in self.stated for one in read_scan_relations(file)),
+            features=self._features(),
             flattening=FlatteningOptions() if self.flatten else None,
+        )
+
+    def _features(self) -> FeatureOptions | None:
+        if self.features == "off":
+            return None
+        return (
+            FITTED if self.features == "auto" else FeatureOptions(stated=tuple(read_openings(self.features)))
         )
 
     @property
@@ -94,13 +105,15 @@ class CompleteRequest:
     @property
     def files(self) -> tuple[str, ...]:
         """The files with a person's say."""
-        return (*((self.edits,) if self.edits else ()), *self.stated)
+        said = () if self.features in ("auto", "off") else (self.features,)
+        return (*((self.edits,) if self.edits else ()), *self.stated, *said)
 
     def options(self) -> dict[str, Any]:
         """Return the options for manifest and report; files by name."""
         own = {name: value for name, value in asdict(self).items() if name != "scheduler"}
         edits = None if self.edits is None else Path(self.edits).name
-        return {**own, "edits": edits, "relations": Path(self.relations).name}
+        names = {"relations": Path(self.relations).name, "features": Path(self.features).name}
+        return {**own, "edits": edits, **names}
 
 
 def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> None:

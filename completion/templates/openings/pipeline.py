@@ -22,7 +22,7 @@ from scenes.surfaces.catalogue import Plane
 
 _BESIDE_M = 0.5  # round what was measured of a wall
 _LEAST_WALL_M = 0.4  # of its width and height
-_SIDEWAYS = 0.26  # of a wall's normal along up: steeper planes have no doors
+SIDEWAYS = 0.26  # of a wall's normal along up: steeper planes have no doors
 
 
 def find_openings_in(
@@ -49,7 +49,7 @@ def find_openings_in(
     """
     # 1. Frame: u to the right as seen from the room, v up, y into the wall.
     plane = wall.fit.surface
-    if not isinstance(plane, Plane) or abs(float(plane.normal_direction @ up)) > _SIDEWAYS:
+    if not isinstance(plane, Plane) or abs(float(plane.normal_direction @ up)) > SIDEWAYS:
         return
     before = np.mean([seen.scan.origin for seen in observations], axis=0)
     frame = WallFrame.of(plane, before, up)

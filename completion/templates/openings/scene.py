@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.templates.openings.pipeline import find_openings_in
+from completion.templates.openings.pipeline import SIDEWAYS, find_openings_in
 from completion.templates.openings.wall import Wall
+from completion.templates.options import OPENINGS
 from completion.templates.template import Given, Status, TemplateFit, best_first
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -31,6 +32,7 @@ def find_openings(
     up: FloatArray,
     *,
     given: Given | None = None,
+    kinds: Sequence[str] = OPENINGS,
     each: Each | None = None,
 ) -> list[TemplateFit]:
     """Return doorways, windows and niches of upright planes, found ones first, refused ones last.
@@ -47,14 +49,17 @@ def find_openings(
         What is up in that frame.
     given : mapping, optional
         What a person knows: "width", "height", "depth", metres.
+    kinds : sequence of str
+        Which are wanted. A hole whose foot nobody saw may be a doorway or a window, whatever it is called.
     each : callable, optional
         Applies a function to all numbers, on threads for example.
     """
+    walls = {number for number, _ in walls_of(surfaces, up)}
     floors = [one.fit for one in surfaces if _is_floor(one, up)]
 
     def of_wall(number: int) -> list[TemplateFit]:
         surface = surfaces[number]
-        if surface.n_pixels < _LEAST_POINTS or not isinstance(surface.fit.surface, Plane):
+        if number not in walls:
             return []
         points = surface.points(observations, _MOST_POINTS)
         wall = Wall(surface.fit, points, number + 1, owners)
@@ -62,7 +67,22 @@ def find_openings(
 
     numbers = range(len(surfaces))
     found = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
-    return _each_once([fit for some in found for fit in some])
+    return _each_once([fit for some in found for fit in some if fit.kind in kinds or _may_be(fit, kinds)])
+
+
+def _may_be(fit: TemplateFit, kinds: Sequence[str]) -> bool:
+    return fit.kind != "niche" and "bottom" in fit.unseen and bool({"doorway", "window"} & set(kinds))
+
+
+def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[int, MergedSurface]]:
+    """Return the upright planes that enough points were measured of, with their numbers, from 0."""
+    return [
+        (number, one)
+        for number, one in enumerate(surfaces)
+        if one.n_pixels >= _LEAST_POINTS
+        and isinstance(one.fit.surface, Plane)
+        and abs(float(one.fit.surface.normal_direction @ up)) <= SIDEWAYS
+    ]
 
 
 def _is_floor(surface: MergedSurface, up: FloatArray) -> bool:

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""`unseen feature`: objects found by what is known of them, in scans, points or a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.templates.features import Features
+from completion.templates.given import read_given
+from completion.templates.material import of_points
+from completion.templates.measured import Measured
+from completion.templates.openings.likelihood import log_likelihoods
+from completion.templates.options import OPENINGS
+from completion.templates.pipeline import find_features
+from completion.templates.template import Status
+from nbv.commands.process.run import Run, Shared, running
+from scenes.checks import FloatArray, InputError, IntArray
+from scenes.files.mesh_stations import is_mesh
+from scenes.files.part_files import read_part_file
+from scenes.files.scan_request import ScanRequest, read_request
+from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.run.atomic import write_json
+from scenes.scan.palette import surface_bytes
+from scenes.scan.range_image import RangeImage
+
+_LEGEND = ("unseen: feature and face number what features.json lists, from 1; 0 for none",)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FeatureRequest:
+    """What is asked for: the kinds, the file of what is known, and the evaluations of each search at most."""
+
+    kinds: tuple[str, ...]
+    given: str | None = None
+    evaluations: int = 200_000
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {**asdict(self), "given": None if self.given is None else Path(self.given).name}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Input:
+    """What was read: scans, or points with their places in the file."""
+
+    points: FloatArray
+    scans: tuple[RangeImage, ...] = ()
+    measured: Measured | None = None
+    rows: IntArray | None = None
+    n_rows: int = 0
+    warnings: tuple[str, ...] = field(default=())
+
+
+def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> None:
+    """Find features and write features.json, features.ply and the report."""
+    with running("feature", shared, default="out/feature", is_folder=True) as run:
+        run.watch.enter("load")
+        run.read([*request.inputs, *([how.given] if how.given else [])])
+        given = {} if how.given is None else read_given(how.given, how.kinds)
+        options = {**request.options(), **how.options()}
+        held = _read(request, how.kinds)
+        run.warn(held.warnings)
+        if set(how.kinds) & set(OPENINGS):
+            run.will_call(log_likelihoods, 20)
+        features = find_features(
+            held.scans or _material(held),
+            how.kinds,
+            given=given,
+            evaluations=how.evaluations,
+            rng=shared.seed,
+            n_threads=shared.threads,
+            progress=run.progress,
+            journal=run.journal(options),
+        )
+        run.warn(features.doubts)
+        _write(run, features, held, how)
+        run.watch.enter("report")
+        from nbv.report.feature_report import feature_page
+
+        page = feature_page(
+            features,
+            " ".join(Path(one).name for one in request.inputs),
+            how.kinds,
+            points=held.points,
+            scans=held.scans,
+            warnings=held.warnings,
+        )
+        run.report(page, options)
+        run.finish(options, summary_of(features), lines_of(features))
+
+
+def _material(held: _Input) -> Measured:
+    assert held.measured is not None
+    return held.measured
+
+
+def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
+    """Scans where the files hold some, or places were told that points were measured from; else points."""
+    paths, openings = request.paths, [kind for kind in kinds if kind in OPENINGS]
+    has_mesh = len(paths) == 1 and is_mesh(paths[0])
+    if has_mesh and openings and not request.origins:
+        raise InputError(
+            f"{paths[0]}: a {openings[0]} is seen by beams that go through it, and a mesh has none: say where it "
+            "is to be looked at from (--origin X,Y,Z)"
+        )
+    if not has_mesh or request.origins:
+        try:
+            given = read_request(request)
+        except InputError:
+            if openings or len(paths) > 1 or request.origins:
+                raise
+        else:
+            points = np.concatenate([scan.points()[scan.valid] for scan in given.scans])
+            scans = tuple(given.scans)
+            return _Input(points, scans, n_rows=len(points), warnings=tuple(given.doubts))
+    file = read_part_file(paths[0], request.units)
+    faces = None if file.mesh is None else file.mesh.faces
+    try:
+        measured = of_points(file.points, faces=faces)
+    except InputError as error:
+        raise InputError(f"{paths[0]}: {error}") from None
+    return _Input(file.points, (), measured, rows=file.rows, n_rows=file.n_rows, warnings=file.warnings)
+
+
+def _write(run: Run, features: Features, held: _Input, how: FeatureRequest) -> None:
+    run.watch.enter("save")
+    write_json(run.path("features.json"), {**features.record(), "asked": list(how.kinds)})
+    feature, face = features.of_points()
+    colour = surface_bytes(feature)
+    told: dict[str, NDArray[Any]] = {
+        "feature": _placed(feature, held, 0),
+        "face": _placed(face, held, 0),
+        "red": _placed(colour[:, 0], held, 0),
+        "green": _placed(colour[:, 1], held, 0),
+        "blue": _placed(colour[:, 2], held, 0),
+    }
+    faces = None if held.measured is None else held.measured.faces
+    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), faces, told, _LEGEND)
+
+
+def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:
+    """Values (n, ...) in the places of their points in the file, where some were left out."""
+    if held.rows is None:
+        return values
+    out = np.full((held.n_rows, *values.shape[1:]), without, dtype=values.dtype)
+    out[held.rows] = values
+    return out
+
+
+def summary_of(features: Features) -> dict[str, Any]:
+    """Return the headline numbers."""
+    numbers = {str(status): sum(fit.status is status for fit in features.fits) for status in Status}
+    return {
+        **features.record(),
+        "found": numbers["found"],
+        "ambiguous": numbers["ambiguous"],
+        "refused": numbers["none"],
+    }
+
+
+def lines_of(features: Features) -> list[str]:
+    """Return a line for each feature: kind, size, sides seen, evidence; refused ones counted."""
+    from nbv.report.blocks.feature_blocks import size_of
+
+    lines = []
+    for number, fit in enumerate(features.fits, start=1):
+        if fit.status is Status.NONE:
+            continue
+        seen = sum(side.is_seen for side in fit.sides)
+        doubt = f" ({fit.reason})" if fit.reason else ""
+        told = f"{seen} of {len(fit.sides)} sides seen, {fit.evidence:.0f} nats"
+        lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {told}{doubt}")
+    refused = [fit for fit in features.fits if fit.status is Status.NONE]
+    if refused:
+        lines.append(f"{len(refused)} proposed and refused, the best: {refused[0].kind}, {refused[0].reason}")
+    if not features.is_complete:
+        lines.append("the search was ended before it was done: these are the best so far")
+    return lines

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""Features in reports: what each is, how large, which of its sides were seen, and why it was accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from completion.templates.template import Seen, Status, TemplateFit
+from nbv.report.page.page import Cell, State, Table, Text
+from nbv.run.wording import count
+from scenes.scan.palette import surface_colour
+
+_MOST_ROWS, _MOST_REFUSED = 80, 12
+_STATES: dict[Status, State] = {Status.FOUND: "measured", Status.AMBIGUOUS: "unknown", Status.NONE: ""}
+_WORDS = {Status.FOUND: "found", Status.AMBIGUOUS: "ambiguous", Status.NONE: "refused"}
+_NAMELESS = ("u", "v")  # parameters that only place it
+
+
+def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
+    """Return a table of features with a sentence before it."""
+    if not fits:
+        return (Text("None was proposed."),)
+    refused = [fit for fit in fits if fit.status is Status.NONE]
+    told = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
+    shown = [*told, *refused[:_MOST_REFUSED]]
+    rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
+    columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "Why")
+    left = len(fits) - len(shown)
+    more = f" {count(left, 'more is', 'more are')} in features.json." if left else ""
+    note = (
+        "Size with one standard deviation. A side is seen where tiles along it confirm it: what bounds it was "
+        "measured just outside, and nothing just inside. A side that nobody saw is not claimed."
+    )
+    return Table(columns, rows), Text(note + more, is_note=True)
+
+
+def size_of(fit: TemplateFit) -> str:
+    """Return the parameters of a feature with their deviations, for people."""
+    told = []
+    for name, value in zip(fit.names, fit.x, strict=True):
+        sd = fit.deviation(name)
+        if name in _NAMELESS or not np.isfinite(value):
+            continue
+        word = name.replace("_", " ")
+        if name in fit.held:
+            told.append(f"{word} {value:.4g} (given)")
+        elif np.isfinite(sd) and sd < max(abs(value), 1e-12):
+            told.append(f"{word} {value:.4g} \u00b1 {sd:.2g}")
+        else:
+            told.append(f"{word} at least {value:.3g}" if name in ("width", "height") else f"{word} not seen")
+    number = fit.geometry.get("count")
+    return ", ".join([*([f"{number} of them"] if number is not None else []), *told])
+
+
+def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
+    seen = [side for side in fit.sides if side.state is Seen.CONFIRMED]
+    sides = f"{len(seen)} of {len(fit.sides)}" if len(fit.sides) > 4 else ", ".join(s.name for s in seen)
+    unseen = ", ".join(fit.unseen[:6]) + (" ..." if len(fit.unseen) > 6 else "")
+    return (
+        Cell(f"{number} {fit.kind}", swatch=surface_colour(number)),
+        Cell(_WORDS[fit.status] + ("" if fit.is_complete else ", best so far"), state=_STATES[fit.status]),
+        Cell(size_of(fit)),
+        Cell(sides),
+        Cell(unseen),
+        Cell(f"{fit.evidence:.0f}" if np.isfinite(fit.evidence) else "-"),
+        Cell(fit.reason),
+    )

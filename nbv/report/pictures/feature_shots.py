@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: MIT
+"""Feature shots: sides of features drawn over what a scan saw, or over points, by what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.templates.features import Features
+from completion.templates.template import Seen, Status, TemplateFit
+from nbv.report.pictures.picture import Picture, picture_of, range_colours
+from scenes.checks import FloatArray
+from scenes.scan.colour import colour_bytes
+from scenes.scan.palette import surface_bytes
+from scenes.scan.range_image import RangeImage
+
+SEEN_COLOURS = {Seen.CONFIRMED: (40, 160, 70), Seen.CONTRADICTED: (200, 40, 40), Seen.UNSEEN: (230, 150, 20)}
+"""Of sides that are confirmed, contradicted, unseen; sRGB."""
+
+_ORDER = ("bottom", "right", "top", "left")
+_WIDE, _MOST_SHOTS, _SIDE = 900, 6, 820
+_MOST_POINTS = 400_000
+_CIRCLE = 72
+
+
+def scan_shots(scans: Sequence[RangeImage], fits: Sequence[TemplateFit]) -> tuple[Picture, ...]:
+    """Return a picture of each scan that openings are in, at most six, with their sides."""
+    shown = [fit for fit in fits if "corners" in fit.geometry and fit.status is not Status.NONE]
+    pictures = []
+    for scan in scans:
+        image, n = _image(scan), 0
+        scale = _WIDE / image.shape[1]
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        for fit in shown:
+            n += _draw_opening(image, scan, fit, scale)
+        if n or len(scans) == 1:
+            told = "Sides: green confirmed, red contradicted, orange seen by nobody."
+            pictures.append(picture_of(image, f"{scan.name}: openings", told))
+    return tuple(pictures[:_MOST_SHOTS])
+
+
+def _image(scan: RangeImage) -> NDArray[np.uint8]:
+    if scan.colour is not None:
+        return np.ascontiguousarray(colour_bytes(scan.colour))
+    colours, _, _ = range_colours(scan.ranges)
+    return np.ascontiguousarray(np.rint(np.clip(colours[..., :3], 0, 1) * 255).astype(np.uint8))
+
+
+def _draw_opening(image: NDArray[np.uint8], scan: RangeImage, fit: TemplateFit, scale: float) -> bool:
+    """Draw the sides of an opening; whether any of it is in the picture."""
+    corners, states = np.asarray(fit.geometry["corners"]), {side.name: side.state for side in fit.sides}
+    t, is_any = np.linspace(0.0, 1.0, 60)[:, None], False
+    for k, name in enumerate(_ORDER):
+        places = corners[k] + t * (corners[(k + 1) % 4] - corners[k])
+        pixels = scan.pixels(places)[:, ::-1] * scale
+        for a, b in pairwise(pixels):
+            if np.isfinite([a, b]).all() and np.linalg.norm(a - b) < image.shape[1] / 4:
+                start, end = (tuple(np.rint(p).astype(int).tolist()) for p in (a, b))
+                cv2.line(image, start, end, SEEN_COLOURS[states[name]], 3, cv2.LINE_AA)
+                is_any = True
+    return is_any
+
+
+def point_shots(points: FloatArray, features: Features) -> tuple[Picture, ...]:
+    """Return the points as seen along three axes of theirs, coloured by feature, with holes and joints."""
+    if not len(points):
+        return ()
+    feature, _ = features.of_points()
+    step = max(1, len(points) // _MOST_POINTS)
+    some, colour = points[::step], surface_bytes(feature[::step])
+    colour = np.where(feature[::step, None] > 0, colour, np.uint8(170))
+    middle = some.mean(axis=0)
+    axes = np.linalg.svd((some - middle)[:: max(1, len(some) // 20_000)], full_matrices=False)[2]
+    shots = []
+    for first, second, word in ((0, 1, "from its broadest side"), (0, 2, "from aside")):
+        view = axes[[first, second]]
+        flat = (some - middle) @ view.T
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        scale = 0.94 * _SIDE / max(float((high - low).max()), 1e-12)
+        shape = np.maximum(np.ceil((high - low) * scale).astype(int) + 40, 60)
+        image = np.full((shape[1], shape[0], 3), 255, np.uint8)
+
+        at = _projection(middle, view, low, scale, height=int(shape[1]))
+        place = at(some)
+        order = np.argsort(feature[::step], kind="stable")
+        image[place[order, 1], place[order, 0]] = colour[order]
+        for fit in features.fits:
+            if fit.status is not Status.NONE:
+                _draw_lines(image, fit, at)
+        told = "Coloured: points of features. Holes: green seen, orange seen by nobody, red filled."
+        shots.append(picture_of(image, f"The points {word}", told))
+    return tuple(shots)
+
+
+def _projection(
+    middle: FloatArray, view: FloatArray, low: FloatArray, scale: float, *, height: int
+) -> Callable[[FloatArray], NDArray[np.int64]]:
+    """What leads from places (n, 3) to columns and rows (n, 2) of a picture."""
+
+    def at(places: FloatArray) -> NDArray[np.int64]:
+        local = ((places - middle) @ view.T - low) * scale + 20
+        flat = np.rint(np.column_stack([local[:, 0], height - 1 - local[:, 1]]))
+        return np.asarray(flat, dtype=np.int64)
+
+    return at
+
+
+def _draw_lines(
+    image: NDArray[np.uint8], fit: TemplateFit, at: Callable[[FloatArray], NDArray[np.int64]]
+) -> None:
+    """Draw the rims of holes and the line of a joint."""
+    if "centres" in fit.geometry and "radius" in fit.geometry:
+        centres, radius = np.asarray(fit.geometry["centres"]), float(str(fit.geometry["radius"]))
+        across = _plane_of(fit, centres)
+        turn = np.linspace(0, 2 * np.pi, _CIRCLE)
+        ring = radius * (np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1])
+        states = [side.state for side in fit.sides] + [Seen.UNSEEN] * len(centres)
+        for centre, state in zip(centres, states, strict=False):
+            cv2.polylines(
+                image, [at(centre + ring).astype(np.int32)], True, SEEN_COLOURS[state], 2, cv2.LINE_AA
+            )
+    if "joint" in fit.geometry:
+        ends = at(np.asarray(fit.geometry["joint"])).astype(np.int32)
+        cv2.polylines(image, [ends], False, SEEN_COLOURS[Seen.CONFIRMED], 3, cv2.LINE_AA)
+
+
+def _plane_of(fit: TemplateFit, centres: FloatArray) -> FloatArray:
+    """Two directions (2, 3) in the plane of the holes."""
+    if "axis" in fit.geometry:
+        normal = np.asarray(fit.geometry["axis"], dtype=np.float64)
+        return np.asarray(np.linalg.svd(normal[None])[2][1:])
+    return np.asarray(np.linalg.svd(centres - centres.mean(axis=0))[2][:2])
