@@ -19,7 +19,7 @@ from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
-from completion.templates.options import FITTED, FeatureOptions
+from completion.templates.engine.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
 

@@ -32,10 +32,10 @@ from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
+from completion.templates.engine.template import TemplateFit
 from completion.templates.openings.accepted import with_openings
 from completion.templates.openings.scene import find_openings
 from completion.templates.openings.stated import place_openings
-from completion.templates.template import TemplateFit
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import BoolArray, FloatArray
 
 SIZE = (140.0, 90.0)  # mm, of a plate

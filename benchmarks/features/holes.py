@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.features.hole_plates import PlateTruth, plate
+from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.holes.patterns import KINDS
 from completion.templates.holes.pipeline import find_holes
-from completion.templates.template import Seen, Status, TemplateFit
 
 _SHOWN = 0.25  # of a rim: a hole that can be seen
 

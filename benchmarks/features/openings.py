@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from benchmarks.features.walls import KINDS, NULLS, WallCase, null_case, opening_case
+from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.pipeline import find_features
-from completion.templates.template import Seen, Status, TemplateFit
 from scenes.checks import FloatArray
 
 _RIGHT_M = 0.03

@@ -21,7 +21,7 @@ from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.panel_files import panels_record
 from completion.result.verification import Finding, Verification, counterpart
-from completion.templates.features import feature_record, moved_geometry
+from completion.templates.engine.features import feature_record, moved_geometry
 from scenes.checks import ColourArray, InputError
 from scenes.formats.e57.e57_inferred import InferredPoints
 from scenes.mesh.blocks import in_blocks

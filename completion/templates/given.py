@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.templates.template import Given
+from completion.templates.engine.template import Given
 from scenes.checks import InputError
 from scenes.formats.documents import read_json
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.observe.range_noise import estimate_noise
-from completion.templates.measured import Beams, Measured
+from completion.templates.engine.measured import Beams, Measured
 from scenes.checks import FloatArray, InputError, IntArray, check_points
 from scenes.scan.range_image import RangeImage
 

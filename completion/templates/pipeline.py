@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from completion.templates.features import Features
+from completion.templates.engine.features import Features
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.options import OPENINGS
+from completion.templates.engine.template import Given, TemplateFit, best_first
 from completion.templates.given import KNOWN
 from completion.templates.holes.pipeline import find_holes
 from completion.templates.junctions.pipeline import find_junctions
 from completion.templates.material import of_scans
-from completion.templates.measured import Measured
 from completion.templates.openings.scans import find_openings_of_scans
-from completion.templates.options import OPENINGS
 from completion.templates.solids.pipeline import find_solids
-from completion.templates.template import Given, TemplateFit, best_first
 from scenes.checks import InputError, check_rng
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps

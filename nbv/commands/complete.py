@@ -27,8 +27,8 @@ from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
+from completion.templates.engine.options import FITTED, FeatureOptions
 from completion.templates.openings.stated import read_openings
-from completion.templates.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
@@ -41,9 +41,9 @@ from scenes.files.scan_request import ScanRequest, read_request
 class CompleteRequest:
     """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
 
-    `search` is that of textures, `edits` a file, `relations` and `features` "auto", "off" or a file, `exports` the formats
-    ("obj", "e57", "dxf", "svg", "ifc") beside those that are always written, `observed` how many points
-    observed.ply holds, `scheduler` who works; results do not depend on it.
+    `search` is that of textures, `edits` a file, `relations` and `features` "auto", "off" or a file,
+    `exports` the formats ("obj", "e57", "dxf", "svg", "ifc") beside those that are always written, `observed`
+    how many points observed.ply holds, `scheduler` who works; results do not depend on it.
     """
 
     mode: Mode

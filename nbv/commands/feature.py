@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.templates.features import Features
+from completion.templates.engine.features import Features
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.options import OPENINGS
+from completion.templates.engine.template import Status
 from completion.templates.given import read_given
 from completion.templates.material import of_points
-from completion.templates.measured import Measured
-from completion.templates.openings.likelihood import log_likelihoods
-from completion.templates.options import OPENINGS
+from completion.templates.openings.walls.likelihood import log_likelihoods
 from completion.templates.pipeline import find_features
-from completion.templates.template import Status
 from nbv.commands.process.run import Run, Shared, running
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.files.mesh_stations import is_mesh
@@ -106,8 +106,8 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
     has_mesh = len(paths) == 1 and is_mesh(paths[0])
     if has_mesh and openings and not request.origins:
         raise InputError(
-            f"{paths[0]}: a {openings[0]} is seen by beams that go through it, and a mesh has none: say where it "
-            "is to be looked at from (--origin X,Y,Z)"
+            f"{paths[0]}: a {openings[0]} is seen by beams that go through it, and a mesh has none: say where "
+            "it is to be looked at from (--origin X,Y,Z)"
         )
     if not has_mesh or request.origins:
         try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from completion.templates.features import Features
-from completion.templates.template import Status
+from completion.templates.engine.features import Features
+from completion.templates.engine.template import Status
 from nbv.report.blocks.feature_blocks import feature_blocks
 from nbv.report.page.page import Block, Gallery, Headline, Page, Section, Text
 from nbv.report.pictures.feature_shots import point_shots, scan_shots

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.holes.bores import Walls
 from completion.templates.holes.joint import Weighed
 from completion.templates.holes.measuring.plates import Plate
@@ -14,7 +15,6 @@ from completion.templates.holes.null import false_fit_probability
 from completion.templates.holes.patterns import GRID, PARAMETERS
 from completion.templates.holes.refinement import Refined
 from completion.templates.holes.rims import N_SECTORS
-from completion.templates.template import Side, Status, TemplateFit
 from scenes.checks import BoolArray, FloatArray
 
 _FALSE, _DOUBTFUL = 0.01, 0.5  # false fits of what is found, and of what is ambiguous

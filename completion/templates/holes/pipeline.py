@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.holes.bores import sharpened, walls
 from completion.templates.holes.candidates import candidates
 from completion.templates.holes.joint import Ground, Weighed, windowed
@@ -18,8 +20,6 @@ from completion.templates.holes.outcome import distinct, fit_of, nothing
 from completion.templates.holes.patterns import KINDS, PARAMETERS
 from completion.templates.holes.proposals import proposals
 from completion.templates.holes.refinement import refine
-from completion.templates.measured import Measured
-from completion.templates.template import Given, Status, TemplateFit, best_first
 from scenes.checks import InputError
 
 _EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import Alternative
 from completion.templates.junctions.bend_starts import bend_starts
 from completion.templates.junctions.certainty import Certainty, certainty, sides_of, told_covariance
@@ -18,9 +19,7 @@ from completion.templates.junctions.descent import LEAST_SIGMA, Descended, desce
 from completion.templates.junctions.mixture import Mixture, thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit, at_unit
-from completion.templates.measured import Measured
-from completion.templates.template import Side, Status, TemplateFit
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import FloatArray
 
 SHAPE = ("angle", "bend_radius", "tube_radius")
 NAMES = (*SHAPE, "corner_x", "corner_y", "corner_z", "axis_x", "axis_y", "axis_z")

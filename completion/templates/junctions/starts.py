@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from completion.templates.engine.measured import Measured
 from completion.templates.junctions.model import Model, Profile
-from completion.templates.measured import Measured
 from scenes.checks import BoolArray, FloatArray
 
 _N_DIRECTIONS = 12

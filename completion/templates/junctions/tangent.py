@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import alternatives, one_arc
 from completion.templates.junctions.certainty import Certainty, certainty, sides_of, told_covariance
 from completion.templates.junctions.descent import Descended, descend_from, settled
@@ -16,8 +18,6 @@ from completion.templates.junctions.mixture import thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.profiles import tangent_arcs
 from completion.templates.junctions.starts import Unit, at_unit, flat_starts, split_starts
-from completion.templates.measured import Measured
-from completion.templates.template import Side, Status, TemplateFit
 from scenes.checks import BoolArray, FloatArray
 
 NAMES = ("radius_1", "radius_2", "joint_x", "joint_y", "joint_z", "axis_x", "axis_y", "axis_z")

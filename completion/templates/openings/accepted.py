@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.edits.application import EditedSurface
 from completion.edits.edit import FittedOpening
-from completion.templates.template import Side, Status, TemplateFit
+from completion.templates.engine.template import Side, Status, TemplateFit
 
 _ORDER = ("bottom", "right", "top", "left")  # sides from each corner to the next
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.observe.observation import Observation
-from completion.templates.openings.proposals import WallChart
-from completion.templates.openings.recess import FACES, SIDES, Recess, expect
-from completion.templates.openings.sides import Estimate
-from completion.templates.openings.wall import Wall
-from completion.templates.openings.wall_beams import WallBeams, WallFrame
-from completion.templates.template import Given, Side, Status, TemplateFit
+from completion.templates.engine.template import Given, Side, Status, TemplateFit
+from completion.templates.openings.walls.proposals import WallChart
+from completion.templates.openings.walls.recess import FACES, SIDES, Recess, expect
+from completion.templates.openings.walls.sides import Estimate
+from completion.templates.openings.walls.wall import Wall
+from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame
 from scenes.checks import FloatArray, IntArray
 
 _BY_TILE = 4.0  # nats: of a tile that confirms or contradicts

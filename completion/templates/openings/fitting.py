@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.templates.engine.template import Given, Seen, Side
 from completion.templates.openings.decision import DOOR_M, refuted
-from completion.templates.openings.proposals import CELL_M
-from completion.templates.openings.recess import SIDES, Recess
-from completion.templates.openings.sides import (
+from completion.templates.openings.walls.proposals import CELL_M
+from completion.templates.openings.walls.recess import SIDES, Recess
+from completion.templates.openings.walls.sides import (
     Estimate,
     fit_depth,
     fit_side,
@@ -20,10 +21,9 @@ from completion.templates.openings.sides import (
     near_side,
     open_limits,
 )
-from completion.templates.openings.support import all_sides
-from completion.templates.openings.wall import Wall
-from completion.templates.openings.wall_beams import WallBeams, WallFrame
-from completion.templates.template import Given, Seen, Side
+from completion.templates.openings.walls.support import all_sides
+from completion.templates.openings.walls.wall import Wall
+from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame
 
 _ROUNDS = 2
 _FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.observe.observation import Observation
-from completion.templates.openings.wall_beams import WallBeams, WallFrame
+from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame
 from scenes.checks import FloatArray
 
 _FEW = 50  # images that a beam answered for, below which nothing is said

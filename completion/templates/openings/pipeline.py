@@ -9,14 +9,14 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
+from completion.templates.engine.template import Given, TemplateFit
 from completion.templates.openings.decision import Opened, decide
 from completion.templates.openings.fitting import fit_recess, floor_of, height_of, with_unseen, with_wall
 from completion.templates.openings.mirror import image_share
-from completion.templates.openings.proposals import WallChart, propose
-from completion.templates.openings.support import all_sides
-from completion.templates.openings.wall import Wall
-from completion.templates.openings.wall_beams import WallFrame, wall_beams
-from completion.templates.template import Given, TemplateFit
+from completion.templates.openings.walls.proposals import WallChart, propose
+from completion.templates.openings.walls.support import all_sides
+from completion.templates.openings.walls.wall import Wall
+from completion.templates.openings.walls.wall_beams import WallFrame, wall_beams
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
 

@@ -16,9 +16,9 @@ from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from completion.segmentation.relief import typical_relief
-from completion.templates.features import moved_geometry
+from completion.templates.engine.features import moved_geometry
+from completion.templates.engine.template import Given, Status, TemplateFit
 from completion.templates.openings.scene import find_openings, walls_of
-from completion.templates.template import Given, Status, TemplateFit
 from scenes.checks import FloatArray
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
+from completion.templates.engine.options import OPENINGS
+from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.openings.pipeline import SIDEWAYS, find_openings_in
-from completion.templates.openings.wall import Wall
-from completion.templates.options import OPENINGS
-from completion.templates.template import Given, Status, TemplateFit, best_first
+from completion.templates.openings.walls.wall import Wall
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
 
@@ -75,7 +75,10 @@ def _may_be(fit: TemplateFit, kinds: Sequence[str]) -> bool:
 
 
 def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[int, MergedSurface]]:
-    """Return the upright planes that enough points were measured of, with their numbers, from 0."""
+    """Return the upright planes that enough points were measured of, with their numbers, from 0.
+
+    `up` (3,) is what is up in their frame.
+    """
     return [
         (number, one)
         for number, one in enumerate(surfaces)

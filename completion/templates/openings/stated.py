@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from completion.merging.merged_surface import MergedSurface
-from completion.templates.features import moved_geometry
-from completion.templates.openings.recess import SIDES
-from completion.templates.options import OPENINGS
-from completion.templates.template import Side, Status, TemplateFit
+from completion.templates.engine.features import moved_geometry
+from completion.templates.engine.options import OPENINGS
+from completion.templates.engine.template import Side, Status, TemplateFit
+from completion.templates.openings.walls.recess import SIDES
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.formats.documents import read_json
 from scenes.pose import Pose

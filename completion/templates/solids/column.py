@@ -8,7 +8,7 @@ import numpy as np
 from completion.fitting.consensus import consensus_surface
 from completion.fitting.held import holding
 from completion.fitting.result import FitError
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from completion.templates.solids.upright import Upright, UprightSample
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder

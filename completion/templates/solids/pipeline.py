@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.templates.fit import NOTHING, fit_template
-from completion.templates.measured import Measured
+from completion.templates.engine.fit import NOTHING, fit_template
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.solids.column import Column, column_starts
 from completion.templates.solids.stairs import Flight, Stairs, find_flight, trimmed
 from completion.templates.solids.upright import Upright
-from completion.templates.template import Given, Status, TemplateFit, best_first
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 KINDS = ("stairs", "column")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from completion.templates.solids.upright import Upright, UprightSample, levels
 from scenes.checks import FloatArray, IntArray
 

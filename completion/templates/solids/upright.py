@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.fitting.oriented import oriented
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray
 
 _N_ORIENTED = 6_000

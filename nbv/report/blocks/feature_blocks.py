@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.templates.template import Seen, Status, TemplateFit
+from completion.templates.engine.template import Seen, Status, TemplateFit
 from nbv.report.page.page import Cell, State, Table, Text
 from nbv.run.wording import count
 from scenes.scan.palette import surface_colour
@@ -30,8 +30,8 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     left = len(fits) - len(shown)
     more = f" {count(left, 'more is', 'more are')} in features.json." if left else ""
     note = (
-        "Size with one standard deviation. A side is seen where tiles along it confirm it: what bounds it was "
-        "measured just outside, and nothing just inside. A side that nobody saw is not claimed."
+        "Size with one standard deviation. A side is seen where tiles along it confirm it: what bounds it "
+        "was measured just outside, and nothing just inside. A side that nobody saw is not claimed."
     )
     return Table(columns, rows), Text(note + more, is_note=True)
 

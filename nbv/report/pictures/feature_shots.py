@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.templates.features import Features
-from completion.templates.template import Seen, Status, TemplateFit
+from completion.templates.engine.features import Features
+from completion.templates.engine.template import Seen, Status, TemplateFit
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from scenes.checks import FloatArray
 from scenes.scan.colour import colour_bytes
@@ -66,7 +66,7 @@ def _draw_opening(image: NDArray[np.uint8], scan: RangeImage, fit: TemplateFit, 
 
 
 def point_shots(points: FloatArray, features: Features) -> tuple[Picture, ...]:
-    """Return the points as seen along three axes of theirs, coloured by feature, with holes and joints."""
+    """Return points (n, 3) as seen along two axes of theirs, coloured by feature, with holes and joints."""
     if not len(points):
         return ()
     feature, _ = features.of_points()

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.templates.equations import Gate, equations
+from completion.templates.engine.equations import Gate, equations
 from scenes.checks import InputError
 
 NAMES, BOUNDS = ("a", "b", "c"), (np.array([0.0, 1.0, -2.0]), np.array([4.0, 3.0, 2.0]))

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from completion.templates.evolution import search
+from completion.templates.engine.evolution import search
 from scenes.checks import InputError
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 3.0)

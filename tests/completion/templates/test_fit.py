@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from completion.templates.equations import Gate
-from completion.templates.fit import fit_template
-from completion.templates.measured import Beams, Measured
-from completion.templates.template import Seen, Status
+from completion.templates.engine.equations import Gate
+from completion.templates.engine.fit import fit_template
+from completion.templates.engine.measured import Beams, Measured
+from completion.templates.engine.template import Seen, Status
 from scenes.checks import InputError
 
 SIGMA = 0.004

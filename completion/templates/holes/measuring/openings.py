@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.templates.engine.measured import Beams, Measured
 from completion.templates.holes.measuring.plates import Plate
-from completion.templates.measured import Beams, Measured
 from scenes.checks import BoolArray, FloatArray
 
 N_SECTORS = 8

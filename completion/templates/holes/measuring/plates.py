@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.oriented import oriented
 from completion.fitting.robust import tukey_weights
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import BoolArray, FloatArray
 
 _MOST = 8  # plates of one input

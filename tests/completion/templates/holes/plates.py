@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray
 
 NOISE = 0.1

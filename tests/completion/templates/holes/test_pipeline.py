@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.holes.patterns import KINDS
 from completion.templates.holes.pipeline import find_holes
-from completion.templates.measured import Measured
-from completion.templates.template import Seen, Status, TemplateFit
 from scenes.checks import FloatArray, InputError
 from tests.completion.templates.holes.measuring.plates import plate, row, without
 

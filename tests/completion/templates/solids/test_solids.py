@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Status
 from completion.templates.solids.pipeline import find_solids
 from completion.templates.solids.upright import levels
-from completion.templates.template import Status
 from scenes.checks import InputError
 from tests.completion.templates.solids.solid_points import column_points, stairs_points
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from completion.observe.observation import Observation
-from completion.templates.openings.wall import Wall
+from completion.templates.openings.walls.wall import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 
@@ -153,9 +153,11 @@ def wall_beams(
         if (one := _of_scan(frame, seen, (low, high), wall, number)) is not None
     ]
     if not found:
-        none, pairs = np.zeros(0), np.zeros((0, 2))
-        empty = np.zeros(0, np.int64)
-        return WallBeams(pairs, pairs, none, none, none, none, none, none, 1.0, empty, empty)
+        none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
+        names = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
+        return WallBeams(
+            uv=pairs, slope=pairs, farthest=1.0, scan=whole, pixel=whole, **dict.fromkeys(names, none)
+        )
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
     joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
     return WallBeams(**joined, farthest=max(one.farthest for one in found))

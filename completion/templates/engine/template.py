@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray, IntArray
 
 _LEAST_TILES = 2  # that confirm a side which counts as seen

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from completion.templates.openings.recess import Recess
-from completion.templates.openings.rectangle import best_rectangle
-from completion.templates.openings.wall_beams import WallBeams
+from completion.templates.openings.walls.recess import Recess
+from completion.templates.openings.walls.rectangle import best_rectangle
+from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray
 
 CELL_M = 0.05

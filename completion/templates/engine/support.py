@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from completion.templates.measured import Measured
-from completion.templates.template import Side
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Side
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 Nearest = Callable[[FloatArray], tuple[FloatArray, IntArray]]

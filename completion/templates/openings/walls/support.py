@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.templates.openings.recess import SIDES, Recess
-from completion.templates.openings.sides import Estimate
-from completion.templates.openings.wall_beams import WallBeams
-from completion.templates.template import Side
+from completion.templates.engine.template import Side
+from completion.templates.openings.walls.recess import SIDES, Recess
+from completion.templates.openings.walls.sides import Estimate
+from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _TILE_M = 0.10

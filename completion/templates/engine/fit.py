@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.templates.equations import Gate, equations
-from completion.templates.exploration import REACH, breach, explore
-from completion.templates.judgement import evidence, judged, knowledge
-from completion.templates.measured import Measured
-from completion.templates.refinement import refine
-from completion.templates.template import Given, Template, TemplateFit
+from completion.templates.engine.equations import Gate, equations
+from completion.templates.engine.exploration import REACH, breach, explore
+from completion.templates.engine.judgement import evidence, judged, knowledge
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.refinement import refine
+from completion.templates.engine.template import Given, Template, TemplateFit
 from scenes.checks import FloatArray, InputError
 
 NOTHING: Given = {}

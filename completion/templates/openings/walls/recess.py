@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.templates.openings.wall_beams import WallBeams
+from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 SIDES = ("left", "right", "bottom", "top")

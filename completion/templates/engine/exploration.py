@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.templates.equations import Equations, Gate
-from completion.templates.evolution import search
-from completion.templates.measured import Measured
-from completion.templates.template import Template
+from completion.templates.engine.equations import Equations, Gate
+from completion.templates.engine.evolution import search
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Template
 from scenes.checks import FloatArray
 
 _N_POINTS = 400  # that the search looks at

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from completion.templates.template import TemplateFit
+from completion.templates.engine.template import TemplateFit
 from scenes.checks import InputError
 
 OPENINGS = ("doorway", "window", "niche")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.templates.openings.likelihood import log_likelihoods, recesses
-from completion.templates.openings.recess import SIDES, Recess
-from completion.templates.openings.wall_beams import WallBeams
+from completion.templates.openings.walls.likelihood import log_likelihoods, recesses
+from completion.templates.openings.walls.recess import SIDES, Recess
+from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray
 
 _TILE_M = 0.10  # of a side: what is alike within one errs together

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.templates.openings.recess import SIDES, Recess
-from completion.templates.openings.wall_beams import BLOCKED, MEETS, STRAY, WallBeams
+from completion.templates.openings.walls.recess import SIDES, Recess
+from completion.templates.openings.walls.wall_beams import BLOCKED, MEETS, STRAY, WallBeams
 from scenes.checks import FloatArray, IntArray
 from texture.engine.compiled import compiled
 

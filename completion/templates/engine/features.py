@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.templates.template import Status, TemplateFit
+from completion.templates.engine.template import Status, TemplateFit
 from scenes.checks import FloatArray
 
 _FROM_GEOMETRY = ("corners", "depth_m", "count", "centres", "radius", "radii", "joint", "axis")

@@ -7,18 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.templates.equations import Equations
-from completion.templates.measured import Measured
-from completion.templates.plain import MOST_POINTS, log_likelihood, plain_likelihood
-from completion.templates.refinement import (
+from completion.templates.engine.equations import Equations
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.plain import MOST_POINTS, log_likelihood, plain_likelihood
+from completion.templates.engine.refinement import (
     PRIOR_VARIANCE,
     Refined,
     box_covariance,
     inflation,
     neighbour_cells,
 )
-from completion.templates.support import face_sides
-from completion.templates.template import Side, Status, Template
+from completion.templates.engine.support import face_sides
+from completion.templates.engine.template import Side, Status, Template
 from scenes.checks import FloatArray, IntArray
 
 LEAST_EVIDENCE = float(np.log(100.0))  # nats: one in a hundred
