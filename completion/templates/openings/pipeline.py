@@ -77,5 +77,15 @@ def find_openings_in(
         share = image_share(frame, turned.chosen(recess.holds(turned.uv)), observations)
 
         # 6. Decide: found, ambiguous, or none, and why.
-        opened = Opened(frame.turned(turn), recess, known, sides, floor, share, wall, slack, chart)
+        opened = Opened(
+            frame=frame.turned(turn),
+            recess=recess,
+            known=known,
+            sides=sides,
+            floor=floor,
+            image_share=share,
+            wall=wall,
+            slack=slack,
+            chart=chart,
+        )
         yield decide(opened, turned, observations, given)
