@@ -12,7 +12,9 @@ from completion.evidence.registration.registration import Registration
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from completion.extension.patch import Patch
 from completion.result.completion import Completion
+from completion.templates.engine.template import Status
 from nbv.report.blocks.decision_blocks import decision_sections
+from nbv.report.blocks.feature_blocks import feature_blocks
 from nbv.report.blocks.flat_scans import flattening_sections
 from nbv.report.blocks.relation_blocks import relation_section
 from nbv.report.blocks.scan_tables import scans_table
@@ -75,6 +77,7 @@ def completion_page(
             *decision_sections(completion.decisions() if decisions is None else decisions),
             Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
             Section("Surfaces", surface_blocks(completion)),
+            *feature_sections(completion),
             *flattening_sections(completion),
             *relation_sections(completion),
             *pose_sections(completion.registration),
@@ -83,6 +86,14 @@ def completion_page(
         ),
         warnings=completion.warnings,
     )
+
+
+def feature_sections(completion: Completion) -> tuple[Section, ...]:
+    """Return a section on the openings that were fitted whole; none where none was accepted or in doubt."""
+    told = [fit for fit in completion.features if fit.status is not Status.NONE]
+    if not told:
+        return ()
+    return (Section("Doorways and windows", feature_blocks(completion.features)),)
 
 
 def _summary(completion: Completion) -> str:
