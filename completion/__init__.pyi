@@ -35,4 +35,10 @@ from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification
 from .result.verification import verify as verify
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
+from .templates.engine.features import Features as Features
+from .templates.engine.options import FeatureOptions as FeatureOptions
+from .templates.engine.template import Template as Template
+from .templates.engine.template import TemplateFit as TemplateFit
+from .templates.given import read_given as read_given
+from .templates.pipeline import find_features as find_features
 from .texturing.problem import TexturingOptions as TexturingOptions

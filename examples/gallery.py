@@ -32,6 +32,7 @@ SMALL = {
     ],
     "plot_segmentation": ["-o", "{out}"],
     "plot_parts": ["-o", "{out}"],
+    "plot_features": ["-o", "{out}"],
     "plot_step": ["-o", "{out}"],
     "plot_registration": ["-o", "{out}"],
     "plot_panels": ["-o", "{out}"],
