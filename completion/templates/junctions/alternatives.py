@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Alternatives: what else points may be: one plane, cylinder or sphere, or two planes that meet in an edge."""
+"""Alternatives: what else points may be: one plane, cylinder, sphere or cone, or two planes in an edge."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from completion.fitting.robust import fit_robust
 from completion.templates.junctions.descent import LEAST_SIGMA, Descended, descend_from
 from completion.templates.junctions.mixture import Mixture
 from completion.templates.junctions.profiles import edge, tangent_arcs
-from completion.templates.junctions.starts import flat_starts
+from completion.templates.junctions.starts import N_DIRECTIONS, flat_starts
 from scenes.checks import FloatArray
 
 _ONE_ARC = np.array([True, True, True, True, False, False, True, True])
@@ -34,9 +34,10 @@ class Alternative(NamedTuple):
         return self.log_likelihood - 0.5 * self.n_parameters * float(np.log(n))
 
 
-def one_arc(points: FloatArray, reach: float) -> Descended:
+def one_arc(points: FloatArray, reach: float, n_directions: int = N_DIRECTIONS) -> Descended:
     """Return the one cylinder, or plane, that points (n, 3) at unit RMS are most likely on."""
-    starts = flat_starts(points, tangent_arcs, np.zeros((1, 2)), _ONE_ARC, _TIED)
+    shapes = np.zeros((1, 2))
+    starts = flat_starts(points, tangent_arcs, shapes, _ONE_ARC, ties=_TIED, n_directions=n_directions)
     return descend_from(starts, points, reach)[0]
 
 

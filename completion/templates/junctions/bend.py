@@ -10,23 +10,24 @@ import numpy as np
 
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import Alternative
 from completion.templates.junctions.bend_starts import bend_starts
-from completion.templates.junctions.certainty import Certainty, certainty, sides_of, told_covariance
+from completion.templates.junctions.certainty import Certainty, certainty, misfit, sides_of, told_covariance
 from completion.templates.junctions.descent import LEAST_SIGMA, Descended, descend_from
 from completion.templates.junctions.mixture import Mixture, thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit, at_unit
+from completion.templates.measured import Measured
+from completion.templates.template import Side, Status, TemplateFit
 from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Torus
 
 SHAPE = ("angle", "bend_radius", "tube_radius")
 NAMES = (*SHAPE, "corner_x", "corner_y", "corner_z", "axis_x", "axis_y", "axis_z")
 FACES = ("bend", "tube 1", "tube 2")
 LEAST_EVIDENCE = float(np.log(100.0))  # nats
-_PLAIN = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
-_ARTICLE = {"plane": "a plane", "sphere": "a sphere", "cylinder": "one cylinder", "cone": "a cone"}
+_PLAIN = {"plane": 3, "sphere": 4, "cylinder": 5, "torus": 7}
+_ARTICLE = {"plane": "a plane", "sphere": "a sphere", "cylinder": "one cylinder"}
 _VAGUE = 0.3  # of a value, that its standard deviation may be
 _OTHER = 0.15  # of a radius, by which another solution differs
 _TIGHTEST = 0.8  # of the tube's radius, that a bend has
@@ -40,6 +41,7 @@ class _Elbow(NamedTuple):
     known: Certainty
     evidence: float
     plain: str
+    misfit: str  # why residuals are no noise, "" where they may be
     rival: str
     evaluations: int
 
@@ -82,11 +84,19 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> _Elbow | str:
         return "no bend is wider than the tube"
     best = found[0]
     known = certainty(best, points, unit.measured.spacing)
-    plain = max(_alternatives(points, best.mixture), key=lambda one: one.value(len(points)))
+    plain = max(_alternatives(points, best), key=lambda one: one.value(len(points)))
     cost = 0.5 * best.model.basis.shape[1] * float(np.log(len(points)))
     evidence = (best.log_likelihood - cost - plain.value(len(points))) / known.excess
     rival = _rival(found, unit.factor, known.excess)
-    return _Elbow(best, known, evidence, plain.name, rival, evaluations=best.evaluations)
+    return _Elbow(
+        best,
+        known,
+        evidence,
+        plain.name,
+        misfit=misfit(best, unit),
+        rival=rival,
+        evaluations=best.evaluations,
+    )
 
 
 def _is_bend(model: Model) -> bool:
@@ -95,12 +105,15 @@ def _is_bend(model: Model) -> bool:
     return bool(0.02 < half < 1.55 and tube > 0 and bend > _TIGHTEST * tube)
 
 
-def _alternatives(points: FloatArray, mixture: Mixture) -> list[Alternative]:
+def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
     """What else the points (n, 3) may be."""
+    model, mixture = best.model, best.mixture
+    bend = Torus(model.origin, model.turn[2], float(model.shape[1]), float(model.shape[2]))
     found = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
     for kind, n in _PLAIN.items():
         try:
-            distances = fit_robust(points, kind).surface.distance(points)
+            start = bend if kind == "torus" and bend.radius > bend.tube_radius else None
+            distances = fit_robust(points, kind, start).surface.distance(points)
         except FitError:
             continue
         own = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
@@ -164,6 +177,8 @@ def _judged(
     """The status and why."""
     if elbow.evidence <= 0:
         return Status.NONE, f"{elbow.plain} explains the points as well ({-elbow.evidence:.1f} nats better)"
+    if elbow.misfit:
+        return Status.NONE, elbow.misfit
     unseen = [side.name for side in sides if not side.is_seen]
     if "bend" in unseen or len(unseen) > 1:
         return Status.NONE, f"not seen: {', '.join(unseen)}"

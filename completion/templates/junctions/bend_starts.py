@@ -37,13 +37,15 @@ def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
     normals, roughness = oriented(sample, points)
     tubes = _tubes(sample, normals, _WITHIN * roughness, given[2])
     starts = [model for pair in _pairs(tubes) for model in _between(*pair, given)]
+    if starts:
+        return starts
     try:
         bend = consensus_surface(sample, normals, "torus", _WITHIN * roughness)
     except FitError:
-        return starts
+        return []
     assert isinstance(bend, Torus)
     on = np.abs(bend.distance(sample)) < _WITHIN * roughness
-    return starts + _about(bend, sample[on], given)
+    return _about(bend, sample[on], given)
 
 
 def _tubes(

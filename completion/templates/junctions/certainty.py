@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Certainty: how well the points of a mixture know a model, and what neighbouring residuals have in common."""
+"""Certainty: how well points know a model, and whether what they leave over is noise."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.templates.engine.refinement import inflation, neighbour_cells
-from completion.templates.engine.support import face_sides
-from completion.templates.engine.template import Side
-from completion.templates.junctions.descent import Descended
+from completion.fitting.oriented import oriented
+from completion.templates.junctions.descent import LEAST_SIGMA, Descended
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit
+from completion.templates.refinement import inflation, neighbour_cells
+from completion.templates.support import face_sides
+from completion.templates.template import Side
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _STEP = 1e-6
+_N_ROUGH, _ROUGHER = 800, 3.0
 _NOISE = 0.5  # how likely a point is noise, that counts as on the surface
 
 
@@ -52,6 +54,20 @@ def certainty(found: Descended, points: FloatArray, spacing: float) -> Certainty
     small = inverse @ spread @ inverse * excess
     across = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, small, slopes), 0.0))
     return Certainty(small, excess, faces, near, across)
+
+
+def misfit(found: Descended, unit: Unit) -> str:
+    """Return why residuals are no noise, "" where they may be: more than the points are rough.
+
+    Roughness is that of small neighbourhoods about their own planes: it holds the noise, and some of what
+    the surface bends and of outliers. Where residuals exceed it threefold, the surface is another.
+    """
+    points = unit.points
+    _, roughness = oriented(points[:: max(1, len(points) // _N_ROUGH)], points)
+    sigma, rough = found.mixture.sigma, max(roughness, unit.measured.noise, LEAST_SIGMA)
+    if sigma <= _ROUGHER * rough:
+        return ""
+    return f"residuals of {sigma / unit.factor:.3g} are no noise: points are {rough / unit.factor:.3g} rough"
 
 
 Told = Callable[[Model], FloatArray]

@@ -16,6 +16,7 @@ _N_SAMPLE, _N_BEST = 600, 3  # points that all starts see; starts that see all p
 _CAUCHY = (0.3, 0.1, 0.03)  # scales at unit RMS
 _N_STEPS, _N_ROUNDS = 12, 30
 _DAMPING = 1e-3
+_LEAST_STEP, _COARSE_STEP = 1e-6, 1e-2  # of all residuals, by which the last step changes them
 LEAST_SIGMA = 1e-6  # at unit RMS: what has no noise counts as this
 _SAME = 1e-3  # at unit RMS: how far apart two surfaces may be and count as one
 
@@ -37,7 +38,9 @@ def cauchy(scale: float) -> Weights:
     return lambda distance: 1 / (1 + (distance / scale) ** 2)
 
 
-def descend(model: Model, points: FloatArray, weights: Weights, n_steps: int = _N_STEPS) -> tuple[Model, int]:
+def descend(
+    model: Model, points: FloatArray, weights: Weights, n_steps: int = _N_STEPS, least: float = _LEAST_STEP
+) -> tuple[Model, int]:
     """Return the model after steps of reweighted, damped least squares on points (n, 3), and how many."""
     damping, n_spent = _DAMPING, 0
     distance, slopes = model.linearised(points)
@@ -48,7 +51,7 @@ def descend(model: Model, points: FloatArray, weights: Weights, n_steps: int = _
         scale = np.maximum(np.diag(matrix), 1e-12 * max(float(np.trace(matrix)), 1e-300))
         gained = False
         for _ in range(6):
-            step = np.linalg.solve(matrix + damping * np.diag(scale), -gradient)
+            step = np.asarray(np.linalg.solve(matrix + damping * np.diag(scale), -gradient), dtype=float)
             moved = model.moved(step)
             new, new_slopes = moved.linearised(points)
             n_spent += 1
@@ -60,7 +63,7 @@ def descend(model: Model, points: FloatArray, weights: Weights, n_steps: int = _
             break
         model, distance, slopes = moved, new, new_slopes
         damping = max(damping / 10, 1e-9)
-        if float(np.sqrt((step**2 * scale).sum())) < 1e-7 * max(np.sqrt(before), 1e-300):
+        if float(np.sqrt((step**2 * scale).sum())) < least * max(np.sqrt(before), 1e-300):
             break
     return model, n_spent
 
@@ -93,7 +96,7 @@ def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
     """Where Cauchy's weights lead on a sample (n, 3)."""
     model, spent = start, 0
     for scale in _CAUCHY:
-        model, n = descend(model, sample, cauchy(scale))
+        model, n = descend(model, sample, cauchy(scale), least=_COARSE_STEP)
         spent += n
     distances = model.distance(sample)
     mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
@@ -112,10 +115,10 @@ def _distinct(found: Sequence[Descended], sample: FloatArray) -> list[Descended]
     return kept
 
 
-def settled(found: Descended, points: FloatArray) -> Descended:
+def settled(found: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
     """Return where all points (n, 3) lead, weighed by how likely each is noise, until the scale stands."""
     model, mixture, spent = found.model, found.mixture, found.evaluations
-    for _ in range(_N_ROUNDS):
+    for _ in range(n_rounds):
         before = mixture.sigma
         mixture = Mixture.of(model.distance(points), mixture.reach, before, LEAST_SIGMA)
         model, n = descend(model, points, mixture.weights, 4)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Models: surfaces in a frame of their own, linearised about where they are; shapes are told by few numbers."""
+"""Models: surfaces in a frame of their own, of few numbers, linearised about where they are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scenes.checks import BoolArray, FloatArray, IntArray
 
@@ -34,6 +33,16 @@ class Section:
     slope: FloatArray
     by_shape: FloatArray
     face: IntArray
+
+
+def rotation(vector: FloatArray) -> FloatArray:
+    """Return the matrix (3, 3) that turns about a vector (3,) by its length (Rodrigues)."""
+    angle = float(np.sqrt(vector @ vector))
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-8:
+        return np.eye(3) + cross
+    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * (cross @ cross)
 
 
 Profile = Callable[[FloatArray, FloatArray], Section]
@@ -88,21 +97,15 @@ class Model:
         """Return the distances (n,) of points (n, 3), and their derivatives (n, m) by what moves."""
         local = self.local(points)
         at = self.profile(local, self.shape)
-        every = np.hstack([np.cross(local, at.slope), -at.slope, at.by_shape])
-        return at.distance, every @ self.basis
+        (x, y, z), (u, v, w) = local.T, at.slope.T
+        turned = [y * w - z * v, z * u - x * w, x * v - y * u]
+        every = np.vstack([*turned, -u, -v, -w, at.by_shape.T])
+        return at.distance, (self.basis.T @ every).T
 
     def moved(self, step: FloatArray) -> Model:
         """Return it after a step (m,)."""
         every = self.basis @ step
-        turned = Rotation.from_rotvec(every[:3]).as_matrix() @ self.turn
+        turned = rotation(every[:3]) @ self.turn
         return replace(
             self, turn=turned, origin=self.origin + every[3:6] @ self.turn, shape=self.shape + every[6:]
         )
-
-    def scaled(self, factor: float, powers: IntArray, centre: FloatArray) -> Model:
-        """Return it in units of which `factor` make an old one, about a new origin (3,) in the old unit.
-
-        Numbers of the shape (s,) go with so many powers of the unit.
-        """
-        moved = (self.origin - centre) * factor
-        return replace(self, origin=moved, shape=self.shape * factor ** powers.astype(np.float64))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Profiles: what is swept along an axis or round a bend, with derivatives: tangent arcs, an edge, an elbow."""
+"""Profiles: what is swept along an axis or round a bend, with derivatives: tangent arcs, an edge, a pipe."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def tangent_arcs(local: FloatArray, shape: FloatArray) -> Section:
 
 
 def edge(local: FloatArray, shape: FloatArray) -> Section:
-    """Return the distances of points (n, 3) to two planes that meet along z, each leaning by an angle (1,)."""
+    """Return the distances of points (n, 3) to two planes that meet along z and lean by an angle (1,)."""
     cosine, sine = np.cos(shape[0]), np.sin(shape[0])
     x, y, side = local[:, 0], np.abs(local[:, 1]), np.where(local[:, 1] > 0, 1.0, -1.0)
     slope = np.column_stack([np.full(len(x), cosine), side * sine, np.zeros(len(x))])

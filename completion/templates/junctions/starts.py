@@ -12,7 +12,7 @@ from completion.templates.engine.measured import Measured
 from completion.templates.junctions.model import Model, Profile
 from scenes.checks import BoolArray, FloatArray
 
-_N_DIRECTIONS = 12
+N_DIRECTIONS = 12
 _SPLITS = (0.25, 0.5, 0.75)  # of an arc, where a joint may be
 _BENDS = ((1.4, 0.7), (0.7, 1.4))  # of the curvature of one arc, on both sides of a joint
 
@@ -50,16 +50,17 @@ def flat_starts(
     shapes: FloatArray,
     is_free: BoolArray,
     ties: FloatArray | None = None,
+    n_directions: int = N_DIRECTIONS,
 ) -> list[Model]:
     """Return starts in the principal frame of points (n, 3), with each of the shapes (m, s).
 
-    x lies along the direction of least variance, z in 12 directions across it.
+    x lies along the direction of least variance, z in so many directions across it.
     """
     centre = points.mean(axis=0)
     _, axes = np.linalg.eigh((points - centre).T @ (points - centre))
     normal, first, second = axes.T
     starts = []
-    for angle in np.arange(_N_DIRECTIONS) * np.pi / _N_DIRECTIONS:
+    for angle in np.arange(n_directions) * np.pi / n_directions:
         along = np.cos(angle) * first + np.sin(angle) * second
         turn = np.stack([normal, np.cross(along, normal), along])
         starts += [Model(profile, turn, centre, shape, is_free, ties) for shape in shapes]
@@ -67,12 +68,12 @@ def flat_starts(
 
 
 def split_starts(single: Model, points: FloatArray, near: BoolArray, is_free: BoolArray) -> list[Model]:
-    """Return starts for two tangent arcs from the one arc that fits points (n, 3) best, of which some are near.
+    """Return starts for two tangent arcs from one arc that points (n, 3) fit best, some of them near.
 
     The joint lies at a quarter, half and three quarters of the arc; one side bends more and the other less.
     """
     k = float(single.shape[0])
-    local = single.local(points[near])
+    local = single.local(points[near] if near.any() else points)
     angles = np.arctan2(k * local[:, 1], 1 + k * local[:, 0]) if k else local[:, 1]
     starts = []
     for angle in np.quantile(angles, _SPLITS):

@@ -12,7 +12,7 @@ import numpy as np
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import alternatives, one_arc
-from completion.templates.junctions.certainty import Certainty, certainty, sides_of, told_covariance
+from completion.templates.junctions.certainty import Certainty, certainty, misfit, sides_of, told_covariance
 from completion.templates.junctions.descent import Descended, descend_from, settled
 from completion.templates.junctions.mixture import thickness
 from completion.templates.junctions.model import Model
@@ -38,6 +38,7 @@ class _Junction(NamedTuple):
     known: Certainty
     evidence: float
     plain: str  # the best that is plainer
+    misfit: str  # why residuals are no noise, "" where they may be
     rival: str  # another solution that is nearly as likely, "" for none
     evaluations: int
 
@@ -91,7 +92,15 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> _Junction:
     cost = 0.5 * best.model.basis.shape[1] * float(np.log(len(points)))
     evidence = (best.log_likelihood - cost - plain.value(len(points))) / known.excess
     rival = _rival(found, unit.factor, known.excess)
-    return _Junction(best, known, evidence, plain.name, rival, evaluations=found[0].evaluations)
+    return _Junction(
+        best,
+        known,
+        evidence,
+        plain.name,
+        misfit=misfit(best, unit),
+        rival=rival,
+        evaluations=found[0].evaluations,
+    )
 
 
 def turned_round(model: Model) -> Model:
@@ -195,6 +204,8 @@ def _judged(
             Status.NONE,
             f"{junction.plain} explains the points as well ({-junction.evidence:.1f} nats better)",
         )
+    if junction.misfit:
+        return Status.NONE, junction.misfit
     unseen = [side.name for side in sides if not side.is_seen]
     if unseen:
         return Status.NONE, f"not seen: {', '.join(unseen)}"
