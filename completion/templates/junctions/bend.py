@@ -17,8 +17,8 @@ from completion.templates.junctions.descent import LEAST_SIGMA, Descended, desce
 from completion.templates.junctions.mixture import Mixture, thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit, at_unit
-from completion.templates.measured import Measured
-from completion.templates.template import Side, Status, TemplateFit
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Side, Status, TemplateFit
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Torus
 

@@ -15,7 +15,7 @@ from completion.templates.junctions.alternatives import one_arc
 from completion.templates.junctions.descent import Descended, settled
 from completion.templates.junctions.mixture import thickness
 from completion.templates.junctions.starts import Unit, at_unit
-from completion.templates.measured import Measured
+from completion.templates.engine.measured import Measured
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MOST_POINTS = 16_000
