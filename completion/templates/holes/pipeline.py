@@ -21,7 +21,7 @@ from completion.templates.holes.proposals import proposals
 from completion.templates.holes.refinement import Refined, refine
 from completion.templates.measured import Measured
 from completion.templates.template import Given, Status, TemplateFit, best_first
-from scenes.checks import InputError
+from scenes.checks import BoolArray, InputError
 
 _EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed
 _MOST = 3  # patterns of one kind in one plate that are refined
@@ -68,8 +68,8 @@ def find_holes(
     for plate in plates(looked_at, rng=rng):
         ground = _surveyed(plate, looked_at, given)
         for kind in kinds:
-            for coarse in _lattices(kind, ground, given):
-                refined = _together(coarse, ground, measured, given, rng=rng)
+            for begun in _lattices(kind, ground, given):
+                coarse, refined = _together(begun, ground, measured, given, rng=rng)
                 fits.append(_against_chance(coarse, refined, ground, measured, given))
                 spent += refined.evaluations
                 if spent >= budget:
@@ -99,20 +99,31 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
 
 def _together(
     coarse: Weighed, ground: Ground, measured: Measured, given: Given, *, rng: np.random.Generator
+) -> tuple[Weighed, Refined]:
+    """Step 3: all holes at once, by their rims; with more holes where now more of the lattice is evident."""
+    held = np.array([name in given for name in (*PARAMETERS[coarse.pattern.kind], "radius")])
+    refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
+    again = windowed(replace(coarse, pattern=refined.pattern), ground, given)
+    if again is not None and again.pattern.shape != coarse.pattern.shape:
+        coarse = again
+        refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
+    return coarse, _by_walls(refined, coarse.seen, ground, measured, held)
+
+
+def _by_walls(
+    refined: Refined, seen: BoolArray, ground: Ground, measured: Measured, held: BoolArray
 ) -> Refined:
-    """Step 3: all holes at once, by their rims, and by the walls of their bores where there are any."""
-    pattern, plate = coarse.pattern, ground.survey.plate
-    held = np.array([name in given for name in (*PARAMETERS[pattern.kind], "radius")])
-    refined = refine(pattern, ground.survey, held, ~coarse.filled, rng=rng)
+    """Step 4: by the walls of their bores, or a mesh's corners on the rims, where there are any."""
+    plate = ground.survey.plate
     corners = rim_corners(measured, plate)
     on_walls = walls(refined.pattern, plate, ground.opened, measured.points if corners is None else corners)
-    return sharpened(refined, on_walls, coarse.seen, ground.survey, held) or refined
+    return sharpened(refined, on_walls, seen, ground.survey, held) or refined
 
 
 def _against_chance(
     coarse: Weighed, refined: Refined, ground: Ground, measured: Measured, given: Given
 ) -> TemplateFit:
-    """Step 4: the pattern against as many as chance makes, what is known of each hole, and the decision."""
+    """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
     weighed = ground.weighed(refined.pattern, coarse, _EXACT)
     plate = ground.survey.plate
     faces = assigned(refined.pattern, plate, ground.opened, measured.points)
@@ -122,7 +133,7 @@ def _against_chance(
 def _chosen(
     fits: list[TemplateFit], kinds: Sequence[str], measured: Measured, *, is_complete: bool
 ) -> list[TemplateFit]:
-    """Step 5: of each kind what was found or may be; else what came nearest, or that there is none."""
+    """Step 6: of each kind what was found or may be; else what came nearest, or that there is none."""
     chosen = list[TemplateFit]()
     for kind in kinds:
         own = best_first([fit for fit in fits if fit.kind == kind])
