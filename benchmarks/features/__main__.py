@@ -3,7 +3,7 @@
 
 import typer
 
-from benchmarks.features import holes
+from benchmarks.features import holes, junctions, solids
 from benchmarks.features.openings import nulls, openings
 from benchmarks.features.patches import patches
 
@@ -18,6 +18,24 @@ for one in (openings, nulls, patches):
 def _holes(first: int = FIRST, n: int = EACH, null: bool = typer.Option(False, "--null")) -> None:
     """Rows, grids and bolt circles of holes, or plates without any."""
     (holes.run_null if null else holes.run)(first, n)
+
+
+@app.command("junctions")
+def _junctions(first: int = FIRST, n: int = EACH) -> None:
+    """Tangent joints and fillets, by noise and outliers, and what has none."""
+    junctions.run(first, n)
+
+
+@app.command("elbows")
+def _elbows(first: int = FIRST, n: int = EACH) -> None:
+    """Elbows of pipes."""
+    junctions.run_elbows(first, n)
+
+
+@app.command("solids")
+def _solids(first: int = FIRST, n: int = EACH) -> None:
+    """Flights of stairs and columns."""
+    solids.run(first, n)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def plate(
 ) -> PlateTruth:
     """A plate of one point a square millimetre with "hole-row", "hole-grid", "bolt-circle" or "blank"."""
     radius = float(rng.uniform(3.0, 6.0))
-    flat, pitches = _centres(rng, kind, radius)
+    flat, pitches = centres_of(rng, kind, radius)
     points = rng.uniform(0, 1, (rng.poisson(SIZE[0] * SIZE[1]), 2)) * SIZE
     kept = np.ones(len(points), dtype=np.bool_)
     for centre in flat:
@@ -60,7 +60,7 @@ def plate(
     return PlateTruth(kind, centres, radius, pitches, shown, measured)
 
 
-def _centres(rng: np.random.Generator, kind: str, radius: float) -> tuple[FloatArray, tuple[float, ...]]:
+def centres_of(rng: np.random.Generator, kind: str, radius: float) -> tuple[FloatArray, tuple[float, ...]]:
     """Centres (n, 2) within the plate, and the pitches, or the radius of the circle."""
     while kind != "blank":
         angle = rng.uniform(0, 2 * np.pi)

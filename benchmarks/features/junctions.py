@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.features.junction_points import PLAIN, Truth, elbow, junction, plain
-from completion.templates.junctions.pipeline import find_junctions
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Status, TemplateFit
+from completion.templates.junctions.pipeline import find_junctions
 
 SIGMAS, OUTLIERS = (0.1, 0.5, 1.0), (0.0, 0.1, 0.3)
 _RIGHT = 0.2  # of a radius, within which it counts as right

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from completion.templates.engine.measured import Measured
-from completion.templates.solids.pipeline import find_solids
 from completion.templates.engine.template import Status
+from completion.templates.solids.pipeline import find_solids
 from tests.completion.templates.solids.solid_points import column_points, stairs_points
 
 _TRUE = {"stairs": {"going": 0.28, "rise": 0.17}, "column": {"width": 0.6, "radius": 0.2}}

@@ -9,6 +9,7 @@ import numpy as np
 
 from completion.fitting.robust import TUKEY, scale_within, tukey_weights
 from completion.templates.holes.measuring.openings import Openings
+from completion.templates.holes.measuring.plates import Plate
 from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.patterns import Pattern
 from completion.templates.holes.refinement import Refined
@@ -23,28 +24,45 @@ _ROUND = 0.1  # spacings: residuals of what is no wall are as great
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walls:
-    """Points (m, 2) of the chart that should lie on rims, and whose they are (m,)."""
+    """Points (m, 2) of the chart that should lie on rims, and the holes whose they are (m,)."""
 
     places: FloatArray
     owner: IntArray
-    number: IntArray  # (m,) of the point in the input, -1 for corners of a mesh
 
 
-def walls(pattern: Pattern, survey: Survey, opened: Openings, corners: FloatArray | None) -> Walls:
-    """Gather the points of bores near the rims of a pattern, or a mesh's corners (k, 2) in their place."""
-    plate = survey.plate
-    off = np.flatnonzero(np.abs(plate.height) > 1.5 * plate.slab)
-    places, number = (plate.uv[off], off) if corners is None else (corners, np.full(len(corners), -1))
-    height = np.zeros(len(number)) if corners is not None else plate.height[off]
-    deep = np.abs(height) < _DEEP * pattern.radius
-    if opened.outward and corners is None:
+def assigned(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+    """Number the faces that points (n, 3) are on: 1 the plate, from 2 the walls of its holes, 0 none."""
+    faces = _owners(pattern, plate, opened, points) + 2
+    faces[faces == 1] = 0
+    faces[np.abs(plate.chart(points)[1]) < plate.slab] = 1
+    return faces
+
+
+def _owners(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+    """The hole (n,) on whose wall each of points (n, 3) is, -1 for none."""
+    places, height = plate.chart(points)
+    deep = (np.abs(height) > 1.5 * plate.slab) & (np.abs(height) < _DEEP * pattern.radius)
+    if opened.outward:
         deep &= height * opened.outward < 0
+    return _nearest_rim(pattern, places, deep, opened.reach)
+
+
+def walls(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> Walls:
+    """Gather those of points (n, 3) that are on walls; or places (n, 2) near rims: a mesh's corners."""
+    if points.shape[1] == 2:
+        places, owner = points, _nearest_rim(pattern, points, np.ones(len(points), np.bool_), opened.reach)
+    else:
+        places, owner = plate.chart(points)[0], _owners(pattern, plate, opened, points)
+    return Walls(places[owner >= 0], owner[owner >= 0])
+
+
+def _nearest_rim(pattern: Pattern, places: FloatArray, chosen: BoolArray, reach: float) -> IntArray:
+    """The hole (n,) on whose rim places (n, 2) are, of those that are chosen (n,); else -1."""
     owner = np.full(len(places), -1)
     for k, centre in enumerate(pattern.centres):
         gap = np.abs(np.hypot(*(places - centre).T) - pattern.radius)
-        owner[deep & (gap < opened.reach)] = k
-    kept = owner >= 0
-    return Walls(places[kept], owner[kept], number[kept])
+        owner[chosen & (gap < reach)] = k
+    return owner
 
 
 def sharpened(

@@ -16,6 +16,7 @@ from scenes.checks import FloatArray
 LEAST = 1.8  # spacings: radius of the smallest hole
 _STEP, _RATIO = 0.4, 1.12  # spacings, and ratio, between radii that are tried
 _LARGEST = 0.22  # of the plate's longest side
+_CELLS = 10  # of the image in a radius at least, where it is made coarser
 _RING = 1.5  # spacings: width of the ring
 _EMPTY, _MET = 0.12, 0.3  # of the points expected: most within the disc, least on the ring
 _MOST_PLACES, _MOST, _N_ROUNDS = 300, 60, 6
@@ -79,12 +80,13 @@ def _radii(survey: Survey) -> FloatArray:
 
 def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) of circles of one radius, and how much of the ring less of the disc is filled (m,)."""
-    ring, disc = radius + _RING * survey.spacing, radius - 0.5 * survey.cell
-    half = int(np.ceil(ring / survey.cell)) + 1
-    padded = np.pad(survey.counts, half)
-    expected = np.pad(survey.densities, half, mode="edge") * np.pi
+    cell, counts, densities = _coarser(survey, radius)
+    ring, disc = radius + max(_RING * survey.spacing, 1.5 * cell), radius - 0.5 * cell
+    half = int(np.ceil(ring / cell)) + 1
+    padded = np.pad(counts, half)
+    expected = np.pad(densities, half, mode="edge") * np.pi
     shape = tuple(fft.next_fast_len(n + 2 * half, real=True) for n in padded.shape)
-    across = np.arange(-half, half + 1) * survey.cell
+    across = np.arange(-half, half + 1) * cell
     far = np.hypot(across[:, None], across[None])
     image = fft.rfft2(padded, shape)
 
@@ -97,8 +99,21 @@ def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
     score = around - 3 * inside
     top = ndimage.maximum_filter(score, size=3) == score
     cells = np.argwhere(top & (inside < _EMPTY) & (around > _MET))
-    centres = survey.corner + (cells - half + 0.5) * survey.cell
+    centres = survey.corner + (cells - half + 0.5) * cell
     return centres, score[tuple(cells.T)] * np.sqrt(radius / survey.spacing)
+
+
+def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArray]:
+    """Side of cells of which a radius has some, points in each of them, and their density."""
+    factor = max(1, int(radius / (_CELLS * survey.cell)))
+    if factor == 1:
+        return survey.cell, survey.counts, survey.densities
+    shape = [-(-n // factor) for n in survey.counts.shape]
+    grown = [(0, factor * size - n) for size, n in zip(shape, survey.counts.shape, strict=True)]
+    blocks = (shape[0], factor, shape[1], factor)
+    counts = np.pad(survey.counts, grown).reshape(blocks).sum(axis=(1, 3))
+    densities = np.pad(survey.densities, grown, mode="edge").reshape(blocks).mean(axis=(1, 3))
+    return factor * survey.cell, counts, densities
 
 
 def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
@@ -107,14 +122,17 @@ def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
     moves = np.concatenate([np.eye(3), -np.eye(3)])
     moves = moves[moves[:, 2] == 0] if is_given else moves
     for step in _SHRINK:
-        length = step * survey.spacing
-        soft = max(0.7 * length, survey.plate.noise)
-        evidence = rim_scores(survey, centres, radii, np.full(len(radii), soft)).evidence
+        length = step * np.maximum(survey.spacing, radii / _CELLS)
+        soft = np.maximum(0.7 * length, survey.plate.noise)
+        evidence = rim_scores(survey, centres, radii, soft).evidence
         active = np.arange(len(radii))
         for _ in range(_N_ROUNDS):
-            tried = centres[active, None] + moves[None, :, :2] * length
-            sizes = np.maximum(radii[active, None] + moves[None, :, 2] * length, LEAST * survey.spacing)
-            flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), np.full(sizes.size, soft))
+            tried = centres[active, None] + moves[None, :, :2] * length[active, None, None]
+            sizes = np.maximum(
+                radii[active, None] + moves[None, :, 2] * length[active, None], LEAST * survey.spacing
+            )
+            each = np.repeat(soft[active], len(moves))
+            flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), each)
             values = flat.evidence.reshape(sizes.shape)
             best = values.argmax(axis=1)
             rises = values.max(axis=1) > evidence[active] + 1e-9

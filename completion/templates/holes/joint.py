@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -81,22 +81,45 @@ class Ground:
     area: float
 
     def weighed(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
-        """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings."""
-        found, spacing = self.found, self.survey.spacing
+        """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
+
+        A candidate that is far from its place tells less than the place itself: the farthest ones are left
+        out as long as that makes the whole more evident.
+        """
         holes, rims, filled = self.holes(pattern, soft)
         places, chosen = proposal.places, proposal.chosen
-        chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=spacing)
+        evidence = self._evidence(pattern, places, chosen, holes)
+        while len(places) > _least_seen(pattern):
+            off = np.hypot(*(self.found.centres[chosen] - pattern.centres[places]).T)
+            kept = (
+                np.arange(len(places)) != (off + np.abs(self.found.radii[chosen] - pattern.radius)).argmax()
+            )
+            less = self._evidence(pattern, places[kept], chosen[kept], holes)
+            if less <= evidence:
+                break
+            places, chosen, evidence = places[kept], chosen[kept], less
+        joined = are_joined(pattern, self.survey)
+        return Weighed(
+            pattern=pattern,
+            places=places,
+            chosen=chosen,
+            evidence=evidence,
+            holes=holes,
+            rims=rims,
+            filled=filled,
+            joined=joined,
+        )
+
+    def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
+        """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
+        found = self.found
+        chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=self.survey.spacing)
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
         more = np.clip(holes[other], _LEAST, _MOST_UNMATCHED).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
         loss = float(np.maximum(found.evidence[chosen] - holes[places], 0.0).sum()) - freedom
-        evidence = float(more - chance - max(loss, 0.0))
-        joined = are_joined(pattern, self.survey)
-        return Weighed(
-            pattern=pattern, places=places, chosen=chosen, evidence=evidence, holes=holes, rims=rims,
-            filled=filled, joined=joined,
-        )  # fmt: skip
+        return float(more - chance - max(loss, 0.0))
 
     def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
@@ -110,7 +133,7 @@ class Ground:
         return scores.evidence + more, scores.seen, scores.filled > _FILLED
 
 
-def windowed(proposal: Proposal, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
+def windowed(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
     """Weigh the part of a proposal's lattice whose holes' evidence sums to most.
 
     An exact search of all windows with at least three holes along (two by two in grids), or with the counts
@@ -133,11 +156,10 @@ def windowed(proposal: Proposal, ground: Ground, given: Mapping[str, float]) -> 
     kept = wide.resized((i, j), shape)
     at = np.stack(np.divmod(proposal.places, n_across)) - np.array([[i + low[0]], [j + low[1]]])
     inside = ((at >= 0) & (at < np.array(shape)[:, None])).all(axis=0)
-    if inside.sum() < 3 + (pattern.kind == GRID):
+    if inside.sum() < _least_seen(pattern):
         return None
     places = at[0, inside] * shape[1] + at[1, inside]
-    chance = replace(proposal, pattern=kept, places=places, chosen=proposal.chosen[inside])
-    return ground.weighed(kept, chance, _SOFT)
+    return ground.weighed(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
 
 
 def _best_window(
@@ -159,3 +181,8 @@ def _best_window(
                 i, j = np.unravel_index(int(total.argmax()), total.shape)
                 best = (int(i), int(j), (a, b))
     return best
+
+
+def _least_seen(pattern: Pattern) -> int:
+    """How many candidates a pattern needs."""
+    return 4 if pattern.kind == GRID else 3

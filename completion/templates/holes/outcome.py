@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from completion.templates.engine.template import Side, Status, TemplateFit
-from completion.templates.holes.bores import Walls
 from completion.templates.holes.joint import Weighed
 from completion.templates.holes.measuring.plates import Plate
 from completion.templates.holes.null import false_fit_probability
 from completion.templates.holes.patterns import GRID, PARAMETERS
 from completion.templates.holes.refinement import Refined
 from completion.templates.holes.rims import N_SECTORS
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 _FALSE, _DOUBTFUL = 0.01, 0.5  # false fits of what is found, and of what is ambiguous
 _PARALLEL = 0.99  # cosine between axes
@@ -23,9 +22,12 @@ _KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circ
 
 
 def fit_of(
-    plate: Plate, weighed: Weighed, refined: Refined, found: Walls, given: Mapping[str, float]
+    plate: Plate, weighed: Weighed, refined: Refined, assignment: IntArray, given: Mapping[str, float]
 ) -> TemplateFit:
-    """Return the fit in space: parameters with covariance, a side a hole, and the decision."""
+    """Return the fit in space: parameters with covariance, a side a hole, and the decision.
+
+    `assignment` (n,) numbers the faces of the input's points: 1 the plate, 2 and on its holes' walls.
+    """
     pattern = refined.pattern
     names, x, slopes = _in_space(plate, refined)
     covariance = slopes @ refined.covariance @ slopes.T
@@ -34,9 +36,6 @@ def fit_of(
     covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
     probability = false_fit_probability(pattern.kind, weighed.evidence)
     status, reason = _decision(weighed, probability)
-    assignment = plate.is_on.astype(np.int64)
-    real = found.number >= 0
-    assignment[found.number[real]] = found.owner[real] + 2
     return TemplateFit(
         kind=pattern.kind,
         status=status,

@@ -91,7 +91,8 @@ def _rims(pattern: Pattern, survey: Survey, used: BoolArray, soft: float) -> _Ri
     soft = max(soft, survey.plate.noise)
     seen = rim_scores(survey, centres, radii, np.full(len(radii), soft)).seen
     owner, offset = survey.near(centres, np.where(used, radii + _BAND * survey.spacing, 0.0))
-    seen = seen & used[:, None]
+    near = np.hypot(*offset.T) > pattern.radius - _BAND * survey.spacing
+    owner, offset, seen = owner[near], offset[near], seen & used[:, None]
     noise = max(survey.plate.noise, 1e-3 * survey.spacing)
     rate = survey.density_at(centres)
     return _Rims(

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.special import ndtr
@@ -49,15 +49,29 @@ def rim_scores(survey: Survey, centres: FloatArray, radii: FloatArray, soft: Flo
     log L(g) = n(r < g) log eps + rho (1 - eps) angle g^2 / 2, less what a plate without a hole has. A hole
     says g = R, or farther out where surface was lost; a patch says any g.
     """
-    m = len(centres)
-    if not m:
+    if not len(centres):
         return RimScores(np.zeros(0), np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
-    owner, offset = survey.near(centres, radii + _BEYOND * survey.spacing)
+    level = survey.level(radii)
+    scores = [_scores(survey, centres[at], radii[at], soft[at], level=int(level[at[0]]))
+              for at in (np.flatnonzero(level == one) for one in np.unique(level))]  # fmt: skip
+    back = np.argsort(np.argsort(level, kind="stable"), kind="stable")
+    return RimScores(
+        *(np.concatenate([getattr(one, f.name) for one in scores])[back] for f in fields(RimScores))
+    )
+
+
+def _scores(
+    survey: Survey, centres: FloatArray, radii: FloatArray, soft: FloatArray, *, level: int
+) -> RimScores:
+    """The same of circles for which a fourth of the points, or of these, suffices."""
+    m, beyond = len(centres), _BEYOND * survey.spacing * 2**level
+    owner, offset = survey.near(centres, radii + beyond, level)
     far = np.hypot(*offset.T)
     sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1.0) * N_SECTORS).astype(np.int64)
     wedge = owner * N_SECTORS + sector % N_SECTORS
-    rate, eps = survey.density_at(centres) * (1 - survey.stray) * np.pi / N_SECTORS, survey.stray
-    grid, before = _rings(wedge, owner, far, radii, _BEYOND * survey.spacing)
+    eps = survey.stray
+    rate = survey.density_at(centres) / 4**level * (1 - eps) * np.pi / N_SECTORS
+    grid, before = _rings(wedge, owner, far, radii, beyond)
     expected = rate[:, None] * grid**2
     log_l = before * np.log(eps) + expected[:, None, :]
     # a hole's own rim is soft: its radius is known to so much

@@ -10,6 +10,8 @@ import numpy as np
 
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import Alternative
 from completion.templates.junctions.bend_starts import bend_starts
 from completion.templates.junctions.certainty import Certainty, certainty, misfit, sides_of, told_covariance
@@ -17,8 +19,6 @@ from completion.templates.junctions.descent import LEAST_SIGMA, Descended, desce
 from completion.templates.junctions.mixture import Mixture, thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit, at_unit
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Side, Status, TemplateFit
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Torus
 

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.oriented import oriented
-from completion.templates.junctions.descent import LEAST_SIGMA, Descended
-from completion.templates.junctions.model import Model
-from completion.templates.junctions.starts import Unit
 from completion.templates.engine.refinement import inflation, neighbour_cells
 from completion.templates.engine.support import face_sides
 from completion.templates.engine.template import Side
+from completion.templates.junctions.descent import LEAST_SIGMA, Descended
+from completion.templates.junctions.model import Model
+from completion.templates.junctions.starts import Unit
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _STEP = 1e-6

@@ -11,11 +11,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from completion.templates.engine.measured import Measured
 from completion.templates.junctions.alternatives import one_arc
 from completion.templates.junctions.descent import Descended, settled
 from completion.templates.junctions.mixture import thickness
 from completion.templates.junctions.starts import Unit, at_unit
-from completion.templates.engine.measured import Measured
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MOST_POINTS = 16_000

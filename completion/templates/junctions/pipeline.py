@@ -10,13 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.templates.engine.fit import NOTHING
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.junctions.bend import fit_elbow
 from completion.templates.junctions.candidates import Candidate, crossing, touching
 from completion.templates.junctions.patches import Cloud, cloud_of, find_patches
 from completion.templates.junctions.starts import Unit, at_unit
 from completion.templates.junctions.tangent import fit_junction
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from scenes.checks import InputError, IntArray
 
 KINDS = ("junction", "elbow")

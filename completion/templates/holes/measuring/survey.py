@@ -15,6 +15,8 @@ from scenes.checks import FloatArray, IntArray
 _CELL = 0.5  # spacings
 _MOST_CELLS = 2_000_000
 _WIDE = 6.0  # spacings over which the density is averaged
+_LARGE = 12.0  # spacings: radius of circles for which fewer points suffice
+_FEWEST = 1_000  # points
 _COVERED = 1.2  # spacings from a point within which surface was measured
 
 
@@ -28,8 +30,8 @@ class Survey:
         With its chart.
     spacing : float
         The side of the square that one point of the plate has to itself.
-    tree : cKDTree
-        Of the plate's points (m, 2).
+    trees : tuple of cKDTree
+        Of the plate's points (m, 2), then of every fourth of them, every sixteenth ...
     corner : (2,) float
         Of the grid's first cell.
     cell : float
@@ -46,7 +48,7 @@ class Survey:
 
     plate: Plate
     spacing: float
-    tree: cKDTree
+    trees: tuple[cKDTree, ...]
     corner: FloatArray
     cell: float
     counts: FloatArray
@@ -60,13 +62,19 @@ class Survey:
         cell = np.clip(cell, 0, np.array(self.counts.shape) - 1)
         return np.asarray(self.densities[tuple(cell.T)])
 
-    def near(self, centres: FloatArray, reach: FloatArray) -> tuple[IntArray, FloatArray]:
+    def level(self, radii: FloatArray) -> IntArray:
+        """Return how often a fourth of the points suffices for circles with radii (m,)."""
+        doublings = np.log2(np.maximum(radii / (_LARGE * self.spacing), 1.0)).astype(np.int64)
+        return np.asarray(np.minimum(doublings, len(self.trees) - 1))
+
+    def near(self, centres: FloatArray, reach: FloatArray, level: int = 0) -> tuple[IntArray, FloatArray]:
         """Return the plate's points within `reach` (m,) of centres (m, 2): whose they are, and offsets."""
-        lists = self.tree.query_ball_point(centres, reach, return_sorted=False)
+        tree = self.trees[level]
+        lists = tree.query_ball_point(centres, reach, return_sorted=False)
         sizes = np.array([len(one) for one in lists], dtype=np.int64)
         owner = np.repeat(np.arange(len(centres)), sizes)
         members = np.concatenate([np.asarray(one, dtype=np.int64) for one in lists] or [owner])
-        return owner, np.asarray(self.tree.data)[members] - centres[owner]
+        return owner, np.asarray(tree.data)[members] - centres[owner]
 
 
 def survey(plate: Plate) -> Survey:
@@ -85,9 +93,16 @@ def survey(plate: Plate) -> Survey:
     local = np.divide(mean[0], mean[1], out=np.full(counts.shape, overall), where=mean[1] > 0.02 * cell**2)
     area, stray = float(np.prod(high - low)), _stray(plate, uv)
     return Survey(
-        plate=plate, spacing=spacing, tree=cKDTree(uv), corner=low, cell=cell, counts=counts,
+        plate=plate, spacing=spacing, trees=_trees(uv), corner=low, cell=cell, counts=counts,
         densities=local, stray=stray, area=area,
     )  # fmt: skip
+
+
+def _trees(uv: FloatArray) -> tuple[cKDTree, ...]:
+    """Of places (n, 2), in an order that no grid of pixels shows in, and of ever fewer of them."""
+    mixed = uv[np.random.default_rng(0).permutation(len(uv))]
+    steps = 4 ** np.arange(max(1, int(np.log2(max(len(uv) / _FEWEST, 1)) / 2) + 1))
+    return tuple(cKDTree(mixed[::step]) for step in steps.tolist())
 
 
 def _stray(plate: Plate, uv: FloatArray) -> float:

@@ -14,7 +14,7 @@ from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.holes.patterns import KINDS
 from completion.templates.holes.pipeline import find_holes
 from scenes.checks import FloatArray, InputError
-from tests.completion.templates.holes.measuring.plates import plate, row, without
+from tests.completion.templates.holes.plates import plate, row, without
 
 RADIUS, PITCH = 4.0, 15.0
 _BUDGET = 10**7

@@ -6,11 +6,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.features.junction_points import elbow, junction, plain
+from completion.templates.engine.measured import Measured
+from completion.templates.engine.template import Seen, Status
 from completion.templates.junctions.bend import fit_elbow
 from completion.templates.junctions.pipeline import find_junctions
 from completion.templates.junctions.tangent import fit_junction
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Seen, Status
 from scenes.checks import InputError
 
 SPACING = 3.0
