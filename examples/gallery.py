@@ -34,6 +34,8 @@ SMALL = {
     "plot_parts": ["-o", "{out}"],
     "plot_features": ["-o", "{out}"],
     "plot_step": ["-o", "{out}"],
+    "plot_patches": ["-o", "{out}"],
+    "plot_evolution": ["-o", "{out}", "--seeds", "2"],
     "plot_registration": ["-o", "{out}"],
     "plot_panels": ["-o", "{out}"],
     "plot_exchange": ["-o", "{out}"],

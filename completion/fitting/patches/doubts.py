@@ -14,7 +14,7 @@ BEYOND = 3.0
 
 _MANY = 0.05  # share of the points that lie beyond
 _OFF_CYLINDER, _OFF_PLANE, _WORSE = 1e-6, 1e-9, 1.05  # radians, radians, ratio of rms
-_GRID = 81  # places along each side, at which folds are looked for
+_GRID, _EDGE = 81, 0.02  # places along each side at which folds are looked for, a strip apart
 
 
 def doubts_of(found: PatchFit, beyond: float) -> tuple[str, ...]:
@@ -45,7 +45,7 @@ def doubts_of(found: PatchFit, beyond: float) -> tuple[str, ...]:
 
 def _is_folded(patch: SplinePatch) -> bool:
     """Whether normals turn round between neighbours of a fine grid."""
-    places = np.linspace(0.0, 1.0, _GRID)
+    places = np.linspace(_EDGE, 1.0 - _EDGE, _GRID)
     uv = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
     normals = patch.normals(uv).reshape(_GRID, _GRID, 3)
     turned = (

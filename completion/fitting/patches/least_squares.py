@@ -12,11 +12,13 @@ from scipy.sparse.linalg import splu
 
 from completion.fitting.patches.basis import Basis
 from completion.fitting.patches.constraints import Equations
-from completion.fitting.patches.patch import products
+from completion.fitting.patches.patch import SplinePatch, products
 from scenes.checks import FloatArray
 
 BESIDE = 0.05**2
 """Weight of a point's offset along the surface beside that across it; it keeps controls from sliding."""
+
+_SAMPLED = 2  # places a span, along u and along v, at which evenness is measured
 
 
 class NormalEquations(NamedTuple):
@@ -66,6 +68,32 @@ def thin_plate(bases: tuple[Basis, Basis]) -> csc_array:
         for order, weight in ((2, 1.0), (1, 2.0), (0, 1.0))
     )
     return csc_array(kron(sum(terms), np.eye(3)))
+
+
+def evenness(patch: SplinePatch) -> csc_array:
+    """Return the form (k, k) that integrates squared second derivatives along the patch, not across it.
+
+    It keeps controls evenly spread without touching the shape: where parameters run evenly a patch bends
+    across itself alone.
+    """
+    at = [(np.arange(_SAMPLED * one.spans) + 0.5) / (_SAMPLED * one.spans) for one in patch.bases]
+    uv = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 2)
+    normals = np.nan_to_num(patch.normals(uv))
+    rows = [products(patch.bases, uv, order) for order in ((2, 0), (1, 1), (0, 2))]
+    weights = np.array([1.0, 2.0, 1.0]) / len(uv)
+    parts = list[list[csr_array]]()
+    for a in range(3):
+        share = [float(a == b) - normals[:, a] * normals[:, b] for b in range(3)]
+        parts.append(
+            [
+                sum(w * (one.T @ (one * by[:, None])) for one, w in zip(rows, weights, strict=True))
+                for by in share
+            ]
+        )
+    stacked = block_array(parts, format="coo")
+    n = patch.bases[0].n * patch.bases[1].n
+    row, column = (3 * (one % n) + one // n for one in (stacked.row, stacked.col))
+    return coo_array((stacked.data, (row, column)), shape=stacked.shape).tocsc()
 
 
 class Bordered:

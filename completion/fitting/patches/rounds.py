@@ -13,7 +13,7 @@ from completion.fitting.patches.boundary import Boundaries, Join
 from completion.fitting.patches.constraints import equations_of
 from completion.fitting.patches.feet import Feet, feet_of, nearest_uv
 from completion.fitting.patches.freedom import Freedom
-from completion.fitting.patches.least_squares import BESIDE, Bordered, normal_equations, thin_plate
+from completion.fitting.patches.least_squares import BESIDE, Bordered, evenness, normal_equations, thin_plate
 from completion.fitting.patches.parametrisation import stretched
 from completion.fitting.patches.patch import SIDES, SplinePatch
 from scenes.checks import FloatArray
@@ -25,6 +25,7 @@ _ANNEALED = (1e-3, 1e-5, 1e-5, 1e-6, 1e-7)
 """Smoothing of the first rounds."""
 
 _MOST_ROUNDS, _STILL = 12, 2e-3  # further ones, until the rms falls by a smaller share
+_EVEN = 1e-7  # weight of parameters that run evenly, a point
 _SOME = 20_000  # points
 _FREE_ROUNDS, _RESTS = 15, 0.01  # at most, and shares of a point's error by which surfaces still move
 
@@ -73,7 +74,8 @@ def next_round(
     normal = normal_equations(state.patch.bases, uv, places, normals)
     plate = thin_plate(state.patch.bases) * (weight * len(places) * (BESIDE if is_first else 1.0))
     equations = equations_of(state.patch, {} if is_first else state.around).independent()
-    solved = Bordered(csc_array(normal.matrix + plate), equations).solve(normal.right, equations.value)
+    even = 0.0 * plate if is_first else evenness(state.patch) * (_EVEN * len(places))
+    solved = Bordered(csc_array(normal.matrix + plate + even), equations).solve(normal.right, equations.value)
     return state._replace(patch=_with(state.patch, equations.imposed(solved)), uv=uv)
 
 
@@ -84,7 +86,8 @@ def released(state: State, places: FloatArray, freedom: Freedom, variance: float
     for _ in range(_FREE_ROUNDS):
         feet = feet_of(state.patch, places, state.uv, STEPS)
         normal = normal_equations(state.patch.bases, feet.uv, places, feet.normals)
-        form = block_diag([normal.matrix + plate, variance * freedom.information], format="csc")
+        even = evenness(state.patch) * (_EVEN * len(places))
+        form = block_diag([normal.matrix + plate + even, variance * freedom.information], format="csc")
         equations = freedom.equations(state.patch, moved).independent()
         right = np.concatenate([normal.right, np.zeros(freedom.n)])
         solved, last = Bordered(csc_array(form), equations).solve(right, equations.value), moved
