@@ -154,9 +154,9 @@ def wall_beams(
     ]
     if not found:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
-        names = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
+        single = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
         return WallBeams(
-            uv=pairs, slope=pairs, farthest=1.0, scan=whole, pixel=whole, **dict.fromkeys(names, none)
+            uv=pairs, slope=pairs, farthest=1.0, scan=whole, pixel=whole, **dict.fromkeys(single, none)
         )
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
     joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}

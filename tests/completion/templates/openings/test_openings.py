@@ -153,7 +153,7 @@ def test_a_moved_world_moves_the_doorway(door):
 
 
 def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
-    case, fits = door
+    case, _ = door
     width = case.hole[2] - case.hole[0]
     fit = find(case.scan, given={kind: {"width": width} for kind in KINDS})[0][0]
     found = np.asarray(fit.geometry["corners"])[:, 1]
