@@ -120,7 +120,7 @@ def _stretches(
 def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
     points = completion.world_from_reference.apply(found.points)
-    is_wall = role_of(normal, encloses=patch.limits.encloses) == "wall"
+    is_wall = found.feature > 0 or role_of(normal, encloses=patch.limits.encloses) == "wall"
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
     across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
     across /= np.linalg.norm(across)

@@ -45,7 +45,7 @@ def quantities(
     """Print the table."""
     truth = TrueBuilding.read(DATA / "buildings/duplex.npz")
     start = time.process_time()
-    scans = list(_scans(stations, noise, sensor))
+    scans = list(house_scans(stations, noise, sensor))
     done = complete(scans, CompletionOptions(texture=False), rng=0)
     parts = done.building()
     print(f"{len(scans)} scans, {len(parts.faces)} planes, {time.process_time() - start:.0f} s of processors")
@@ -84,7 +84,7 @@ def _row(name: str, pairs: Sequence[Pair]) -> str:
     return f"| {name} | {sum(pair.is_right for pair in pairs)} | {len(pairs)} | {len(found)} | {told} |"
 
 
-def _scans(n: int, noise: str, sensor: str) -> Iterator[RangeImage]:
+def house_scans(n: int, noise: str, sensor: str) -> Iterator[RangeImage]:
     """Scans from the middle of rooms: a panorama in each, or eight frames of a camera."""
     scene = open_scene(DATA / "buildings/duplex.glb", up="y").without(("*Door*", "*Window*"))
     caster = scene.ray_caster()

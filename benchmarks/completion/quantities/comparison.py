@@ -24,7 +24,7 @@ _NEAR_M = 0.02  # between a true side and a face that is its model
 _SEEN_M = 0.06  # between a place and the nearest measured point, where it counts as seen
 _WALL_HIGH_M, _LEAST_SEEN = 2.0, 0.1  # of walls whose thickness could be told
 _PLAN_M, _PLAN_ABOVE_M = 0.02, 2.54  # step of the plan of rooms; its height above floors, above windows
-_HOLE_M, _AROUND_M, _THROUGH_M, _BESIDE_M = 0.01, 0.1, 0.45, 0.1
+HOLE_M, _AROUND_M, _THROUGH_M, _BESIDE_M = 0.01, 0.1, 0.45, 0.1
 _ANOTHER_M = 0.3  # from the plan up to what is no ceiling of the storey
 _ROOFED = 0.5  # share of a room that has a ceiling
 _LEAST_HOLE_M2, _LEAST_ROOM_M2 = 0.3, 1.0
@@ -127,8 +127,8 @@ def openings(truth: TrueBuilding, parts: BuildingParts) -> Iterator[Pair]:
 
     Doors and windows that touch leave one hole.
     """
-    for axis, box in _groups(truth):
-        area = _hole(truth, box, axis)
+    for axis, box in leaf_groups(truth):
+        area = len(hole_places(truth, box, axis)) * HOLE_M**2
         if area < _LEAST_HOLE_M2:
             continue
         other, said = 1 - axis, []
@@ -149,7 +149,7 @@ def _has_rooms_on_both_sides(truth: TrueBuilding, box: FloatArray, axis: int) ->
     return bool(hits.hit.all())
 
 
-def _groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:
+def leaf_groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:
     """Boxes (2, 3) around doors and windows that touch, with the axis across their wall; no skylights."""
     found: list[tuple[int, FloatArray]] = []
     for number, name in enumerate(truth.classes):
@@ -172,10 +172,10 @@ def _groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:
     return found
 
 
-def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> float:
-    """Area that beams get through along an axis, around a box."""
+def hole_places(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
+    """Places (n, 3), one for each square of a grid, where beams get through along an axis, around a box."""
     other, middle = 1 - axis, box.mean(axis=0)
-    steps = [np.arange(box[0, k] - _AROUND_M, box[1, k] + _AROUND_M, _HOLE_M) for k in (other, 2)]
+    steps = [np.arange(box[0, k] - _AROUND_M, box[1, k] + _AROUND_M, HOLE_M) for k in (other, 2)]
     places = np.empty((len(steps[0]) * len(steps[1]), 3))
     places[:, [other, 2]] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places[:, axis] = middle[axis]
@@ -186,7 +186,7 @@ def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> float:
     up = truth.shell.first_hit(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
     is_slab = np.array([one == "IfcSlab" for one in truth.classes])[truth.shell_element[up.face]]
     free &= ~(up.hit & (up.ranges < 0.15) & is_slab)  # within the slab, below the door
-    return float(free.sum()) * _HOLE_M**2
+    return places[free]
 
 
 def rooms(truth: TrueBuilding, parts: BuildingParts) -> Iterator[tuple[Pair, Pair]]:

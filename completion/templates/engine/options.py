@@ -12,7 +12,7 @@ from scenes.checks import InputError
 OPENINGS = ("doorway", "window", "niche")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FeatureOptions:
     """Which features completion makes use of.
 

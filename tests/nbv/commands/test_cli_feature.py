@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""`unseen feature`: its files, what is given, failures in one line, and what completion makes of it."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.features.walls import opening_case
+from nbv.cli import app
+from scenes.files.point_files import read_points
+from scenes.formats.scans.npz import write_npz
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("feature")
+    write_npz(opening_case(102, "doorway", 0.3).scan, made / "wall.npz")
+    rng = np.random.default_rng(0)
+    np.savetxt(made / "flat.xyz", np.column_stack([rng.uniform(0, 1, (400, 2)), rng.normal(0, 1e-3, 400)]))
+    result = run("feature", made / "wall.npz", "--find", "doorway", "--json", "-o", made / "out")
+    assert result.exit_code == 0, result.output
+    (made / "told.json").write_text(result.stdout)
+    return made
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_files_hold_the_doorway_and_every_point(folder) -> None:
+    held = json.loads((folder / "out" / "features.json").read_text())
+    door = held["features"][0]
+    assert (door["kind"], door["status"], held["complete"]) == ("doorway", "found", True)
+    assert np.shape(door["corners"]) == (4, 3)
+    assert door["sides"]["right"]["seen"] != ("right" in door["unseen"])
+    hole = opening_case(102, "doorway", 0.3).hole
+    assert np.array(door["corners"])[:, 2].max() == pytest.approx(hole[3], abs=0.01)
+    told = json.loads((folder / "told.json").read_text())
+    assert told["found"] == 1
+    cloud = read_points(folder / "out" / "features.ply")
+    assert len(cloud.points) == opening_case(102, "doorway", 0.3).scan.valid.sum()
+    header = (folder / "out" / "features.ply").read_bytes()[:600].decode("ascii", "replace")
+    assert "property int feature" in header
+    assert "property int face" in header
+    assert "confirmed" in (folder / "out" / "report.html").read_text()
+
+
+def test_completion_uses_what_a_file_found_and_nothing_else(folder) -> None:
+    found = folder / "out" / "features.json"
+    words = ("complete", folder / "wall.npz", "--no-texture", "--quiet", "--features")
+    counts = {}
+    for name, said in (("file", found), ("off", "off")):
+        result = run(*words, said, "-o", folder / name)
+        assert result.exit_code == 0, result.output
+        record = json.loads((folder / name / "completion.json").read_text())
+        numbers = [one["feature"] for surface in record["surfaces"] for one in surface["openings"]]
+        counts[name] = (len(record["features"]), numbers.count(1))
+    assert counts == {"file": (1, 1), "off": (0, 0)}
+
+
+def test_what_is_known_is_held(folder) -> None:
+    (folder / "known.json").write_text(json.dumps({"doorway": {"width": 1.032}}))
+    words = ("feature", folder / "wall.npz", "--find", "doorway", "--given", folder / "known.json")
+    result = run(*words, "--json", "-o", folder / "held")
+    door = json.loads(result.stdout)["features"][0]
+    assert door["held"] == ["width"]
+    assert door["standard_deviation"]["width"] == 0
+
+
+def test_failures_are_one_line_that_names_file_cause_and_cure(folder, tmp_path) -> None:
+    (tmp_path / "bad.json").write_text('{"doorway": {"colour": 3}}')
+    (tmp_path / "none.json").write_text('{"width": -1}')
+    (tmp_path / "empty.xyz").write_text("")
+    wall, flat = folder / "wall.npz", folder / "flat.xyz"
+    for words, code, text in (
+        ((wall, "--find", "gate"), 2, "'gate' is none of doorway, window"),
+        (
+            (wall, "--find", "doorway", "--given", tmp_path / "bad.json"),
+            1,
+            "colour cannot be given; of doorway",
+        ),
+        ((wall, "--find", "doorway", "--given", tmp_path / "none.json"), 1, "width must be a number above 0"),
+        ((wall, "--find", "doorway", "--given", tmp_path / "no.json"), 1, "no.json"),
+        ((flat, "--find", "doorway"), 1, "--origin"),
+        ((tmp_path / "empty.xyz", "--find", "hole-row"), 1, "empty.xyz"),
+        ((tmp_path / "none.ply", "--find", "hole-row"), 1, "none.ply"),
+        ((wall, "--find", "doorway", "--evaluations", "0"), 2, "--evaluations"),
+    ):
+        result = run("feature", *words, "-o", tmp_path / "out")
+        assert result.exit_code == code, result.output
+        assert text in " ".join(result.output.replace("│", " ").split()), result.output
+        assert not (tmp_path / "out" / "features.json").exists()
+
+
+def test_a_plane_has_no_holes(folder) -> None:
+    result = run("feature", folder / "flat.xyz", "--find", "hole-row", "--json", "-o", folder / "none")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["found"] == 0
+    assert told["features"][0]["reason"]
