@@ -46,6 +46,8 @@ class Weighed:
         Whether measured surface fills it.
     joined : bool
         Whether nothing of the plate is between neighbours.
+    blocked : bool
+        Whether beams came back from behind the plate, but none through a hole.
     """
 
     pattern: Pattern
@@ -56,6 +58,7 @@ class Weighed:
     rims: BoolArray
     filled: BoolArray
     joined: bool
+    blocked: bool
 
     @property
     def seen(self) -> BoolArray:
@@ -90,7 +93,6 @@ class Ground:
             if less <= evidence:
                 break
             places, chosen, evidence = places[kept], chosen[kept], less
-        joined = are_joined(pattern, self.survey)
         return Weighed(
             pattern=pattern,
             places=places,
@@ -99,7 +101,8 @@ class Ground:
             holes=holes,
             rims=rims,
             filled=filled,
-            joined=joined,
+            joined=are_joined(pattern, self.survey),
+            blocked=self.opened.none_passed(pattern.centres, pattern.radius),
         )
 
     def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:

@@ -119,6 +119,8 @@ def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing:
         return Status.NONE, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
     if are_notches(weighed.pattern, weighed.rims, weighed.seen):
         return Status.NONE, f"all holes of the {what} are open on the same side: they are no holes"
+    if weighed.blocked:
+        return Status.NONE, f"beams came back from behind the plate, but none through the {what}: lost data"
     if np.median(spread[weighed.seen]) > _HELD * spacing:
         return Status.NONE, f"nothing holds the {what} in its place: its circles could slide"
     absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled

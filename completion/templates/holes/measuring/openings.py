@@ -69,6 +69,12 @@ class Openings:
         none = np.where(passed == 0, -_NONE_PASSED * self.behind * hoped, 0.0)
         return np.asarray(_PASSED * np.minimum(passed, _MOST_PASSED) + none)
 
+    def none_passed(self, centres: FloatArray, radius: float) -> bool:
+        """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
+        if self.crossed is None or self.behind < 0.5:
+            return False
+        return not np.any(self.crossed.query_ball_point(centres, _INNER * radius, return_length=True))
+
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)
         gain = [_A_SECTOR * np.maximum(side.sum(axis=1) - _CHANCE, 0) for side in (up, down)]
