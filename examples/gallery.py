@@ -39,6 +39,7 @@ SMALL = {
     "plot_registration": ["-o", "{out}"],
     "plot_panels": ["-o", "{out}"],
     "plot_exchange": ["-o", "{out}"],
+    "plot_holes": ["--docs", "{out}"],
     "plot_decisions": ["-o", "{out}"],
     "plot_ifc": ["-o", "{out}"],
     "plot_flattening": ["--docs", "{out}", "--seeds", "0"],

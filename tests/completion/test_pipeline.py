@@ -290,7 +290,7 @@ def test_progress_is_told_stage_by_stage():
     told = []
     complete(example("chair_before_wall", pixels=64), PLAIN, progress=lambda *step: told.append(step))
     assert [stage for stage, done, total in told if done == total] == [
-        "noise and normals", "segment", "extend", "audit",
+        "noise and normals", "segment", "features", "extend", "audit",
     ]  # fmt: skip
 
 

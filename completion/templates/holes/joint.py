@@ -23,7 +23,6 @@ _LEAST, _GREATEST = -6.0, 9.0  # nats of one hole in the choice of a window
 _MOST_UNMATCHED = 5.0  # nats of a hole that was no candidate
 _UNKNOWN = -0.5  # nats: a hole that nobody saw is worth less than none
 _SOFT = 0.2  # spacings: how exactly a proposal's holes are placed
-_OPEN = 5  # of 16 sectors side by side without a rim: an open side
 _SEEN, _FILLED = 1.5, 3.0  # nats from which a hole is seen, or surface fills it
 
 
@@ -47,6 +46,8 @@ class Weighed:
         Whether measured surface fills it.
     joined : bool
         Whether nothing of the plate is between neighbours.
+    blocked : bool
+        Whether beams came back from behind the plate, but none through a hole.
     """
 
     pattern: Pattern
@@ -57,18 +58,12 @@ class Weighed:
     rims: BoolArray
     filled: BoolArray
     joined: bool
+    blocked: bool
 
     @property
     def seen(self) -> BoolArray:
         """Return which holes (count,) were seen."""
         return np.asarray((self.holes > _SEEN) & (self.rims.sum(axis=1) >= 3) & ~self.filled)
-
-    @property
-    def open_holes(self) -> BoolArray:
-        """Return which holes (count,) have a whole side, 112 degrees or more, without a rim."""
-        twice = np.concatenate([self.rims, self.rims], axis=1)
-        runs = np.stack([~twice[:, k : k + _OPEN].any(axis=1) for k in range(self.rims.shape[1])])
-        return np.asarray(runs.any(axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +93,6 @@ class Ground:
             if less <= evidence:
                 break
             places, chosen, evidence = places[kept], chosen[kept], less
-        joined = are_joined(pattern, self.survey)
         return Weighed(
             pattern=pattern,
             places=places,
@@ -107,7 +101,8 @@ class Ground:
             holes=holes,
             rims=rims,
             filled=filled,
-            joined=joined,
+            joined=are_joined(pattern, self.survey),
+            blocked=self.opened.none_passed(pattern.centres, pattern.radius),
         )
 
     def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:

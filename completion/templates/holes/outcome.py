@@ -10,32 +10,35 @@ import numpy as np
 from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.holes.joint import Weighed
 from completion.templates.holes.measuring.plates import Plate
+from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.null import false_fit_probability
 from completion.templates.holes.patterns import GRID, PARAMETERS
 from completion.templates.holes.refinement import Refined
 from completion.templates.holes.rims import N_SECTORS
+from completion.templates.holes.webs import are_notches, open_sides
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _FALSE, _DOUBTFUL = 0.01, 0.5  # false fits of what is found, and of what is ambiguous
+_HELD = 0.3  # spacings: to which a true hole is known
 _PARALLEL = 0.99  # cosine between axes
 _KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circle"}
 
 
 def fit_of(
-    plate: Plate, weighed: Weighed, refined: Refined, assignment: IntArray, given: Mapping[str, float]
+    survey: Survey, weighed: Weighed, refined: Refined, assignment: IntArray, given: Mapping[str, float]
 ) -> TemplateFit:
     """Return the fit in space: parameters with covariance, a side a hole, and the decision.
 
     `assignment` (n,) numbers the faces of the input's points: 1 the plate, 2 and on its holes' walls.
     """
-    pattern = refined.pattern
+    pattern, plate = refined.pattern, survey.plate
     names, x, slopes = _in_space(plate, refined)
     covariance = slopes @ refined.covariance @ slopes.T
     across = np.zeros(len(x))
     across[:3] = plate.frame[2]
     covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
     probability = false_fit_probability(pattern.kind, weighed.evidence)
-    status, reason = _decision(weighed, probability)
+    status, reason = _decision(weighed, probability, _spread(refined), survey.spacing)
     return TemplateFit(
         kind=pattern.kind,
         status=status,
@@ -91,17 +94,22 @@ def _in_space(plate: Plate, refined: Refined) -> tuple[tuple[str, ...], FloatArr
 
 def _sides(weighed: Weighed, refined: Refined) -> tuple[Side, ...]:
     """One side a hole: sectors of its rim that were seen, or all against it where it is filled."""
-    slopes = refined.pattern.slopes
-    spread = np.einsum("nip,pq,niq->n", slopes, refined.covariance[:-1, :-1], slopes) / 2
     sides = []
-    for k, deviation in enumerate(np.sqrt(np.maximum(spread, 0.0))):
+    for k, deviation in enumerate(_spread(refined)):
         confirmed = int(weighed.rims[k].sum()) if weighed.seen[k] else 0
         contradicted = N_SECTORS if weighed.filled[k] else 0
         sides.append(Side(f"hole {k + 1}", confirmed, contradicted, N_SECTORS, float(deviation)))
     return tuple(sides)
 
 
-def _decision(weighed: Weighed, probability: float) -> tuple[Status, str]:
+def _spread(refined: Refined) -> FloatArray:
+    """Standard deviation (count,) of each hole's place in the direction in which it is known worst."""
+    slopes = refined.pattern.slopes
+    covariance = np.einsum("nip,pq,njq->nij", slopes, refined.covariance[:-1, :-1], slopes)
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
+
+
+def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing: float) -> tuple[Status, str]:
     """Whether a pattern is believed, and why not, or what is doubtful of it."""
     what, seen = _KIND_NAMES[weighed.pattern.kind], int(weighed.seen.sum())
     least = 4 if weighed.pattern.kind == GRID else 3
@@ -109,12 +117,18 @@ def _decision(weighed: Weighed, probability: float) -> tuple[Status, str]:
         return Status.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
     if probability > _DOUBTFUL:
         return Status.NONE, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
+    if are_notches(weighed.pattern, weighed.rims, weighed.seen):
+        return Status.NONE, f"all holes of the {what} are open on the same side: they are no holes"
+    if weighed.blocked:
+        return Status.NONE, f"beams came back from behind the plate, but none through the {what}: lost data"
+    if np.median(spread[weighed.seen]) > _HELD * spacing:
+        return Status.NONE, f"nothing holds the {what} in its place: its circles could slide"
     absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled
     if absent.sum() + unseen.sum() > seen:
         return Status.NONE, f"{seen} of {len(absent)} holes of the {what} were seen, less than half"
     if weighed.joined:
         return Status.AMBIGUOUS, f"no plate between neighbours of the {what}: slots look like it"
-    if weighed.open_holes[weighed.seen].all():
+    if open_sides(weighed.rims[weighed.seen]).all():
         return Status.AMBIGUOUS, f"every hole of the {what} is open on a side: notches and slots look like it"
     if probability > _FALSE:
         return Status.AMBIGUOUS, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"

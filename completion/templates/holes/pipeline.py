@@ -127,7 +127,7 @@ def _against_chance(
     weighed = ground.weighed(refined.pattern, coarse, _EXACT)
     plate = ground.survey.plate
     faces = assigned(refined.pattern, plate, ground.opened, measured.points)
-    return fit_of(plate, weighed, refined, faces, given)
+    return fit_of(ground.survey, weighed, refined, faces, given)
 
 
 def _chosen(

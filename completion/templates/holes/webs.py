@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Webs: the plate between neighbouring holes, which slots do not have."""
+"""Webs: the plate between and around holes, which slots and notches do not have."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import numpy as np
 
 from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.patterns import CIRCLE, Pattern
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 _WIDE = 0.8  # of the radius: half the width of a web that is looked at
+_OPEN_SIDE, _OPEN_ALIKE = 5, 4  # sectors of 16 side by side without a rim, of one hole and of all alike
 _LEAST = 4.0  # points expected of a web that can tell
 
 
@@ -21,6 +22,38 @@ def are_joined(pattern: Pattern, survey: Survey) -> bool:
         if telling.any() and (counted[telling] == 0).all():
             return True
     return False
+
+
+def open_sides(rims: BoolArray) -> BoolArray:
+    """Tell of which holes a whole side is open, by the sectors (n, k) in which they have a rim."""
+    return _gaps(rims, _OPEN_SIDE)
+
+
+def are_notches(pattern: Pattern, rims: BoolArray, seen: BoolArray) -> bool:
+    """Whether all holes that were `seen` (n,) are open on the same side, or all inwards, or all outwards.
+
+    Lost patches open each hole elsewhere; notches, slots, and circles that lie in a larger one, alike.
+    """
+    if not seen.any():
+        return False
+    offset = pattern.centres - pattern.x[:2]
+    outwards = np.arctan2(offset[:, 1], offset[:, 0])
+    k = rims.shape[1]
+    turned = np.stack(
+        [np.roll(one, -round(turn / (2 * np.pi) * k)) for one, turn in zip(rims, outwards, strict=True)]
+    )
+    inward_too = [rims, turned] if pattern.shape[1] > 1 or pattern.kind == CIRCLE else [rims]
+    common = np.stack([np.asarray(frame[seen]).any(axis=0) for frame in inward_too])
+    return bool(_gaps(common, _OPEN_ALIKE).any())
+
+
+def _gaps(rims: BoolArray, size: int) -> BoolArray:
+    """Tell in which rows (n, k), each a ring, `size` sectors side by side have no rim."""
+    twice = np.concatenate([rims, rims], axis=1)
+    runs: BoolArray = np.stack(
+        [~twice[:, first : first + size].any(axis=1) for first in range(rims.shape[1])]
+    )
+    return np.asarray(runs.any(axis=0))
 
 
 def _neighbours(pattern: Pattern) -> list[IntArray]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class Opened:
     """A recess as it was fitted, what speaks for it, and how far in and out each side may be off."""
 
     frame: WallFrame
+    turn: float
     recess: Recess
     known: dict[str, Estimate]
     sides: tuple[Side, ...]
@@ -50,7 +51,7 @@ def decide(
     opened: Opened, beams: WallBeams, observations: Sequence[Observation], given: Given
 ) -> TemplateFit:
     """Return the opening as a feature, found, ambiguous or refused, with the reason in one sentence."""
-    assignment, on_reveals = _assigned(opened.recess, beams, observations)
+    assignment, on_reveals = _assigned(opened.recess, beams.turned(opened.turn), observations)
     kind, reason, status = _judged(opened, on_reveals)
     x, covariance = _parameters(opened)
     recess, depth = opened.recess, opened.known["depth"]
@@ -81,6 +82,15 @@ def decide(
         },
         held=held,
     )
+
+
+def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
+    """Return a rectangle from which nothing came back, a `share` of its beams: never more than ambiguous."""
+    if fit.status is Status.NONE:
+        return fit
+    told = f"nothing came back from {share:.0%} of it: a window, a mirror or something dark"
+    none = np.zeros_like(fit.assignment)
+    return replace(fit, status=Status.AMBIGUOUS, reason=told, assignment=none)
 
 
 def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:

@@ -4,22 +4,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
-from completion.templates.engine.template import Given, TemplateFit
-from completion.templates.openings.decision import Opened, decide
+from completion.templates.engine.template import Given, Status, TemplateFit
+from completion.templates.openings.decision import Opened, decide, silent_feature
 from completion.templates.openings.fitting import fit_recess, floor_of, height_of, with_unseen, with_wall
 from completion.templates.openings.mirror import image_share
 from completion.templates.openings.walls.proposals import WallChart, propose
+from completion.templates.openings.walls.recess import Recess
+from completion.templates.openings.walls.sides import Estimate
 from completion.templates.openings.walls.support import all_sides
 from completion.templates.openings.walls.wall import Wall
-from completion.templates.openings.walls.wall_beams import WallFrame, wall_beams
+from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame, wall_beams
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
 
+_FEWEST_SILENT, _MOSTLY = 60, 0.5  # beams from which nothing came back, and their share of a rectangle
 _BESIDE_M = 0.5  # round what was measured of a wall
 _LEAST_WALL_M = 0.4  # of its width and height
 SIDEWAYS = 0.26  # of a wall's normal along up: steeper planes have no doors
@@ -62,30 +66,68 @@ def find_openings_in(
     # 2. Beams: where each crosses the wall's plane, and whether it stopped before, at, or behind it.
     beams = wall_beams(frame, observations, low, high, wall)
 
-    # 3. Propose: the rectangles whose beams speak most for no wall, exactly.
+    def opened_in(some: WallBeams, rough: Recess) -> Opened:
+        return _opened(wall, frame, some, rough, observations=observations, given=given, levels=levels)
+
+    # 3. Propose, fit, decide: the rectangles whose beams speak most for no wall, exactly.
+    found: list[TemplateFit] = []
     chart = WallChart.of(beams) if len(beams) else None
     for rough, _ in propose(chart):
-        # 4. Fit: sides, depth and turn, each by its posterior with the others as they are.
-        recess, known, turn = fit_recess(beams, rough, given, levels)
-        turned = beams.turned(turn)
-        known = with_wall(turned, recess, known, wall, frame.turned(turn))
-        floor = None if (level := floor_of(recess, levels)) is None else level.value
+        opened = opened_in(beams, rough)
+        found.append(decide(replace(opened, chart=chart), beams, observations, given))
+    yield from found
 
-        # 5. Support: tiles along each side, which confirm or contradict it.
-        sides = all_sides(turned, recess, known, floor)
-        recess, sides, slack = with_unseen(turned, recess, sides, given)
-        share = image_share(frame, turned.chosen(recess.holds(turned.uv)), observations)
+    # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
+    silent = ~np.isfinite(beams.ranges)
+    if silent.sum() < _FEWEST_SILENT:
+        return
+    as_open = beams.silent_as_open()
+    chart = WallChart.of(as_open)
+    for rough, _ in propose(chart):
+        share = float(silent[rough.holds(beams.uv)].mean())
+        if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in found):
+            opened = opened_in(as_open, rough)
+            fit = decide(replace(opened, chart=chart), as_open, observations, given)
+            yield silent_feature(fit, share)
 
-        # 6. Decide: found, ambiguous, or none, and why.
-        opened = Opened(
-            frame=frame.turned(turn),
-            recess=recess,
-            known=known,
-            sides=sides,
-            floor=floor,
-            image_share=share,
-            wall=wall,
-            slack=slack,
-            chart=chart,
-        )
-        yield decide(opened, turned, observations, given)
+
+def _opened(
+    wall: Wall,
+    frame: WallFrame,
+    beams: WallBeams,
+    rough: Recess,
+    *,
+    observations: Sequence[Observation],
+    given: Given,
+    levels: Sequence[Estimate],
+) -> Opened:
+    """A proposed rectangle fitted, with what supports each of its sides."""
+    # a. Fit: sides, depth and turn, each by its posterior with the others as they are.
+    recess, known, turn = fit_recess(beams, rough, given, levels)
+    turned = beams.turned(turn)
+    known = with_wall(turned, recess, known, wall, frame.turned(turn))
+    floor = None if (level := floor_of(recess, levels)) is None else level.value
+
+    # b. Support: tiles along each side, which confirm or contradict it.
+    sides = all_sides(turned, recess, known, floor)
+    recess, sides, slack = with_unseen(turned, recess, sides, given)
+    return Opened(
+        frame=frame.turned(turn),
+        turn=turn,
+        recess=recess,
+        known=known,
+        sides=sides,
+        floor=floor,
+        image_share=image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
+        wall=wall,
+        slack=slack,
+        chart=None,
+    )
+
+
+def _overlaps(fit: TemplateFit, frame: WallFrame, rough: Recess) -> bool:
+    """Whether the middle of a rectangle lies in an opening that was found."""
+    corners = frame.local(np.asarray(fit.geometry["corners"]))[:, [0, 2]]
+    middle = rough.corners().mean(axis=0)
+    inside = (middle > corners.min(axis=0)).all() and (middle < corners.max(axis=0)).all()
+    return bool(inside) and fit.status is not Status.NONE

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from completion.templates.engine.measured import Beams, Measured
 from completion.templates.holes.measuring.plates import Plate
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 N_SECTORS = 8
 _WALL = 0.35  # spacings on either side of a rim within which points are the bore's
@@ -19,6 +19,9 @@ _A_SECTOR, _CHANCE = 1.5, 2  # nats for a sector with a wall, and sectors that c
 _A_BOSS = 3.0  # times as much against a hole, where the wall rises on the outer side
 _PASSED, _MOST_PASSED = 4.0, 3  # nats a beam that went through, and beams that count
 _NONE_PASSED = 6.0  # nats where every place behind the plate gives an echo, and none came through
+_EDGE, _NEAR = 0.8, 1.5  # spacings from a rim, and above or below it, within which an edge has a wall
+_A_BARE, _MOST_BARE = 4.0, 2  # nats against a hole for each sector without any, and how many may be
+_MOST_WALLED = 0.6  # of the edges of a plate of a whole part
 _INNER = 0.85  # of the radius
 _N_RAYS, _COLUMN = 200, 1.2  # places of the plate from which surfaces are counted; spacings
 
@@ -41,6 +44,8 @@ class Openings:
         Share of the beams beyond or beside the plate's surface that came back from behind it.
     reach : float
         Of a bore's wall on either side of its rim.
+    is_solid : bool
+        Whether walls stand along most of the plate's edges, as those of a whole part do.
     """
 
     outward: int
@@ -49,10 +54,12 @@ class Openings:
     crossed: cKDTree | None
     behind: float
     reach: float
+    is_solid: bool = False
 
     def evidence(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         """Return log odds (m,) of holes against lost data at circles (m, 2), (m,), nats."""
-        return self._of_beams(centres, radii, spacing) + self._of_bores(centres, radii, spacing)
+        told = self._of_beams(centres, radii, spacing) + self._of_bores(centres, radii, spacing)
+        return told - (self._without_edge(centres, radii, spacing) if self.is_solid else 0.0)
 
     def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         if self.crossed is None:
@@ -62,6 +69,12 @@ class Openings:
         none = np.where(passed == 0, -_NONE_PASSED * self.behind * hoped, 0.0)
         return np.asarray(_PASSED * np.minimum(passed, _MOST_PASSED) + none)
 
+    def none_passed(self, centres: FloatArray, radius: float) -> bool:
+        """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
+        if self.crossed is None or self.behind < 0.5:
+            return False
+        return not np.any(self.crossed.query_ball_point(centres, _INNER * radius, return_length=True))
+
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)
         gain = [_A_SECTOR * np.maximum(side.sum(axis=1) - _CHANCE, 0) for side in (up, down)]
@@ -70,18 +83,33 @@ class Openings:
         outer, inner = gain if self.outward > 0 else gain[::-1]
         return np.asarray(inner - _A_BOSS * outer)
 
+    def _without_edge(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
+        """What tells against holes (m,) of a whole part: sectors of their rims from which no wall goes."""
+        owner, gap, height, sector = self._around(centres, radii, _EDGE * spacing)
+        near = (np.abs(gap) < _EDGE * spacing) & (np.abs(height) < _NEAR * spacing)
+        counts = np.bincount((owner * N_SECTORS + sector)[near], minlength=len(radii) * N_SECTORS)
+        bare = (counts.reshape(len(radii), N_SECTORS) == 0).sum(axis=1)
+        return np.asarray(_A_BARE * np.maximum(bare - _MOST_BARE, 0))
+
+    def _around(
+        self, centres: FloatArray, radii: FloatArray, beyond: float
+    ) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+        """Points off the plate about circles: whose (k,), how far outside, how high, and in which sector."""
+        none = np.zeros(0, dtype=np.int64)
+        if self.off is None:
+            return none, np.zeros(0), np.zeros(0), none
+        lists = self.off.query_ball_point(centres, radii + beyond, return_sorted=False)
+        owner = np.repeat(np.arange(len(radii)), [len(one) for one in lists])
+        members = np.concatenate([np.asarray(one, dtype=np.int64) for one in lists] or [none])
+        offset = np.asarray(self.off.data)[members] - centres[owner]
+        turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1
+        sector = (turn * N_SECTORS).astype(np.int64) % N_SECTORS
+        return owner, np.hypot(*offset.T) - radii[owner], self.heights[members], sector
+
     def walls(self, centres: FloatArray, radii: FloatArray, spacing: float) -> tuple[BoolArray, BoolArray]:
         """Return in which of 8 sectors (m, 8) a wall stands on the rim above the plate, and below it."""
         shape = (len(radii), N_SECTORS)
-        if self.off is None:
-            return np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
-        lists = self.off.query_ball_point(centres, radii + 3 * self.reach, return_sorted=False)
-        owner = np.repeat(np.arange(len(radii)), [len(one) for one in lists])
-        members = np.concatenate([np.asarray(one, dtype=np.int64) for one in lists] or [owner])
-        offset, height = np.asarray(self.off.data)[members] - centres[owner], self.heights[members]
-        gap = np.hypot(*offset.T) - radii[owner]
-        sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1) * N_SECTORS).astype(np.int64)
-        sector %= N_SECTORS
+        owner, gap, height, sector = self._around(centres, radii, 3 * self.reach)
         near = np.abs(height) < _DEEP[0] * radii[owner] + _DEEP[1] * spacing
         found = []
         for side in (1, -1):
@@ -107,8 +135,29 @@ def openings(plate: Plate, measured: Measured, spacing: float) -> Openings:
     tree = cKDTree(plate.uv[off]) if off.any() else None
     reach = max(_WALL * spacing, 3 * plate.noise)
     return Openings(
-        outward=outward, off=tree, heights=plate.height[off], crossed=crossed, behind=behind, reach=reach
+        outward=outward,
+        off=tree,
+        heights=plate.height[off],
+        crossed=crossed,
+        behind=behind,
+        reach=reach,
+        is_solid=beams is None and _has_walls(plate, spacing),
     )
+
+
+def _has_walls(plate: Plate, spacing: float) -> bool:
+    """Whether points near and off the plate stand along most of its edges."""
+    off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < _NEAR * spacing)
+    on = plate.uv[plate.is_on]
+    if not off.any() or len(on) < 9:
+        return False
+    # at an edge all nearest points of the plate are on one side
+    near = on[cKDTree(on).query(on, k=9)[1][:, 1:]]
+    lopsided = np.linalg.norm(near.mean(axis=1) - on, axis=1) > 0.5 * spacing
+    if not lopsided.any():
+        return False
+    far = cKDTree(plate.uv[off]).query(on[lopsided])[0]
+    return bool((far < spacing).mean() > _MOST_WALLED)
 
 
 def _through(plate: Plate, beams: Beams) -> tuple[cKDTree | None, float]:

@@ -11,7 +11,7 @@ from completion.templates.engine.measured import Measured
 from completion.templates.holes.measuring.plates import Plate
 from scenes.checks import FloatArray
 
-_N_POINTS = 30_000
+_N_POINTS = 20_000
 
 
 def scattered(measured: Measured, *, rng: np.random.Generator) -> Measured:

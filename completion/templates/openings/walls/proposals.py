@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from completion.templates.openings.walls.recess import Recess
-from completion.templates.openings.walls.rectangle import best_rectangle
+from completion.templates.openings.walls.rectangle import CellRectangle, best_rectangle
 from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray
 
@@ -19,6 +19,8 @@ CELL_M = 0.05
 _MOST_CELLS = 200  # along the longer side of the chart
 _GAPS = 1.5  # distances between beams in a cell
 _MOST_NATS = 6.0  # that one cell may say
+_DEAR = 3.0  # nats, where most of a rectangle was not seen
+_LEAST_SEEN = 0.4  # of a rectangle: what boxes hide of the rectangle around all that is seen is less
 _PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
 _LEAST_NATS = 25.0  # of a rectangle that is worth a look
 _LEAST_M = 0.15  # of its sides: part of it may be hidden
@@ -75,6 +77,12 @@ class WallChart:
         return inside.astype(np.bool_)
 
 
+def _share(is_open: BoolArray, found: CellRectangle) -> float:
+    """The share of a rectangle's cells that beams went through."""
+    part = is_open[found.top : found.bottom, found.left : found.right]
+    return float(part.mean()) if part.size else 1.0
+
+
 def propose(chart: WallChart | None) -> Iterator[tuple[Recess, float]]:
     """Yield rectangles in the wall with the odds that they hold, nats, each clear of those before.
 
@@ -84,8 +92,11 @@ def propose(chart: WallChart | None) -> Iterator[tuple[Recess, float]]:
     if chart is None:
         return
     values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
+    is_open = chart.nats > 1.0
     for _ in range(_MOST):
         found = best_rectangle(values)
+        if _share(is_open, found) < _LEAST_SEEN:  # two holes, and what nobody saw between them
+            found = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
         if found.total < _LEAST_NATS:
             return
         values[found.top : found.bottom, found.left : found.right] = -_PRICE

@@ -12,7 +12,7 @@ NOISE = 0.1
 
 
 def plate(
-    rng: np.random.Generator, holes: FloatArray, radius: float, size: tuple[float, float] = (90.0, 50.0)
+    rng: np.random.Generator, holes: FloatArray, radius: float, size: tuple[float, float] = (80.0, 36.0)
 ) -> Measured:
     """One point a square millimetre about the origin, but for holes with centres (n, 2)."""
     flat = rng.uniform(-0.5, 0.5, (int(size[0] * size[1]), 2)) * size

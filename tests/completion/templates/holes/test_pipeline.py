@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from completion.templates.engine.measured import Measured
+from benchmarks.features.hole_scans import mesh
+from completion.templates.engine.measured import Beams, Measured
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.holes.patterns import KINDS
 from completion.templates.holes.pipeline import find_holes
@@ -25,6 +27,13 @@ def found(measured: Measured, kind: str, **given: float) -> TemplateFit:
     return find_holes(measured, [kind], given, rng=np.random.default_rng(0), budget=_BUDGET)[0]
 
 
+@cache
+def four() -> tuple[Measured, TemplateFit]:
+    """A row of four, and its fit."""
+    measured = plate(np.random.default_rng(8), row(4, PITCH), RADIUS)
+    return measured, found(measured, "hole-row")
+
+
 def off(fit: TemplateFit, centres: FloatArray) -> float:
     """How far true centres (n, 2) of the plate z = 0 are from the fit's, root mean square."""
     space = np.column_stack([centres, np.zeros(len(centres))])
@@ -33,10 +42,10 @@ def off(fit: TemplateFit, centres: FloatArray) -> float:
 
 
 def test_a_row_is_found_and_counted() -> None:
-    fit = found(plate(np.random.default_rng(1), row(5, PITCH), RADIUS), "hole-row")
+    _, fit = four()
     assert fit.status is Status.FOUND
-    assert fit.geometry["count"] == 5
-    assert off(fit, row(5, PITCH)) < 0.2
+    assert fit.geometry["count"] == 4
+    assert off(fit, row(4, PITCH)) < 0.2
     for name, true in (("pitch", PITCH), ("radius", RADIUS)):
         assert abs(fit.value(name) - true) < 4 * fit.deviation(name)
         assert 0 < fit.deviation(name) < 0.1
@@ -51,16 +60,16 @@ def test_a_grid_and_a_bolt_circle_are_found_and_counted() -> None:
     assert fit.geometry["count"] == 6
     assert sorted([fit.value("pitch"), fit.value("pitch_2")]) == pytest.approx([16.0, 20.0], abs=0.2)
     turn = 2 * np.pi * np.arange(6) / 6
-    circle = 18 * np.column_stack([np.cos(turn), np.sin(turn)])
-    fit = found(plate(np.random.default_rng(3), circle, RADIUS), "bolt-circle")
+    circle = 16 * np.column_stack([np.cos(turn), np.sin(turn)])
+    fit = found(plate(np.random.default_rng(3), circle, RADIUS, (50.0, 50.0)), "bolt-circle")
     assert fit.status is Status.FOUND
     assert fit.geometry["count"] == 6
-    assert abs(fit.value("circle_radius") - 18) < 4 * fit.deviation("circle_radius")
+    assert abs(fit.value("circle_radius") - 16) < 4 * fit.deviation("circle_radius")
 
 
 def test_a_blank_plate_and_lost_patches_are_refused() -> None:
     blank = plate(np.random.default_rng(4), np.zeros((0, 2)), RADIUS)
-    lost = np.random.default_rng(5).uniform(-0.5, 0.5, (12, 2)) * (90, 50)
+    lost = np.random.default_rng(5).uniform(-0.5, 0.5, (10, 2)) * (80, 36)
     for fit in find_holes(without(blank, lost, 3.5), KINDS, {}, rng=np.random.default_rng(0), budget=_BUDGET):
         assert fit.status is not Status.FOUND
         assert fit.reason
@@ -81,8 +90,7 @@ def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted()
 
 
 def test_moved_or_in_another_unit_the_same_is_found() -> None:
-    measured = plate(np.random.default_rng(8), row(4, PITCH), RADIUS)
-    before = found(measured, "hole-row")
+    measured, before = four()
     turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])
     moved = replace(measured, points=turn.apply(measured.points) + shift)
     after = found(moved, "hole-row")
@@ -95,9 +103,38 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
     assert small.evidence == pytest.approx(before.evidence, abs=1.0)
 
 
+def test_a_mesh_tells_circles_exactly() -> None:
+    corners, faces = mesh(row(4, PITCH) + (60.0, 40.0), RADIUS)
+    fit = found(Measured(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 4)
+    assert fit.value("pitch") == pytest.approx(PITCH, abs=1e-9)
+    assert fit.value("radius") == pytest.approx(RADIUS, abs=1e-9)
+    assert len(fit.assignment) == len(corners)
+
+
+def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None:
+    holes = plate(np.random.default_rng(13), row(4, PITCH), RADIUS)
+    holes = without(holes, np.array([[-36.0, 12.0]]), 2.5)
+    eye = np.array([5.0, -10.0, 300.0])
+
+    def status(gaps: FloatArray) -> TemplateFit:
+        below = np.column_stack([gaps, np.zeros(len(gaps))])
+        targets = np.concatenate([holes.points, eye + (below - eye) * 1.5])
+        ray = targets - eye
+        length = np.linalg.norm(ray, axis=1)
+        beams = Beams(np.tile(eye, (len(ray), 1)), ray / length[:, None], length)
+        return found(replace(holes, points=targets, beams=beams), "hole-row")
+
+    beside = np.random.default_rng(14).uniform(-1.5, 1.5, (20, 2)) + (-36.0, 12.0)
+    lost = status(beside)
+    assert (lost.status, "lost data" in lost.reason) == (Status.NONE, True)
+    through = (row(4, PITCH)[:, None] + 0.5 * beside[None, :10] + (18.0, -6.0)).reshape(-1, 2)
+    assert status(np.concatenate([beside, through])).status is Status.FOUND
+
+
 def test_the_order_of_points_matters_little_and_the_seed_decides() -> None:
-    measured = plate(np.random.default_rng(9), row(4, PITCH), RADIUS)
-    one, two = found(measured, "hole-row"), found(measured, "hole-row")
+    measured, one = four()
+    two = found(measured, "hole-row")
     assert one.x.tobytes() == two.x.tobytes()
     mixed = np.random.default_rng(10).permutation(len(measured.points))
     other = found(replace(measured, points=measured.points[mixed]), "hole-row")
