@@ -17,6 +17,7 @@ SMALL = {
     "plot_architecture": ["--docs", "{out}"],
     "plot_scanner": ["--docs", "{out}", "--scale", "0.15"],
     "plot_textures": ["--docs", "{out}", "--quick"],
+    "plot_junctions": ["--docs", "{out}"],
     "plot_own_template": ["--docs", "{out}"],
     "plot_fitting_metrics": ["--docs", "{out}", "--trials", "4", "--workers", "2"],
     "plot_completion": ["chair_before_wall", "-o", "{out}"],

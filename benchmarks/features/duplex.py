@@ -55,9 +55,8 @@ def duplex(
     others = [fit for k, fit in enumerate(found) if k not in matched]
     off = np.abs(errors)
     print(f"holes of doors and windows {len(holes)}, found {told}, found elsewhere {len(others)}")
-    print(
-        f"seen sides within 3 cm {(off < _RIGHT_M).mean():.3f} of {len(off)}, median {1000 * np.median(off):.1f} mm"
-    )
+    right = (off < _RIGHT_M).mean()
+    print(f"seen sides within 3 cm {right:.3f} of {len(off)}, median {1000 * np.median(off):.1f} mm")
     print(f"|z| median {np.median(z):.2f} (true sides are known to {1000 * _HALF_CELL_M:.0f} mm)")
     for fit in others:
         corners = np.asarray(fit.geometry["corners"])

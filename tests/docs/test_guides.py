@@ -20,6 +20,7 @@ GUIDES = [
     ),
     ROOT / "docs" / "coming-from.md",
     ROOT / "docs" / "own-templates.md",
+    ROOT / "docs" / "junctions.md",
 ]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 

@@ -41,8 +41,9 @@ def rotation(vector: FloatArray) -> FloatArray:
     x, y, z = vector
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-8:
-        return np.eye(3) + cross
-    return np.eye(3) + np.sin(angle) / angle * cross + (1 - np.cos(angle)) / angle**2 * (cross @ cross)
+        return np.asarray(np.eye(3) + cross)
+    share, rest = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+    return np.asarray(np.eye(3) + share * cross + rest * (cross @ cross))
 
 
 Profile = Callable[[FloatArray, FloatArray], Section]

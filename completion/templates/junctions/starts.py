@@ -63,7 +63,7 @@ def flat_starts(
     for angle in np.arange(n_directions) * np.pi / n_directions:
         along = np.cos(angle) * first + np.sin(angle) * second
         turn = np.stack([normal, np.cross(along, normal), along])
-        starts += [Model(profile, turn, centre, shape, is_free, ties) for shape in shapes]
+        starts += [Model(profile, turn, centre, shape, is_free, ties=ties) for shape in shapes]
     return starts
 
 
