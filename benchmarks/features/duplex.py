@@ -10,7 +10,7 @@ import typer
 
 from benchmarks.completion.ledger.sources import DATA
 from benchmarks.completion.quantities.__main__ import house_scans
-from benchmarks.completion.quantities.comparison import HOLE_M, hole_places, leaf_groups
+from benchmarks.completion.quantities.comparison import leaf_groups
 from benchmarks.completion.quantities.elements import TrueBuilding
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.pipeline import find_features
@@ -19,7 +19,8 @@ from scenes.checks import FloatArray
 _LEAST_M2 = 0.05
 _OFF_M = 0.4  # between a hole's middle plane and the side of its wall
 _RIGHT_M = 0.03
-_HALF_CELL_M = HOLE_M / 2
+_HOLE_M, _AROUND_M, _BEFORE_M = 0.01, 0.1, 0.35  # grid, margin, and where beams start before the middle
+_HALF_CELL_M = _HOLE_M / 2
 
 
 def duplex(
@@ -32,7 +33,7 @@ def duplex(
     holes = [
         (axis, places)
         for axis, box in leaf_groups(truth)
-        if len(places := hole_places(truth, box, axis)) * HOLE_M**2 >= _LEAST_M2
+        if len(places := _hole(truth, box, axis)) * _HOLE_M**2 >= _LEAST_M2
     ]
     scans = list(house_scans(stations, noise, "panorama"))
     features = find_features(scans, ("doorway", "window", "niche"), rng=0)
@@ -63,6 +64,17 @@ def duplex(
         print(
             f"   elsewhere: {fit.kind} {np.round(corners.min(axis=0), 2)} {np.round(corners.max(axis=0), 2)}"
         )
+
+
+def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
+    """Places (n, 3) around the box of a leaf where a beam goes straight through the wall."""
+    other, middle = 1 - axis, box.mean(axis=0)
+    steps = [np.arange(box[0, k] - _AROUND_M, box[1, k] + _AROUND_M, _HOLE_M) for k in (other, 2)]
+    places = np.empty((len(steps[0]) * len(steps[1]), 3))
+    places[:, [other, 2]] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    places[:, axis] = middle[axis] - _BEFORE_M
+    hits = truth.shell.first_hit(places, np.tile(np.eye(3)[axis], (len(places), 1)))
+    return places[hits.ranges > 2 * _BEFORE_M] + _BEFORE_M * np.eye(3)[axis]
 
 
 def _lies_in(fit: TemplateFit, low: FloatArray, high: FloatArray, axis: int) -> bool:

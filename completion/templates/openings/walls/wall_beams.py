@@ -47,13 +47,6 @@ class WallFrame:
         """Coordinates (n, 3) along u, y and v of points (n, 3)."""
         return np.asarray((points - self.origin) @ self.axes.T)
 
-    def silent_as_open(self) -> WallBeams:
-        """Return the same with beams from which nothing came back as if they had gone on."""
-        silent = ~np.isfinite(self.ranges)
-        ranges = np.where(silent, 0.99 * self.farthest, self.ranges)
-        nats = np.where(silent, odds_of(ranges, self.wall_range, self.deviation, self.farthest), self.nats)
-        return replace(self, ranges=ranges, nats=nats)
-
     def turned(self, angle: float) -> WallFrame:
         """Return the frame turned in its wall, from u towards v."""
         u, y, v = self.axes
@@ -112,6 +105,13 @@ class WallBeams:
         """Return some of them, by truth (n,) or by number (m,)."""
         names = [field.name for field in fields(self) if field.name != "farthest"]
         return replace(self, **{name: getattr(self, name)[which] for name in names})
+
+    def silent_as_open(self) -> WallBeams:
+        """Return the same with beams from which nothing came back as if they had gone on."""
+        silent = ~np.isfinite(self.ranges)
+        ranges = np.where(silent, 0.99 * self.farthest, self.ranges)
+        nats = np.where(silent, odds_of(ranges, self.wall_range, self.deviation, self.farthest), self.nats)
+        return replace(self, ranges=ranges, nats=nats)
 
     def turned(self, angle: float) -> WallBeams:
         """Return the same in the frame turned by an angle from u towards v."""
