@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from scipy import ndimage
 
 from benchmarks.completion.ledger.sources import DATA
 from benchmarks.completion.quantities.__main__ import house_scans
@@ -74,7 +75,15 @@ def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
     places[:, [other, 2]] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     places[:, axis] = middle[axis] - _BEFORE_M
     hits = truth.shell.first_hit(places, np.tile(np.eye(3)[axis], (len(places), 1)))
-    return places[hits.ranges > 2 * _BEFORE_M] + _BEFORE_M * np.eye(3)[axis]
+    free = (hits.ranges > 2 * _BEFORE_M).reshape(len(steps[0]), len(steps[1]))
+    part, _ = ndimage.label(free)  # margins may lie within walls that stand across
+    sizes = np.bincount(part.ravel())
+    sizes[0] = 0
+    hole = part == int(np.argmax(sizes))
+    for count, along in ((hole.sum(axis=1), 1), (hole.sum(axis=0), 0)):
+        few = count < count.max() / 2
+        hole &= ~(few[:, None] if along else few[None, :])
+    return places[hole.ravel()] + _BEFORE_M * np.eye(3)[axis]
 
 
 def _lies_in(fit: TemplateFit, low: FloatArray, high: FloatArray, axis: int) -> bool:
