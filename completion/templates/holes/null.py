@@ -11,8 +11,8 @@ import numpy as np
 
 from completion.templates.holes.patterns import CIRCLE, GRID, ROW
 
-_N_PLATES = 100
-_TAIL = {ROW: (0.0, 0.05, 2.0), GRID: (0.0, 0.05, 2.0), CIRCLE: (0.0, 0.05, 2.0)}
+_N_PLATES = 150
+_TAIL = {ROW: (0.0, 0.06, 2.0), GRID: (-10.0, 0.04, 2.5), CIRCLE: (0.0, 0.06, 2.0)}
 """Of each kind: nats, the share of plates beyond them, and the nats in which that falls by e."""
 
 
