@@ -4,13 +4,14 @@
 import typer
 
 from benchmarks.features import holes
+from benchmarks.features.evolution import evolution
 from benchmarks.features.openings import nulls, openings
 from benchmarks.features.patches import patches
 
 FIRST = typer.Option(10_000, "--first", help="Seed of the first; tuning seeds are below 1000.")
 EACH = typer.Option(20, "-n", help="How many of each.")
 app = typer.Typer(add_completion=False)
-for one in (openings, nulls, patches):
+for one in (openings, nulls, patches, evolution):
     app.command()(one)
 
 
