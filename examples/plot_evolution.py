@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Evolution, least squares from many starts, and the exact solver: error against evaluations.
 
-Run it with `python examples/plot_evolution.py [--seeds N] [-o FOLDER]`: it writes evolution.png and prints its
-medians over N seeds.
+Run it with `python examples/plot_evolution.py [--seeds N] [-o FOLDER]`: it writes evolution.png and prints
+its medians over N seeds.
 """
 
 import argparse
