@@ -218,5 +218,5 @@ def _crossed(
     pool = np.concatenate([members, replaced])
     one, other = rng.integers(n, size=n), rng.integers(len(pool), size=n)
     mutant = members + weights[:, None] * (members[best] - members + members[one] - pool[other])
-    forced = np.arange(d) == rng.integers(d, size=n)[:, None]
+    forced = np.arange(d) == np.asarray(rng.integers(d, size=n))[:, None]
     return np.asarray(np.where(forced | (rng.random((n, d)) < crossing[:, None]), mutant, members))
