@@ -117,7 +117,7 @@ class PartCase:
         return np.asarray(np.maximum(0.0, self.angles_deg(x) - SQUARE_DEG).sum(axis=1))
 
     def residuals(self, x: FloatArray) -> FloatArray:
-        """The distances, cut off alike; what angles exceed by weighs as much as all points, a tolerance."""
+        """The distances, cut off alike; a tolerance by which angles exceed weighs as much as all points."""
         found = self._distances(x[None])[0]
         found = np.clip(found, -_FAR, _FAR) if self.is_truncated else found
         if not self.is_gated:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Evolution: an anytime search by differential evolution, for objectives that beams or votes make jump.
 
-Where residuals are smooth, least squares is faster and better: evolve only to find where to begin.
+Where residuals are smooth, least squares is faster and better: evolve only to find where to begin, and
+`polish` what was found. When it pays: docs/evolution.md.
 """
 
 from __future__ import annotations
@@ -10,18 +11,16 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from scenes.checks import FloatArray, InputError
 
 Objective = Callable[[FloatArray], FloatArray]
 """From several places (n, d) to their values (n,), less is better; each by itself."""
 
-_LEAST_SIZE, _BY_DIMENSION = 16, 8  # members of a population
-_WEIGHT, _CROSSING = (
-    (0.4, 0.9),
-    0.9,
-)  # of differences, drawn for each generation, and share of what is crossed
-_TOWARDS_BEST = 0.5  # of members that step from themselves to the best
+_LEAST_SIZE, _BY_DIMENSION, _LAST_SIZE = 24, 4, 12  # members of a population: at first, and at the end
+_BEST, _MEMORY = 0.15, 5  # share of members that others step towards; lines of the memory
+_LENIENT = 0.5  # share of the budget after which constraints are no longer loosened
 
 
 class Progress(NamedTuple):
@@ -45,8 +44,10 @@ def search(
 ) -> Iterator[Progress]:
     """Yield the best place after each generation, never a worse one than before; close it to interrupt.
 
-    Differential evolution (Storn & Price 1997) in a box. What obeys the constraints beats what does not, and
-    of two that do not the one that breaks them less (Deb 2000). The same generator gives the same places.
+    Differential evolution (Storn & Price 1997) in a box, with weights that are drawn about those that
+    succeeded, and a population that shrinks (Tanabe & Fukunaga 2014, L-SHADE). What obeys the constraints
+    beats what does not, and of two that do not the one that breaks them less (Deb 2000); among members they
+    are loose at first (Takahama & Sakai 2006). The same generator gives the same places.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def search(
     rng : Generator
         Where its draws come from.
     budget : int
-        Evaluations at most.
+        Evaluations at most; the population shrinks, and constraints tighten, as they are spent.
     starts : (m, d) float, optional
         Members to begin with; the others are drawn from the box.
     violation : callable, optional
@@ -77,18 +78,81 @@ def search(
     members = np.clip(np.concatenate([given, drawn[len(given) :]]), lower, upper)
     members = members[: max(1, min(size, budget))]
     broken, values = _judged(members, objective, violation)
-    spent = len(members)
+    spent, memory, replaced = len(members), _Memory(), members[:0]
+    looseness = float(np.nan_to_num(np.median(broken), posinf=0.0))
+    best = _best_of(spent, members, broken, values)
     while True:
-        best = int(np.lexsort((values, broken))[0])
-        yield Progress(spent, members[best].copy(), float(values[best]), float(broken[best]))
-        if spent >= budget or len(members) < _LEAST_SIZE:
+        yield best
+        if spent >= budget or len(members) < _LAST_SIZE:
             return
-        tried = _crossed(members, best, lower, upper, rng=rng)[: budget - spent]
+        share = spent / budget
+        loose = looseness * max(0.0, 1 - share / _LENIENT) ** 3
+        order = np.lexsort((values, np.maximum(broken - loose, 0.0)))
+        order = order[: max(_LAST_SIZE, round(size + (_LAST_SIZE - size) * share))]
+        members, broken, values = members[order], broken[order], values[order]
+        weights, crossing = memory.drawn(len(members), rng)
+        tried = _crossed(members, replaced, weights, crossing, rng=rng)
+        # what leaves the box comes back half way between its side and where it was
+        tried = np.where(tried < lower, (lower + members) / 2, tried)
+        tried = np.where(tried > upper, (upper + members) / 2, tried)[: budget - spent]
         new_broken, new_values = _judged(tried, objective, violation)
         spent += len(tried)
-        for k in range(len(tried)):
-            if (new_broken[k], new_values[k]) <= (broken[k], values[k]):
-                members[k], broken[k], values[k] = tried[k], new_broken[k], new_values[k]
+        gain = _gains(broken[: len(tried)], values[: len(tried)], new_broken, new_values, loose=loose)
+        memory.learn(weights, crossing, gain)
+        better = np.flatnonzero(gain >= 0)
+        replaced = np.concatenate([members[np.flatnonzero(gain > 0)], replaced])
+        replaced = replaced[rng.permutation(len(replaced))[: len(members)]]
+        members[better], broken[better], values[better] = (
+            tried[better],
+            new_broken[better],
+            new_values[better],
+        )
+        found = _best_of(spent, tried, new_broken, new_values)
+        is_better = (found.violation, found.value) <= (best.violation, best.value)
+        best = found if is_better else best._replace(evaluations=spent)
+
+
+def polish(
+    residuals: Callable[[FloatArray], FloatArray],
+    found: Progress,
+    lower: FloatArray,
+    upper: FloatArray,
+    *,
+    budget: int = 1000,
+) -> Progress:
+    """Return what least squares within the box makes of a place, where that is better; else what was found.
+
+    Parameters
+    ----------
+    residuals : callable
+        From a place (d,) to residuals (m,), gates among them weighed as they should count.
+    found : Progress
+        Where to begin.
+    lower, upper : (d,) float
+        The box.
+    budget : int
+        Evaluations at most.
+
+    Returns
+    -------
+    Progress
+        Its value is the sum of squares; its violation is that of `found`, and for the caller to judge anew.
+    """
+    spent = found.evaluations
+
+    def counted(x: FloatArray) -> FloatArray:
+        nonlocal spent
+        spent += 1
+        return residuals(x)
+
+    start = np.clip(found.place, lower, upper)
+    before = float(np.sum(counted(start) ** 2))
+    rounds = max(1, (budget - 1) // (len(start) + 1))  # a round asks once, and for each derivative
+    ended = least_squares(counted, start, bounds=(lower, upper), x_scale=upper - lower, max_nfev=rounds)
+    value = float(2 * ended.cost)
+    if value > before:
+        return found._replace(evaluations=spent, value=before)
+    return Progress(spent, np.asarray(ended.x), value, found.violation)
 
 
 def _judged(
@@ -99,19 +163,60 @@ def _judged(
     return np.nan_to_num(broken, nan=np.inf), np.nan_to_num(objective(places), nan=np.inf, posinf=np.inf)
 
 
-def _crossed(
-    members: FloatArray, best: int, lower: FloatArray, upper: FloatArray, *, rng: np.random.Generator
+def _best_of(spent: int, places: FloatArray, broken: FloatArray, values: FloatArray) -> Progress:
+    best = int(np.lexsort((values, broken))[0])
+    return Progress(spent, places[best].copy(), float(values[best]), float(broken[best]))
+
+
+def _gains(
+    broken: FloatArray, values: FloatArray, new_broken: FloatArray, new_values: FloatArray, *, loose: float
 ) -> FloatArray:
-    """One trial (n, d) for each member: differences of others added, and crossed with it."""
+    """By how much trials (n,) are better than members (n,): in violation where it differs; -1 where worse."""
+    old, new = np.maximum(broken - loose, 0.0), np.maximum(new_broken - loose, 0.0)
+    with np.errstate(invalid="ignore"):
+        by = np.where(new == old, values - new_values, old - new)
+    worse = (new > old) | ((new == old) & (new_values > values))
+    return np.where(worse, -1.0, np.nan_to_num(np.maximum(by, 0.0), posinf=1e300))
+
+
+class _Memory:
+    """Weights of differences and shares of crossing that succeeded, and draws about them."""
+
+    def __init__(self) -> None:
+        self.weights, self.crossing, self.line = np.full(_MEMORY, 0.5), np.full(_MEMORY, 0.8), 0
+
+    def drawn(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """A weight (n,) and a share (n,) for each member."""
+        line = rng.integers(_MEMORY, size=n)
+        weights = self.weights[line] + 0.1 * rng.standard_cauchy(n)
+        while (weights <= 0).any():
+            weights = np.where(weights > 0, weights, self.weights[line] + 0.1 * rng.standard_cauchy(n))
+        return np.minimum(weights, 1.0), np.clip(rng.normal(self.crossing[line], 0.1), 0.0, 1.0)
+
+    def learn(self, weights: FloatArray, crossing: FloatArray, gain: FloatArray) -> None:
+        """Keep the Lehmer means of what brought a gain (n,), each weighed by it."""
+        won = np.flatnonzero(gain > 0)
+        if not len(won):
+            return
+        share = gain[won] / gain[won].max()
+        for kept, some in ((self.weights, weights[won]), (self.crossing, crossing[won])):
+            kept[self.line] = (share @ some**2) / max(share @ some, 1e-12)
+        self.line = (self.line + 1) % _MEMORY
+
+
+def _crossed(
+    members: FloatArray,
+    replaced: FloatArray,
+    weights: FloatArray,
+    crossing: FloatArray,
+    *,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """One trial (n, d) for each member, the best first: steps to one of the best and along a difference."""
     n, d = members.shape
-    others = np.argsort(rng.random((n, n)), axis=1)[:, :3]
-    weight = rng.uniform(*_WEIGHT)
-    towards = rng.random((n, 1)) < _TOWARDS_BEST
-    base = np.where(towards, members + weight * (members[best] - members), members[others[:, 0]])
-    mutant = base + weight * (members[others[:, 1]] - members[others[:, 2]])
+    best = rng.integers(max(2, round(_BEST * n)), size=n)
+    pool = np.concatenate([members, replaced])
+    one, other = rng.integers(n, size=n), rng.integers(len(pool), size=n)
+    mutant = members + weights[:, None] * (members[best] - members + members[one] - pool[other])
     forced = np.arange(d) == np.asarray(rng.integers(d, size=n))[:, None]
-    crosses = forced | (rng.random((n, d)) < _CROSSING)
-    tried = np.where(crosses, mutant, members)
-    # what leaves the box comes back half way between its side and where it was
-    tried = np.where(tried < lower, (lower + members) / 2, tried)
-    return np.asarray(np.where(tried > upper, (upper + members) / 2, tried))
+    return np.asarray(np.where(forced | (rng.random((n, d)) < crossing[:, None]), mutant, members))

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from completion.templates.engine.evolution import search
+from completion.templates.engine.evolution import polish, search
 from scenes.checks import InputError
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 3.0)
@@ -67,3 +67,33 @@ def test_values_that_are_no_numbers_lose():
 def test_a_box_without_sides_is_refused(upper):
     with pytest.raises(InputError, match="finite sides"):
         list(search(valley, LOW, upper, rng=np.random.default_rng(0), budget=10))
+
+
+def test_least_squares_polishes_what_was_found_and_never_makes_it_worse():
+    found = run(valley, budget=500)[-1]
+
+    def residuals(x):
+        return np.concatenate([10 * (x[1:] - x[:-1] ** 2), 1 - x[:-1]])
+
+    done = polish(residuals, found, LOW, HIGH)
+    assert done.place == pytest.approx(np.ones(3), abs=1e-6)
+    assert done.value < found.value
+    assert found.evaluations < done.evaluations <= found.evaluations + 1000
+    same = polish(lambda x: np.floor(20 * np.abs(x - 0.3)), found, LOW, HIGH)
+    np.testing.assert_array_equal(same.place, found.place)
+
+
+def test_gates_do_not_hold_the_search_where_it_met_them_first():
+    """A bowl whose least value within a thin ring lies on the far side of it."""
+
+    def bowl(x):
+        return np.sum(np.square(x - [1.5, 0.0, 0.0]), axis=1)
+
+    def off_ring(x):
+        return np.maximum(0.0, np.abs(np.linalg.norm(x[:, :2], axis=1) - 1.0) - 1e-3)
+
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        *_, last = search(bowl, LOW, HIGH, rng=rng, budget=4000, violation=off_ring)
+        assert last.violation == 0
+        assert last.place == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
