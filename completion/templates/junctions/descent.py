@@ -12,13 +12,13 @@ from completion.templates.junctions.mixture import Mixture
 from completion.templates.junctions.model import Model
 from scenes.checks import FloatArray
 
-_N_SAMPLE, _N_BEST = 600, 3  # points that all starts see; starts that see all points
+_N_SAMPLE, _N_BEST = 600, 4  # points that all starts see; starts that see all points
 _CAUCHY = (0.3, 0.1, 0.03)  # scales at unit RMS
 _N_STEPS, _N_ROUNDS = 12, 30
 _DAMPING = 1e-3
 _LEAST_STEP, _COARSE_STEP = 1e-6, 1e-2  # of all residuals, by which the last step changes them
 LEAST_SIGMA = 1e-6  # at unit RMS: what has no noise counts as this
-_SAME = 1e-3  # at unit RMS: how far apart two surfaces may be and count as one
+_SAME = 1e-2  # at unit RMS: how far apart two surfaces may be and count as one
 
 Weights = Callable[[FloatArray], FloatArray]
 """From distances (n,) to weights (n,)."""
@@ -71,7 +71,7 @@ def descend(
 def descend_from(starts: Sequence[Model], points: FloatArray, reach: float) -> list[Descended]:
     """Return where several starts lead, the most likely first.
 
-    Each goes down by Cauchy's weights at falling scales on 600 of the points; the three most likely go on as
+    Each goes down by Cauchy's weights at falling scales on 600 of the points; the four most likely go on as
     mixtures of noise and outliers on all.
 
     Parameters

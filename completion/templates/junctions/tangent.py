@@ -26,6 +26,8 @@ LEAST_EVIDENCE = float(np.log(100.0))  # nats
 _FREE = np.array([True, True, True, True, True, False, True, True])
 _SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 _VAGUE = 0.3  # of a radius, and of the length of a side, that a standard deviation may be
+_MANY, _APART = 0.2, 10.0  # share of outliers at which sides must be so many sigma apart at their ends
+_AHEAD = 10.0  # nats before another solution: outliers lie less evenly than is assumed
 _OTHER = 0.15  # of a radius, by which another solution differs
 _LEAST_POINTS = 30
 _BINS = 12  # along a joint
@@ -126,7 +128,7 @@ def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
     for one in found[1:]:
         second = np.sort(np.abs(one.model.shape))
         behind = (found[0].log_likelihood - one.log_likelihood) / excess
-        if behind < LEAST_EVIDENCE and (np.abs(second - first) > _OTHER * first.max()).any():
+        if behind < _AHEAD and (np.abs(second - first) > _OTHER * first.max()).any():
             radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
             return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
     return ""
@@ -225,4 +227,9 @@ def _judged(
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
     if sides[2].deviation > _VAGUE * shorter:
         return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
+    model, mixture = junction.found.model, junction.found.mixture
+    factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
+    apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
+    if mixture.share > _MANY and apart < _APART * mixture.sigma:
+        return Status.AMBIGUOUS, f"{mixture.share:.0%} outliers, and both sides bend too much alike for that"
     return Status.FOUND, ""
