@@ -3,7 +3,8 @@
 
 import typer
 
-from benchmarks.features import holes
+from benchmarks.features import holes, junctions, solids
+from benchmarks.features.duplex import duplex
 from benchmarks.features.evolution import evolution
 from benchmarks.features.openings import nulls, openings
 from benchmarks.features.patches import patches
@@ -11,7 +12,7 @@ from benchmarks.features.patches import patches
 FIRST = typer.Option(10_000, "--first", help="Seed of the first; tuning seeds are below 1000.")
 EACH = typer.Option(20, "-n", help="How many of each.")
 app = typer.Typer(add_completion=False)
-for one in (openings, nulls, patches, evolution):
+for one in (openings, nulls, duplex, patches, evolution):
     app.command()(one)
 
 
@@ -19,6 +20,24 @@ for one in (openings, nulls, patches, evolution):
 def _holes(first: int = FIRST, n: int = EACH, null: bool = typer.Option(False, "--null")) -> None:
     """Rows, grids and bolt circles of holes, or plates without any."""
     (holes.run_null if null else holes.run)(first, n)
+
+
+@app.command("junctions")
+def _junctions(first: int = FIRST, n: int = EACH) -> None:
+    """Tangent joints and fillets, by noise and outliers, and what has none."""
+    junctions.run(first, n)
+
+
+@app.command("elbows")
+def _elbows(first: int = FIRST, n: int = EACH) -> None:
+    """Elbows of pipes, and what has none."""
+    junctions.run_elbows(first, n)
+
+
+@app.command("solids")
+def _solids(first: int = FIRST, n: int = EACH) -> None:
+    """Flights of stairs and columns."""
+    solids.run(first, n)
 
 
 if __name__ == "__main__":
