@@ -20,7 +20,9 @@ Hole = tuple[float, float, float, float]  # y and z of its near and of its far c
 Null = Literal["plain", "picture", "wall end", "cupboards", "lost patch", "mirror"]
 NULLS: tuple[Null, ...] = ("plain", "picture", "wall end", "cupboards", "lost patch", "mirror")
 KINDS = ("doorway", "window", "niche")
-_GREY = Finish((0.7, 0.7, 0.7))
+_GREY = Finish((0.78, 0.77, 0.74))
+_FLOOR, _CEILING, _SIDE = Finish((0.55, 0.50, 0.44)), Finish((0.90, 0.90, 0.88)), Finish((0.70, 0.70, 0.68))
+_REVEAL, _BEYOND = Finish((0.62, 0.62, 0.60)), Finish((0.46, 0.54, 0.62))
 _WOOD = Finish((0.6, 0.5, 0.4))
 _STRAYS = 0.01
 _PANORAMA = SphericalSensor(
@@ -138,11 +140,11 @@ def _add_shell(
 ) -> None:
     """Floor, ceiling and walls; the far wall with holes and reveals, another room or nothing behind it."""
     x, y, z = np.diag(room)
-    build.add_rectangle("floor", np.zeros(3), x, y, _GREY)
-    build.add_rectangle("ceiling", z + y, x, -y, _GREY)
+    build.add_rectangle("floor", np.zeros(3), x, y, _FLOOR)
+    build.add_rectangle("ceiling", z + y, x, -y, _CEILING)
     build.add_rectangle("wall x=0", np.zeros(3), y, z, _GREY)
-    build.add_rectangle("wall y=0", np.zeros(3), x, z, _GREY)
-    build.add_rectangle("wall y=far", y, x, z, _GREY)
+    build.add_rectangle("wall y=0", np.zeros(3), x, z, _SIDE)
+    build.add_rectangle("wall y=far", y, x, z, _SIDE)
     end = room[1] if width is None else width
     from_far = [(end - hole[2], hole[1], end - hole[0], hole[3]) for hole in holes]
     build.add_panel(
@@ -152,17 +154,17 @@ def _add_shell(
     for y0, z0, y1, z1 in holes:
         low = np.array([room[0], y0, z0])
         across, up = np.array([0, y1 - y0, 0.0]), np.array([0, 0, z1 - z0])
-        build.add_rectangle("reveal left", low, deep, up, _GREY)
-        build.add_rectangle("reveal right", low + across, deep, up, _GREY)
-        build.add_rectangle("reveal top", low + up, deep, across, _GREY)
-        build.add_rectangle("reveal bottom", low, deep, across, _GREY)
+        build.add_rectangle("reveal left", low, deep, up, _REVEAL)
+        build.add_rectangle("reveal right", low + across, deep, up, _REVEAL)
+        build.add_rectangle("reveal top", low + up, deep, across, _REVEAL)
+        build.add_rectangle("reveal bottom", low, deep, across, _REVEAL)
         if kind == "niche":
             build.add_rectangle("back", low + deep, across, up, _GREY)
     if kind != "niche" and (holes or width is not None):
         away = np.array([rng.uniform(1.5, 5.0), 0.0, 0.0])
         corner = x + away - y - z * 0.2
-        build.add_rectangle("beyond", corner, 3 * y, 1.6 * z, _GREY)
-        build.add_rectangle("floor beyond", x - y, away, 3 * y, _GREY)
+        build.add_rectangle("beyond", corner, 3 * y, 1.6 * z, _BEYOND)
+        build.add_rectangle("floor beyond", x - y, away, 3 * y, _BEYOND)
 
 
 def _clutter(

@@ -15,6 +15,8 @@ from scenes.scan.palette import surface_colour
 _MOST_ROWS, _MOST_REFUSED = 80, 12
 _STATES: dict[Status, State] = {Status.FOUND: "measured", Status.AMBIGUOUS: "unknown", Status.NONE: ""}
 _WORDS = {Status.FOUND: "found", Status.AMBIGUOUS: "ambiguous", Status.NONE: "refused"}
+_BETWEEN = {"width": ("left", "right"), "height": ("bottom", "top")}
+_UNKNOWN = 100.0  # deviation from which on nothing is known
 _NAMELESS = ("u", "v")  # parameters that only place it
 
 
@@ -46,10 +48,12 @@ def size_of(fit: TemplateFit) -> str:
         word = name.replace("_", " ")
         if name in fit.held:
             told.append(f"{word} {value:.4g} (given)")
-        elif np.isfinite(sd) and sd < max(abs(value), 1e-12):
+        elif set(_BETWEEN.get(name, ())) & set(fit.unseen):
+            told.append(f"{word} at least {value:.3g}")
+        elif np.isfinite(sd) and sd < _UNKNOWN:
             told.append(f"{word} {value:.4g} \u00b1 {sd:.2g}")
         else:
-            told.append(f"{word} at least {value:.3g}" if name in ("width", "height") else f"{word} not seen")
+            told.append(f"{word} not seen")
     number = fit.geometry.get("count")
     return ", ".join([*([f"{number} of them"] if number is not None else []), *told])
 
