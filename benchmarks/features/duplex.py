@@ -39,6 +39,8 @@ def duplex(
     scans = list(house_scans(stations, noise, "panorama"))
     features = find_features(scans, ("doorway", "window", "niche"), rng=0)
     found = [fit for fit in features.fits if fit.status is Status.FOUND and not fit.geometry["is_closed"]]
+    silent = [fit for fit in features.fits if fit.status is Status.AMBIGUOUS]
+    doubtful = 0
     matched: set[int] = set()
     told, errors, z = 0, [], []
     for axis, places in holes:
@@ -46,6 +48,7 @@ def duplex(
         same = [k for k, fit in enumerate(found) if _lies_in(fit, low, high, axis)]
         matched |= set(same)
         told += bool(same)
+        doubtful += not same and any(_lies_in(fit, low, high, axis) for fit in silent)
         if listed:
             print(f"hole {np.round(low, 2)} {np.round(high, 2)}: {[found[k].kind for k in same]}")
         for k in same[:1]:
@@ -57,6 +60,7 @@ def duplex(
     others = [fit for k, fit in enumerate(found) if k not in matched]
     off = np.abs(errors)
     print(f"holes of doors and windows {len(holes)}, found {told}, found elsewhere {len(others)}")
+    print(f"ambiguous {doubtful} of the others, as nothing came back; ambiguous in all {len(silent)}")
     right = (off < _RIGHT_M).mean()
     print(f"seen sides within 3 cm {right:.3f} of {len(off)}, median {1000 * np.median(off):.1f} mm")
     print(f"|z| median {np.median(z):.2f} (true sides are known to {1000 * _HALF_CELL_M:.0f} mm)")
