@@ -84,7 +84,8 @@ def find_openings_in(
     as_open = beams.silent_as_open()
     chart = WallChart.of(as_open)
     for rough, _ in propose(chart):
-        share = float(silent[rough.holds(beams.uv)].mean())
+        inside = rough.holds(beams.uv)
+        share = float(silent[inside].mean()) if inside.any() else 0.0
         if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in found):
             opened = opened_in(as_open, rough)
             fit = decide(replace(opened, chart=chart), as_open, observations, given)

@@ -33,7 +33,8 @@ def side_support(
     tile = np.floor((beams.uv[:, 1 - axis] - low) / (high - low) * n).astype(np.int64)
     near = (tile >= 0) & (tile < n)
     margin = min(3 * known.deviation, _BAND_M / 2) if np.isfinite(known.deviation) else _BAND_M / 2
-    gap = float(np.median(beams.gap[near & (np.abs(outwards) < _BAND_M)])) if near.any() else _BAND_M
+    beside = beams.gap[near & (np.abs(outwards) < _BAND_M)]
+    gap = float(np.median(beside)) if len(beside) else _BAND_M
     band = max(_BAND_M, 2.0 * (gap if np.isfinite(gap) else _BAND_M))
     odds = np.clip(beams.nats, -_MOST_OF_A_BEAM, _MOST_OF_A_BEAM)
     outside = _sums(odds, tile, n, where=near & (outwards > margin) & (outwards < margin + band))
