@@ -33,7 +33,10 @@ NAMES = ("u", "sill", "width", "height", "depth")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opened:
-    """A recess as it was fitted, what speaks for it, and how far in and out each side may be off."""
+    """A recess as it was fitted, what speaks for it, and how far in and out each side may be off.
+
+    `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none.
+    """
 
     frame: WallFrame
     turn: float
@@ -41,6 +44,7 @@ class Opened:
     known: dict[str, Estimate]
     sides: tuple[Side, ...]
     floor: float | None
+    lowest: float
     image_share: float
     wall: Wall
     slack: Mapping[str, tuple[float, float]]
@@ -89,8 +93,12 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     if fit.status is Status.NONE:
         return fit
     told = f"nothing came back from {share:.0%} of it: a window, a mirror or something dark"
+    x, covariance, depth = fit.x.copy(), fit.covariance.copy(), NAMES.index("depth")
+    x[depth], covariance[depth, depth] = np.nan, np.inf
+    geometry = {**fit.geometry, "depth_m": np.nan, "depth_sd_m": np.inf}
     none = np.zeros_like(fit.assignment)
-    return replace(fit, status=Status.AMBIGUOUS, reason=told, assignment=none)
+    unknown = replace(fit, x=x, covariance=covariance, geometry=geometry, assignment=none)
+    return replace(unknown, status=Status.AMBIGUOUS, reason=told)
 
 
 def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
@@ -155,7 +163,7 @@ def _parameters(opened: Opened) -> tuple[FloatArray, FloatArray]:
     """Left side, sill, width, height and depth (5,), and their covariance (5, 5)."""
     recess = opened.recess
     sd = {side.name: side.deviation for side in opened.sides}
-    base = 0.0 if opened.floor is None else opened.floor
+    base = opened.lowest if opened.floor is None else opened.floor
     x = np.array([recess.left, recess.bottom - base, *recess.size, recess.depth])
     deviations = np.array([*(sd[name] for name in SIDES), opened.known["depth"].deviation])
     jacobian = np.zeros((5, 5))

@@ -119,6 +119,7 @@ def _opened(
         known=known,
         sides=sides,
         floor=floor,
+        lowest=min((level.value for level in levels if np.isfinite(level.value)), default=np.nan),
         image_share=image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
         wall=wall,
         slack=slack,

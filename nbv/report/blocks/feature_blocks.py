@@ -16,6 +16,7 @@ _MOST_ROWS, _MOST_REFUSED = 80, 12
 _STATES: dict[Status, State] = {Status.FOUND: "measured", Status.AMBIGUOUS: "unknown", Status.NONE: ""}
 _WORDS = {Status.FOUND: "found", Status.AMBIGUOUS: "ambiguous", Status.NONE: "refused"}
 _BETWEEN = {"width": ("left", "right"), "height": ("bottom", "top")}
+_NOTHING = 1e-9  # below which a number is rounding
 _UNKNOWN = 100.0  # deviation from which on nothing is known
 _NAMELESS = ("u", "v")  # parameters that only place it
 
@@ -46,6 +47,7 @@ def size_of(fit: TemplateFit) -> str:
         if name in _NAMELESS or not np.isfinite(value):
             continue
         word = name.replace("_", " ")
+        value = 0.0 if abs(value) < _NOTHING else value
         if name in fit.held:
             told.append(f"{word} {value:.4g} (given)")
         elif set(_BETWEEN.get(name, ())) & set(fit.unseen):

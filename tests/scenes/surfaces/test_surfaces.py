@@ -169,8 +169,8 @@ def test_a_ray_meets_the_point_it_is_sent_to_when_that_faces_it(surface: Surface
     if isinstance(surface, Torus):  # it may stand before itself; where the ray lands then is a law above
         assert (ranges[faces] <= distance[faces] + 100 * ROUNDING_M).all()
         faces &= ranges > distance - 1e-4
-    # Across a cylinder an error e of the direction at distance d moves the hit by e d / cosine; the roots of a
-    # torus' quartic lose another digit.
+    # Across a cylinder an error e of the direction at distance d moves the hit by e d / cosine; the roots of
+    # a torus' quartic lose another digit.
     slack = (1000 if isinstance(surface, Torus) else 100) * ROUNDING_M
     np.testing.assert_allclose(ranges[faces], distance[faces], atol=slack, rtol=0)
     turned_away = cosine < -0.05
