@@ -66,15 +66,23 @@ def find_openings_in(
     # 2. Beams: where each crosses the wall's plane, and whether it stopped before, at, or behind it.
     beams = wall_beams(frame, observations, low, high, wall)
 
-    def opened_in(some: WallBeams, rough: Recess) -> Opened:
-        return _opened(wall, frame, some, rough, observations=observations, given=given, levels=levels)
+    def closely(rough: Recess) -> WallBeams:
+        corners = rough.corners()
+        low, high = corners.min(axis=0) - _BESIDE_M, corners.max(axis=0) + _BESIDE_M
+        return wall_beams(frame, observations, low, high, wall, among=beams)
+
+    def opened_in(some: WallBeams, rough: Recess, every: WallBeams) -> Opened:
+        opened = _opened(
+            wall, frame, (some, every), rough, observations=observations, given=given, levels=levels
+        )
+        return replace(opened, chart=chart)
 
     # 3. Propose, fit, decide: the rectangles whose beams speak most for no wall, exactly.
     found: list[TemplateFit] = []
     chart = WallChart.of(beams) if len(beams) else None
     for rough, _ in propose(chart):
-        opened = opened_in(beams, rough)
-        found.append(decide(replace(opened, chart=chart), beams, observations, given))
+        near = closely(rough)
+        found.append(decide(opened_in(near, rough, beams), near, observations, given))
     yield from found
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
@@ -87,22 +95,22 @@ def find_openings_in(
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
         if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in found):
-            opened = opened_in(as_open, rough)
-            fit = decide(replace(opened, chart=chart), as_open, observations, given)
-            yield silent_feature(fit, share)
+            near = closely(rough).silent_as_open()
+            yield silent_feature(decide(opened_in(near, rough, as_open), near, observations, given), share)
 
 
 def _opened(
     wall: Wall,
     frame: WallFrame,
-    beams: WallBeams,
+    near_and_all: tuple[WallBeams, WallBeams],
     rough: Recess,
     *,
     observations: Sequence[Observation],
     given: Given,
     levels: Sequence[Estimate],
 ) -> Opened:
-    """A proposed rectangle fitted, with what supports each of its sides."""
+    """A proposed rectangle fitted by the beams near it, with what supports each of its sides."""
+    beams, every = near_and_all
     # a. Fit: sides, depth and turn, each by its posterior with the others as they are.
     recess, known, turn = fit_recess(beams, rough, given, levels)
     turned = beams.turned(turn)
@@ -111,7 +119,7 @@ def _opened(
 
     # b. Support: tiles along each side, which confirm or contradict it.
     sides = all_sides(turned, recess, known, floor)
-    recess, sides, slack = with_unseen(turned, recess, sides, given)
+    recess, sides, slack = with_unseen(every.turned(turn), recess, sides, given)
     return Opened(
         frame=frame.turned(turn),
         turn=turn,

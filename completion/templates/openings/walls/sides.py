@@ -14,7 +14,7 @@ from scenes.checks import BoolArray, FloatArray
 
 _TILE_M = 0.10  # of a side: what is alike within one errs together
 _MOST_BEAMS = 6000  # near a side; every k-th of more
-_COARSE, _FINE = 41, 81  # places that are tried
+_COARSE, _FINE = 41, 41  # places that are tried
 _FIVE_SD = 5.0
 _NOTHING = 0.4  # of the reach: as wide as that is what says nothing
 _LEAST_STEP_M = 1e-5

@@ -17,6 +17,8 @@ from scenes.surfaces.catalogue import Plane
 _LEAST_SLOPE = 0.05  # sine between beam and wall: flatter beams do not say where they cross it
 BLOCKED, STRAY, MEETS = 0.20, 0.01, 0.79  # shares of beams that something stops before, of strays, others
 _NEAR = 6.0  # deviations of the range
+_MOST_PIXELS = 80_000  # of one scan, that are looked at for one wall, and again for one rectangle
+_MARGIN = 8  # pixels about those of beams that are known
 _NEIGHBOURS = 2  # pixels beside one that goes on which go on too; a stray return has none
 
 
@@ -140,8 +142,10 @@ def wall_beams(
     low: FloatArray,
     high: FloatArray,
     wall: Wall,
+    *,
+    among: WallBeams | None = None,
 ) -> WallBeams:
-    """Return the beams that cross a window of a wall from its room.
+    """Return beams that cross a window of a wall from its room: every k-th row and column of large scans.
 
     Parameters
     ----------
@@ -153,12 +157,15 @@ def wall_beams(
         The window in the wall, metres.
     wall : Wall
         How uneven it is, and which pixels are of other surfaces: where these meet the wall they say nothing.
+    among : WallBeams, optional
+        Some of the beams of a larger window: only pixels about those of them in the window are looked at, and
+        so more closely.
     """
-    found = [
-        one
-        for number, seen in enumerate(observations)
-        if (one := _of_scan(frame, seen, (low, high), wall, number)) is not None
-    ]
+    found = []
+    for number, seen in enumerate(observations):
+        pixels = _pixels(seen.scan.shape, number, (low, high), among)
+        if pixels.size and (one := _of_scan(frame, seen, (low, high), wall, number, pixels)) is not None:
+            found.append(one)
     if not found:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
         single = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
@@ -170,48 +177,70 @@ def wall_beams(
     return WallBeams(**joined, farthest=max(one.farthest for one in found))
 
 
+def _pixels(
+    shape: tuple[int, int],
+    scan: int,
+    window: tuple[FloatArray, FloatArray],
+    among: WallBeams | None,
+) -> IntArray:
+    """Flat pixels (rows, columns) of a scan to look at: of all of it, or about known beams in a window."""
+    rows, columns = (0, shape[0]), (0, shape[1])
+    if among is not None:
+        inside = (among.scan == scan) & ((among.uv > window[0]) & (among.uv < window[1])).all(axis=1)
+        if not inside.any():
+            return np.zeros((0, 0), np.int64)
+        row, column = np.divmod(among.pixel[inside], shape[1])
+        rows = max(int(row.min()) - _MARGIN, 0), min(int(row.max()) + _MARGIN, shape[0])
+        columns = max(int(column.min()) - _MARGIN, 0), min(int(column.max()) + _MARGIN, shape[1])
+    size = (rows[1] - rows[0]) * (columns[1] - columns[0])
+    step = max(1, int(np.ceil(np.sqrt(size / _MOST_PIXELS))))
+    return np.arange(*rows, step)[:, None] * shape[1] + np.arange(*columns, step)
+
+
 def _of_scan(
     frame: WallFrame,
     seen: Observation,
     window: tuple[FloatArray, FloatArray],
     wall: Wall,
     number: int,
+    pixels: IntArray,
 ) -> WallBeams | None:
-    """The beams of one scan; None where it stands behind the wall or no beam crosses the window."""
+    """The beams of some pixels (rows, columns) of a scan; None where it stands behind the wall or none is."""
     origin = frame.local(seen.scan.world_from_sensor.translation[None])[0]
     if origin[1] >= 0:
         return None
-    shape = seen.scan.shape
-    directions = seen.rays_at(np.arange(shape[0] * shape[1])) @ frame.axes.T
+    shape = pixels.shape
+    directions = seen.rays_at(pixels.ravel()) @ frame.axes.T
     with np.errstate(divide="ignore", invalid="ignore"):
         away = -origin[1] / directions[:, 1]
         uv = origin[[0, 2]] + away[:, None] * directions[:, [0, 2]]
     reaches = (directions[:, 1] > _LEAST_SLOPE) & ((uv > window[0]) & (uv < window[1])).all(axis=1)
-    pixel = np.flatnonzero(reaches)
-    if not len(pixel):
+    place = np.flatnonzero(reaches)
+    if not len(place):
         return None
+    pixel, away = pixels.ravel()[place], away[place]
     ranges, valid = seen.scan.ranges, seen.valid
-    into = directions[pixel, 1]
-    noise = seen.noise.deviation(away[pixel])
+    into = directions[place, 1]
+    noise = seen.noise.deviation(away)
     sd = np.sqrt(np.square(noise) + np.square((wall.fit.rms + seen.pose_error_m) / into))
     farthest = float(ranges[valid].max(initial=1.0)) * 1.05
     sd = np.maximum(sd, 1e-6)
     measured = ranges.ravel()[pixel].copy()
-    near = np.abs(np.where(np.isfinite(measured), measured, 0.0) - away[pixel]) < _NEAR * sd
+    near = np.abs(np.where(np.isfinite(measured), measured, 0.0) - away) < _NEAR * sd
     measured[near & _is_of_another(wall, number, pixel)] = np.inf
     on = np.zeros(shape, dtype=np.bool_)
-    on.ravel()[pixel] = odds_of(measured, away[pixel], sd, farthest) > 0
+    on.ravel()[place] = odds_of(measured, away, sd, farthest) > 0
     beside = ndimage.convolve(on.astype(np.int8), np.ones((3, 3), np.int8), mode="constant") - on
-    measured[(on & (beside < _NEIGHBOURS)).ravel()[pixel]] = np.inf
+    measured[(on & (beside < _NEIGHBOURS)).ravel()[place]] = np.inf
     return WallBeams(
-        uv=uv[pixel],
-        slope=directions[pixel][:, [0, 2]] / into[:, None],
+        uv=uv[place],
+        slope=directions[place][:, [0, 2]] / into[:, None],
         stretch=1 / into,
-        wall_range=away[pixel],
+        wall_range=away,
         ranges=measured,
         deviation=sd,
-        gap=_gaps(uv.reshape(*shape, 2)).ravel()[pixel],
-        nats=odds_of(measured, away[pixel], sd, farthest),
+        gap=_gaps(uv.reshape(*shape, 2)).ravel()[place],
+        nats=odds_of(measured, away, sd, farthest),
         farthest=farthest,
         scan=np.full(len(pixel), number),
         pixel=pixel,
