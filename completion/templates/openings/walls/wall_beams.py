@@ -164,7 +164,9 @@ def wall_beams(
     found = []
     for number, seen in enumerate(observations):
         pixels = _pixels(seen.scan.shape, number, (low, high), among)
-        if pixels.size and (one := _of_scan(frame, seen, (low, high), wall, number, pixels)) is not None:
+        window = low, high
+        one = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
+        if one is not None:
             found.append(one)
     if not found:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
@@ -201,13 +203,14 @@ def _of_scan(
     frame: WallFrame,
     seen: Observation,
     window: tuple[FloatArray, FloatArray],
+    *,
     wall: Wall,
     number: int,
     pixels: IntArray,
 ) -> WallBeams | None:
     """The beams of some pixels (rows, columns) of a scan; None where it stands behind the wall or none is."""
     origin = frame.local(seen.scan.world_from_sensor.translation[None])[0]
-    if origin[1] >= 0:
+    if origin[1] >= 0 or not pixels.size:
         return None
     shape = pixels.shape
     directions = seen.rays_at(pixels.ravel()) @ frame.axes.T
