@@ -62,12 +62,12 @@ def fit_recess(
 
 
 def with_unseen(
-    beams: WallBeams, recess: Recess, sides: tuple[Side, ...], given: Given
+    beams: WallBeams, recess: Recess, sides: tuple[Side, ...], given: Given, *, farther: WallBeams
 ) -> tuple[Recess, tuple[Side, ...], dict[str, tuple[float, float]]]:
     """Return the recess with sides that nobody saw where beams still went through, as uncertain as that is.
 
     Of a width or height that is given, a side that was seen says where the other one is. How far inwards and
-    outwards each side may be off comes with it.
+    outwards each side may be off comes with it. Of walls that `beams` do not reach `farther` ones tell.
     """
     seen, slack = {side.name: side for side in sides}, {side.name: (0.0, 0.0) for side in sides}
     for side in sides:
@@ -80,6 +80,8 @@ def with_unseen(
             seen[side.name] = replace(side, deviation=seen[opposite].deviation)
             continue
         inner, outer = open_limits(beams, recess, side.name)
+        if not np.isfinite(outer):
+            outer = open_limits(farther, recess, side.name)[1]
         recess, slack[side.name] = recess.moved(side.name, inner), (0.0, abs(outer - inner))
         seen[side.name] = replace(side, deviation=float(abs(outer - inner) / np.sqrt(3.0)))
     return recess, tuple(seen.values()), slack

@@ -119,7 +119,7 @@ def _opened(
 
     # b. Support: tiles along each side, which confirm or contradict it.
     sides = all_sides(turned, recess, known, floor)
-    recess, sides, slack = with_unseen(every.turned(turn), recess, sides, given)
+    recess, sides, slack = with_unseen(turned, recess, sides, given, farther=every.turned(turn))
     return Opened(
         frame=frame.turned(turn),
         turn=turn,

@@ -102,6 +102,9 @@ def propose(chart: WallChart | None) -> Iterator[tuple[Recess, float]]:
         values[found.top : found.bottom, found.left : found.right] = -_PRICE
         left, bottom = chart.corner + chart.cell * np.array([found.left, found.top])
         right, top = chart.corner + chart.cell * np.array([found.right, found.bottom])
-        recess = Recess(float(left), float(right), float(bottom), float(top))
+        half = chart.cell / 2  # outwards: a side that nobody saw must not lie in what is open
+        recess = Recess(
+            float(left) - half, float(right) + half, bottom=float(bottom) - half, top=float(top) + half
+        )
         if min(recess.size) >= _LEAST_M:
             yield recess, found.total
