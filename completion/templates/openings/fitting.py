@@ -26,6 +26,7 @@ from completion.templates.openings.walls.wall import Wall
 from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame
 
 _ROUNDS = 2
+_TRIES, _FAR = 3, 0.7  # to find a side, and the share of the reach within which it counts as found
 _INFLATION = 1.9  # by which deviations of sides were too small, in the median of simulated walls 104 to 109
 _FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
 _OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
@@ -45,8 +46,12 @@ def fit_recess(
     known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
     sides = [side for side in SIDES if side != "bottom" or floor is None]
     for side in sides:
-        known[side] = fit_side(beams, recess, side, reach)
-        recess = recess.moved(side, known[side].value)
+        for _ in range(_TRIES):
+            known[side] = fit_side(beams, recess, side, reach)
+            shift = abs(known[side].value - getattr(recess, side))
+            recess = recess.moved(side, known[side].value)
+            if shift < _FAR * reach:  # else it may lie farther on
+                break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted(first, has_floor=floor is not None):
         return recess, known | {"depth": _UNKNOWN, "turn": Estimate(0.0, 0.0)}, 0.0
